@@ -1,0 +1,180 @@
+"""The command line: typer only. Every command loads, calls one function, and prints.
+
+Exit status: 0 completed; 1 the run ended otherwise; 2 bad input, told in one message without a traceback.
+"""
+
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from agrobot_mj import __version__
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.progress import Progress, task
+from agrobot_mj.scenario import load_scenario, scenario_files
+
+app = typer.Typer(
+    name="agrobot-mj",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Does a guidance stack survive a real tractor? MuJoCo physics, the paper's controllers, Rerun recordings.",
+)
+
+Source = Annotated[str, typer.Argument(metavar="SCENARIO", help="A name from `agrobot-mj list` or a TOML file.")]
+Sets = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. plant.tyre.kind=linear.")
+]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
+
+
+def main() -> None:
+    """Entry point: bad input ends with status 2 and one message."""
+    try:
+        app()
+    except ScenarioError as error:
+        fail(str(error))
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        fail(f"{place}{error.strerror or error}")
+
+
+def fail(message: str) -> NoReturn:
+    """Print `message` on stderr and leave with status 2."""
+    print(message, file=sys.stderr)
+    raise SystemExit(2)
+
+
+@app.command("list")
+def list_scenarios() -> None:
+    """Scenarios that come with the package, one line each."""
+    files = scenario_files()
+    width = max(map(len, files))
+    for name in files:
+        print(f"{name:{width}}  {load_scenario(name).title}")
+
+
+@app.command("run")
+def run_scenario(
+    source: Source,
+    sets: Sets = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
+) -> None:
+    """Run one scenario."""
+    from agrobot_mj.recording import Recording
+    from agrobot_mj.simulate import run
+    from agrobot_mj.storage import write_log
+
+    scenario = load_scenario(source, overrides(sets))
+    folder = _folder(out, f"{scenario.name}-{scenario.hash8}")
+    watchers = [Progress()]
+    recording = [] if no_rrd and not live else [Recording(None if no_rrd else folder / "run.rrd", live=live)]
+    with stop_on_signals() as stopped:
+        log = run(scenario, (*watchers, *recording), lambda: bool(stopped))
+    write_log(log, folder)
+    print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
+    if log.outcome != "completed":
+        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+@app.command("compare")
+def compare_scenario(
+    source: Source,
+    controllers: Annotated[str, typer.Option(help="Comma-separated controller kinds.")] = "pd,pd_t2fnn",
+    plants: Annotated[str, typer.Option(help="Comma-separated plant kinds.")] = "bicycle,mujoco",
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
+    sets: Sets = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+) -> None:
+    """Run one scenario under several controllers and plants, with the paper's figures."""
+    from agrobot_mj.compare import cases, compare
+    from agrobot_mj.report import table
+
+    scenario = load_scenario(source, overrides(sets))
+    todo = cases(scenario, names(controllers, "--controllers"), names(plants, "--plants"), seeds)
+    folder = _folder(out, f"{scenario.name}-compare-{scenario.hash8}")
+    with task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
+        rows = compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
+    print(table(rows))
+    print(f"figures and runs: {folder}")
+    if any(row["outcome"] != "completed" for row in rows):
+        raise typer.Exit(1)
+
+
+@app.command("view")
+def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]) -> None:
+    """Open a recording in the Rerun viewer; needs no network."""
+    if not file.is_file():
+        fail(f"{file}: no such file")
+    if file.read_bytes()[:4] not in (b"RRF2", b"RRF0", b"RRIO"):
+        fail(f"{file}: not a Rerun recording (.rrd)")
+    raise typer.Exit(subprocess.run([sys.executable, "-m", "rerun", str(file)], check=False).returncode)
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+) -> None:
+    if version:
+        print(__version__)
+        raise typer.Exit(0)
+
+
+def overrides(sets: list[str] | None) -> dict[str, Any]:
+    """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
+    found: dict[str, Any] = {}
+    for text in sets or []:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {text}: write it as key=value")
+        try:
+            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+        except tomllib.TOMLDecodeError:
+            found[key.strip()] = value.strip()
+    return found
+
+
+def names(text: str, option: str) -> list[str]:
+    """A comma-separated list without repetition."""
+    found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not found:
+        raise ScenarioError(f"{option}: name at least one")
+    return found
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM in the list given, so that a run can end cleanly; a second one kills."""
+    received: list[int] = []
+
+    def handle(number: int, _frame: Any) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _folder(out: Path | None, default: str) -> Path:
+    folder = out if out is not None else Path("runs") / default
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"--out {folder}: is a file; name a folder")
+    return folder
+

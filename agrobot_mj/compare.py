@@ -1,0 +1,78 @@
+"""The same scenario under several controllers, plants and seeds: folders, rows, and the paper's figures."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agrobot_mj.log import Log
+from agrobot_mj.recording import Recording
+from agrobot_mj.report import write_figures
+from agrobot_mj.scenario import Scenario
+from agrobot_mj.simulate import run
+from agrobot_mj.storage import write_json, write_log
+
+
+class Case(NamedTuple):
+    """One run of a comparison."""
+
+    plant: str
+    controller: str
+    seed: int
+    scenario: Scenario
+
+    @property
+    def folder(self) -> str:
+        """Name of the run's folder."""
+        return f"{self.plant}-{self.controller}-s{self.seed}"
+
+
+def cases(scenario: Scenario, controllers: Sequence[str], plants: Sequence[str], seeds: int) -> list[Case]:
+    """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`."""
+    return [
+        Case(plant, controller, seed, scenario.changed({"plant.kind": plant, "controller.kind": controller, "seed": seed}))
+        for plant in plants
+        for controller in controllers
+        for seed in range(scenario.seed, scenario.seed + seeds)
+    ]
+
+
+def compare(
+    todo: Sequence[Case],
+    folder: Path,
+    rrd: bool = True,
+    jobs: int | None = None,
+    done: Callable[[Case], None] = lambda case: None,
+) -> list[dict[str, Any]]:
+    """Run all cases, two or more at a time, and write everything under `folder`; returns the rows of comparison.json."""
+    workers = min(len(todo), jobs or os.cpu_count() or 1)
+    logs: dict[str, Log] = {}
+    if workers == 1:
+        for case in todo:
+            logs[case.folder] = _run_case(case, folder, rrd)
+            done(case)
+    else:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+            futures = {pool.submit(_run_case, case, folder, rrd): case for case in todo}
+            for future in as_completed(futures):
+                logs[futures[future].folder] = future.result()
+                done(futures[future])
+    rows = [_row(case, logs[case.folder]) for case in todo]
+    write_json(folder / "comparison.json", rows)
+    first = [case for case in todo if case.seed == todo[0].seed]
+    write_figures([(case.plant, case.controller, logs[case.folder]) for case in first], folder)
+    return rows
+
+
+def _run_case(case: Case, folder: Path, rrd: bool) -> Log:
+    place = folder / case.folder
+    log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
+    write_log(log, place)
+    return log
+
+
+def _row(case: Case, log: Log) -> dict[str, Any]:
+    return {"plant": case.plant, "controller": case.controller, "seed": case.seed, **log.metrics}

@@ -1,0 +1,142 @@
+"""PID and the low-level loops: speed to pedal to voltage, steering angle to voltage.
+
+Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and the pedal goes forward. The
+structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the gains are
+estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
+"""
+
+from math import radians
+from typing import NamedTuple
+
+from agrobot_mj.spec import NonNegative, Positive, Spec
+
+NEUTRAL_V = 6.0
+"""Valve voltage that moves nothing [V]. Paper: range 0-12 V."""
+
+
+def clip(x: float, low: float, high: float) -> float:
+    """x within [low, high]."""
+    return min(max(x, low), high)
+
+
+class Slope(NamedTuple):
+    """A filtered derivative: the last value and its slope."""
+
+    value: float | None = None
+    """None before the first value [unit]."""
+    rate: float = 0.0
+    """[unit/s]."""
+
+    def after(self, value: float, dt: float, filter_s: float) -> "Slope":
+        """With the next value, dt [s] later, through a first-order filter of time constant `filter_s` [s]."""
+        if self.value is None:
+            return Slope(value, 0.0)
+        raw = (value - self.value) / dt
+        return Slope(value, self.rate + (raw - self.rate) * dt / (filter_s + dt))
+
+
+class PidState(NamedTuple):
+    """Memory of a `Pid`."""
+
+    integral: float = 0.0
+    """Contribution of the integral to the output [unit of the output]."""
+    slope: Slope = Slope()
+    """Of the error [unit of the error]."""
+
+
+class Pid(Spec):
+    """PID with a filtered derivative; units are those of the loop it serves."""
+
+    kp: float = 1.0
+    """Proportional gain [output/error]. Estimate."""
+    ki: float = 0.0
+    """Integral gain [output/(error s)]. Estimate."""
+    kd: float = 0.0
+    """Derivative gain [output s/error]. Estimate."""
+    derivative_filter_s: NonNegative = 0.1
+    """Time constant of the derivative's filter [s]. Estimate."""
+
+    def init(self) -> PidState:
+        """At rest."""
+        return PidState()
+
+    def update(
+        self, state: PidState, error: float, dt: float, low: float, high: float, ahead: float = 0.0
+    ) -> tuple[PidState, float]:
+        """Output within [low, high] after dt [s]; `ahead` is a feed-forward term in the unit of the output.
+
+        Anti-windup: the integral rests while it would push the output further into its limit.
+        """
+        slope = state.slope.after(error, dt, self.derivative_filter_s)
+        direct = ahead + self.kp * error + self.kd * slope.rate
+        step = self.ki * error * dt
+        wanted = direct + state.integral + step
+        winding = (wanted > high and step > 0) or (wanted < low and step < 0)
+        integral = state.integral if winding else state.integral + step
+        return PidState(integral, slope), clip(direct + integral, low, high)
+
+
+def over_dead_band(error: float, jump: float, tolerance: float) -> float:
+    """Voltage [V] that carries a valve over its dead band: 0 for errors below `tolerance`, then a ramp up to `jump` at
+    twice the tolerance."""
+    size = jump * clip(abs(error) / tolerance - 1, 0.0, 1.0)
+    return size if error > 0 else -size
+
+
+class SpeedState(NamedTuple):
+    """Memory of the two PIDs."""
+
+    outer: PidState
+    inner: PidState
+
+
+class SpeedLoop(Spec):
+    """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B)."""
+
+    outer: Pid = Pid(kp=0.15, ki=0.2)
+    """Speed [m/s] to pedal reference [-]. Estimate."""
+    inner: Pid = Pid(kp=10.0)
+    """Pedal [-] to voltage [V]. Estimate."""
+    feedforward_s_m: NonNegative = 0.0
+    """Pedal per speed reference [s/m]; 0 as in the paper, 0.2 fits a pedal of 5 m/s."""
+    deadband_compensation_v: NonNegative = 0.25
+    """Jump over the valve's dead band [V]. Estimate, below the band itself."""
+    tolerance: Positive = 0.005
+    """Pedal error that is left alone [-]. Estimate."""
+
+    def init(self) -> SpeedState:
+        """At rest."""
+        return SpeedState(self.outer.init(), self.inner.init())
+
+    def update(
+        self, state: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
+    ) -> tuple[SpeedState, tuple[float, float]]:
+        """Pedal reference in [-1, 1] and pedal valve voltage [V] from speeds [m/s] and pedal position [-]."""
+        ahead = self.feedforward_s_m * speed_ref
+        outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
+        error = pedal_ref - pedal
+        jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
+        inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
+        return SpeedState(outer, inner), (pedal_ref, NEUTRAL_V + voltage)
+
+
+class SteeringLoop(Spec):
+    """Steering angle error -> valve voltage."""
+
+    pid: Pid = Pid(kp=16.0, kd=2.0, derivative_filter_s=0.05)
+    """Angle [rad] to voltage [V]. Estimate."""
+    deadband_compensation_v: NonNegative = 0.3
+    """Jump over the valve's dead band [V]. Estimate, below the band itself."""
+    tolerance_deg: Positive = 0.3
+    """Angle error that is left alone [deg]. Estimate, below the potentiometer's 1 deg."""
+
+    def init(self) -> PidState:
+        """At rest."""
+        return self.pid.init()
+
+    def update(self, state: PidState, steer_ref: float, steer: float, dt: float) -> tuple[PidState, float]:
+        """Steering valve voltage [V] from the wanted and the measured angle [rad]."""
+        error = steer_ref - steer
+        jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
+        state, voltage = self.pid.update(state, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
+        return state, NEUTRAL_V + voltage

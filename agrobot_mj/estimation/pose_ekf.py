@@ -1,0 +1,76 @@
+"""Extended Kalman filter of the pose (x, y, yaw) at R, the point below the centre of the rear axle.
+
+ENU [m, m, rad]; inputs speed [m/s] and steering angle [rad] of the interval, measurement x, y from GNSS. The
+yaw is not measured: motion reveals it. It stays unwrapped inside, so that differences of yaw mean what they
+say; the residual holds positions only and needs no wrapping. The model is the paper's explicit Euler step: in
+a turn it puts the yaw half a tick ahead (0.2 deg at 0.13 rad/s). Runs on filterpy with `predict_x`
+overridden; the object is a workspace only: `step` is a function of its arguments, and a missing fix is
+filterpy's `update(None)`.
+"""
+
+from math import cos, sin, tan
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from agrobot_mj.signals import Array, Fix
+
+H = np.eye(2, 3)
+"""Jacobian of the measurement x, y [-]."""
+
+
+def f(pose: Array, speed: float, steer: float, wheelbase: float, dt: float) -> Array:
+    """Pose (3,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `wheelbase` [m]."""
+    (x, y, psi), T_s, u, delta, L = pose.tolist(), dt, speed, steer, wheelbase
+    yaw = psi + T_s * u * tan(delta) / L
+    return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
+
+
+def jacobian(yaw: float, speed: float, dt: float) -> Array:
+    """Derivative of `f` by the pose, shape (3, 3)."""
+    psi, T_s, u = yaw, dt, speed
+    return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
+
+
+class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+    """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
+
+    x: Array
+    P: Array
+
+    def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
+        super().__init__(dim_x=3, dim_z=2)
+        self.wheelbase = wheelbase
+        self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
+
+    def predict_x(self, u: tuple[float, float, float]) -> None:
+        """Prior mean, and the matching F and Q, for the inputs (speed, steer, dt); filterpy's hook."""
+        speed, steer, dt = u
+        self.F = jacobian(self.x[2], speed, dt)
+        self.Q = dt * self.walk
+        self.x = f(self.x, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
+
+    def step(
+        self,
+        mean: Array,
+        covariance: Array,
+        inputs: tuple[float, float, float],
+        fix: Fix | None,
+        noise: Array,
+    ) -> tuple[Array, Array]:
+        """Mean (3,) and covariance (3, 3) after a tick, given the fix at its end.
+
+        `inputs` are speed [m/s], steer [rad] and dt [s]; `noise` (2, 2) is the covariance of the fix (x, y).
+        """
+        self.x, self.P = mean, covariance
+        self.predict(inputs)
+        self.update(None if fix is None else np.array((fix.x, fix.y)), _jacobian_of_h, _h, R=noise)
+        return self.x, self.P
+
+
+def _h(pose: Array) -> Array:
+    return pose[:2]
+
+
+def _jacobian_of_h(pose: Array) -> Array:
+    return H

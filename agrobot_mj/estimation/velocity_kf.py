@@ -1,0 +1,55 @@
+"""Position-velocity Kalman filter of the antenna: smooths the GNSS velocity.
+
+State (x, vx, y, vy) in ENU [m, m/s]; velocity is a random walk [Brown2012]. All four are measured, as the
+receiver gives them. The paper prints the transition `kinematicmodelKF` and no noise: ours is continuous white
+acceleration, so that the uncertainty does not depend on the tick. Runs on filterpy, whose object is a
+workspace only: `step` is a function of its arguments, and a missing fix is filterpy's `update(None)`.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from agrobot_mj.signals import Array, Fix
+
+
+def transition(dt: float) -> Array:
+    """State transition Phi over `dt` [s], shape (4, 4)."""
+    T_s = dt
+    Phi = [[1, T_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, T_s], [0, 0, 0, 1]]  # [agrobots: kinematicmodelKF]
+    return np.array(Phi, dtype=float)
+
+
+def process_noise(velocity_walk: float, dt: float) -> Array:
+    """Covariance (4, 4) of the state's walk in `dt` [s]; `velocity_walk` [m/s/sqrt(s)]."""
+    axis = velocity_walk**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return np.asarray(np.kron(np.eye(2), axis), dtype=np.float64)
+
+
+class VelocityKf:
+    """The filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
+
+    def __init__(self, velocity_walk: float) -> None:
+        self.velocity_walk = velocity_walk
+        self._workspace = KalmanFilter(dim_x=4, dim_z=4)
+        self._workspace.H = np.eye(4)
+
+    def step(
+        self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float
+    ) -> tuple[Array, Array]:
+        """Mean (4,) and covariance (4, 4) `dt` [s] later, given the fix of that time.
+
+        `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
+        """
+        kf = self._workspace
+        kf.x, kf.P = mean, covariance
+        Phi, Q = _model(self.velocity_walk, dt)
+        kf.predict(F=Phi, Q=Q)
+        kf.update(None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)), R=noise)
+        return kf.x, kf.P
+
+
+@lru_cache(maxsize=8)
+def _model(velocity_walk: float, dt: float) -> tuple[Array, Array]:
+    return transition(dt), process_noise(velocity_walk, dt)

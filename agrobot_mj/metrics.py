@@ -1,0 +1,165 @@
+"""The numbers of a run: pure functions of its log.
+
+Lengths in metres, angles in radians; `mse` in m2. Rows whose value is absent or not finite are left out of
+the statistic concerned; a statistic without a single value is None, so that the result is always valid JSON.
+
+`lateral_*` and `longitudinal_*` are the time-based errors of the paper; `xte_*` is the cross-track error, the
+distance of the CG from the path itself, whatever the time.
+
+A row of the log belongs to the turn with start < t <= end (the first turn also owns its start). A run that
+ends early lacks the turns it did not reach; the turn in which it ended counts as far as it went and is not
+`complete`.
+"""
+
+from math import isfinite
+from typing import Any, Protocol
+
+import numpy as np
+
+from agrobot_mj.paths import Path
+from agrobot_mj.signals import Array
+
+Rows = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+XTE_STEP_M = 0.05
+"""Spacing of the points of the path among which the nearest is sought [m]."""
+XTE_WINDOW_M = 10.0
+"""How far the tractor may be ahead or behind along the path and still find its nearest point [m]."""
+COMPLETE = 0.99
+"""Share of a turn that a run must cover for the turn to count as complete."""
+
+
+class HasPath(Protocol):
+    """The part of a scenario that the metrics need."""
+
+    @property
+    def path(self) -> Path:
+        """The reference path."""
+        ...
+
+
+class LogLike(Protocol):
+    """The part of a log that the metrics and the figures need."""
+
+    @property
+    def scenario(self) -> HasPath:
+        """The scenario that was run."""
+        ...
+
+    def column(self, name: str) -> Array:
+        """One signal, shape (ticks,), NaN where absent."""
+        ...
+
+
+def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
+    """All metrics of a run, ready for JSON, with `outcome` in front if it is given."""
+    xte, turns = cross_track_of(log), _turns(log)
+    t, ends = log.column("t"), log.scenario.path.turns_s
+    return {
+        **({} if outcome is None else {"outcome": outcome}),
+        **_errors(log, xte, np.ones(len(xte), dtype=bool)),
+        "per_turn": [
+            {"turn": k + 1, "complete": _covers(t, *ends[k]), **_errors(log, xte, rows)}
+            for k, rows in enumerate(turns)
+        ],
+        "nn_share": [nn_share(log, rows) for rows in turns],
+        "position_nees": _mean(log.column("position_nees")),
+        "steer_saturated_fraction": _mean(log.column("steer_saturated")),
+    }
+
+
+def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
+    """The tracking errors over the rows with start_s < t <= end_s [s]."""
+    t = log.column("t")
+    return _errors(log, cross_track_of(log), (t > start_s) & (t <= end_s))
+
+
+def nn_share(log: LogLike, rows: Rows) -> float:
+    """Share of the network in the command: mean|tau_n| / (mean|tau_c| + mean|tau_n|), 0 without a network.
+
+    `rows` is a mask of shape (ticks,).
+    """
+    tau_c = _mean(np.abs(log.column("tau_c")[rows])) or 0.0
+    tau_n = _mean(np.abs(log.column("tau_n")[rows])) or 0.0
+    return tau_n / (tau_c + tau_n) if tau_n else 0.0
+
+
+def cross_track_of(log: LogLike) -> Array:
+    """Signed distance of the true CG from the path, left positive, shape (ticks,) [m]."""
+    return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
+
+
+def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
+    """Signed distance of the points (x, y) from `path`, left positive, shape as `t` [m].
+
+    The nearest point is sought in a window along the path about the reference at the same time, short enough
+    that the other branch of a crossing never enters it; from there the distance is that to the path's
+    osculating circle, which is exact on lines and arcs. NaN where the position is not finite.
+    """
+    if len(t) == 0:
+        return np.empty(0)
+    turn = min(end - start for start, end in path.turns_s) * path.speed_m_s
+    half = int(min(XTE_WINDOW_M, 0.2 * turn) / XTE_STEP_M)
+    step = XTE_STEP_M / path.speed_m_s
+    count = int((t[-1] - t[0]) / step) + 2 * half + 2
+    points = np.array([path.at(t[0] + (k - half) * step) for k in range(count)])
+    middle = np.rint((t - t[0]) / step).astype(int) + half
+    nearest = np.empty(len(t), dtype=int)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for rows in np.array_split(np.arange(len(t)), len(t) // 1000 + 1):
+            window = middle[rows, None] + np.arange(-half, half + 1)
+            distance = (points[window, 0] - x[rows, None]) ** 2 + (points[window, 1] - y[rows, None]) ** 2
+            nearest[rows] = window[np.arange(len(rows)), distance.argmin(axis=1)]
+        return _offset(points[nearest], x, y)
+
+
+def _offset(references: Array, x: Array, y: Array) -> Array:
+    """Signed distance of each (x, y) from the circle along its reference, left positive [m]."""
+    x_r, y_r, _, _, yaw, curvature = references.T
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, left = c * (x - x_r) + s * (y - y_r), -s * (x - x_r) + c * (y - y_r)
+    to_centre = np.hypot(curvature * ahead, 1 - curvature * left)
+    offset: Array = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
+    return np.where(np.isfinite(offset), offset, np.nan)
+
+
+def _errors(log: LogLike, xte: Array, rows: Rows) -> dict[str, float | None]:
+    lateral, longitudinal = log.column("e_lateral")[rows], log.column("e_longitudinal")[rows]
+    return {
+        "lateral_mse": _mean(lateral, 2),
+        "lateral_rms": _rms(lateral),
+        "lateral_abs_p95": _abs_p95(lateral),
+        "longitudinal_rms": _rms(longitudinal),
+        "xte_rms": _rms(xte[rows]),
+        "xte_abs_p95": _abs_p95(xte[rows]),
+        "yaw_rate_error_rms": _rms(log.column("e_yaw_rate")[rows]),
+    }
+
+
+def _turns(log: LogLike) -> list[Rows]:
+    """For each turn that the run reached the rows that belong to it, as a mask of shape (ticks,)."""
+    t, turns = log.column("t"), log.scenario.path.turns_s
+    rows = [((t > start) | (start == turns[0][0])) & (t <= end) for start, end in turns]
+    return [of_turn for of_turn in rows if of_turn.any()]
+
+
+def _covers(t: Array, start: float, end: float) -> bool:
+    return bool(t[-1] - start >= COMPLETE * (end - start))
+
+
+def _mean(values: Array, power: int = 1) -> float | None:
+    """Mean of the finite values to a power, or None without any (or beyond the range of a float)."""
+    with np.errstate(over="ignore"):
+        terms = values[np.isfinite(values)] ** power
+        mean = float(np.mean(terms)) if terms.size else np.nan
+    return mean if isfinite(mean) else None
+
+
+def _rms(values: Array) -> float | None:
+    mean_square = _mean(values, 2)
+    return None if mean_square is None else mean_square**0.5
+
+
+def _abs_p95(values: Array) -> float | None:
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.percentile(finite, 95)) if finite.size else None

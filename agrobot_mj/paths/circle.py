@@ -1,0 +1,54 @@
+"""A circle at constant speed, from the origin, where it heads east.
+
+The centre lies at (0, radius) when it turns left and at (0, -radius) when it turns right. The reference goes
+on round beyond the last turn.
+"""
+
+from math import pi
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agrobot_mj.paths.arc import Pose, Speed, advance, reference
+from agrobot_mj.signals import Reference
+from agrobot_mj.spec import Positive, Spec
+
+
+class Circle(Spec):
+    """Whole turns of a circle."""
+
+    kind: Literal["circle"] = "circle"
+    radius_m: Positive = 10.0
+    """Radius [m]; estimate: as the arcs of the figure 8."""
+    speed_m_s: Speed = 1.2
+    """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+    turns: Annotated[int, Field(ge=1, le=1000)] = 2
+    """How often to go round [-]."""
+    direction: Literal["left", "right"] = "left"
+    """Which way it turns: left is counter-clockwise seen from above."""
+
+    @property
+    def turn_s(self) -> float:
+        """Time of one turn [s]."""
+        return 2 * pi * self.radius_m / self.speed_m_s
+
+    @property
+    def duration_s(self) -> float:
+        """Time of all turns [s]."""
+        return self.turns * self.turn_s
+
+    @property
+    def turns_s(self) -> tuple[tuple[float, float], ...]:
+        """(start, end) of each turn [s]."""
+        return tuple((k * self.turn_s, (k + 1) * self.turn_s) for k in range(self.turns))
+
+    @property
+    def max_curvature(self) -> float:
+        """Largest absolute curvature [1/m]."""
+        return 1 / self.radius_m
+
+    def at(self, t: float) -> Reference:
+        """The reference at time `t` [s] since the start; any `t`, the circle goes on."""
+        curvature = (1.0 if self.direction == "left" else -1.0) / self.radius_m
+        distance = self.speed_m_s * (t % self.turn_s)
+        return reference(advance(Pose(0.0, 0.0, 0.0), curvature, distance), curvature, self.speed_m_s)

@@ -1,0 +1,47 @@
+"""A straight line at constant speed.
+
+It has an end for the sake of a natural duration; the reference goes straight on beyond both ends.
+"""
+
+from math import radians
+from typing import Literal
+
+from agrobot_mj.paths.arc import Pose, Speed, advance, reference
+from agrobot_mj.signals import Reference
+from agrobot_mj.spec import Positive, Spec
+
+
+class Line(Spec):
+    """A straight line from (start_x_m, start_y_m) in direction heading_deg."""
+
+    kind: Literal["line"] = "line"
+    speed_m_s: Speed = 1.2
+    """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+    length_m: Positive = 144.0
+    """Length [m]; estimate: as long as one turn of the default figure 8."""
+    heading_deg: float = 0.0
+    """Direction of travel from east, counter-clockwise [deg]."""
+    start_x_m: float = 0.0
+    """Start, east [m]."""
+    start_y_m: float = 0.0
+    """Start, north [m]."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the start to the end [s]."""
+        return self.length_m / self.speed_m_s
+
+    @property
+    def turns_s(self) -> tuple[tuple[float, float], ...]:
+        """The line is one turn: ((start, end),) [s]."""
+        return ((0.0, self.duration_s),)
+
+    @property
+    def max_curvature(self) -> float:
+        """Largest absolute curvature [1/m]."""
+        return 0.0
+
+    def at(self, t: float) -> Reference:
+        """The reference at time `t` [s] since the start; any `t`, the line has no end in space."""
+        start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
+        return reference(advance(start, 0.0, self.speed_m_s * t), 0.0, self.speed_m_s)

@@ -1,0 +1,36 @@
+"""The plants: the paper's bicycle and the MuJoCo tractor, behind the same few methods."""
+
+from typing import Annotated, Protocol
+
+from pydantic import Field
+
+from agrobot_mj.plants.bicycle import Bicycle, BicyclePlant
+from agrobot_mj.plants.mujoco import Mujoco, MujocoPlant
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.signals import Array, Drive, Reference, Truth
+
+Plant = Annotated[Bicycle | Mujoco, Field(discriminator="kind")]
+
+
+class RunningPlant(Protocol):
+    """What the tick needs of a plant."""
+
+    scene: Scene
+
+    def reset(self, start: Reference) -> Truth:
+        """Place the tractor at rest on the path's start."""
+
+    def advance(self, drive: Drive) -> Truth:
+        """One tick under constant voltages."""
+
+    def poses(self) -> Array:
+        """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
+
+    def wheels(self) -> Array:
+        """What the four wheels report, or an empty array."""
+
+    def trouble(self) -> str | None:
+        """An outcome that ends the run, or None."""
+
+
+__all__ = ["Bicycle", "BicyclePlant", "Mujoco", "MujocoPlant", "Plant", "RunningPlant"]

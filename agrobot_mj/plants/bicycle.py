@@ -1,0 +1,252 @@
+"""The paper's plant: the linear bicycle, on level ground only.
+
+State v, gamma (equation sondenklem) with the pose of kinematicmodeltractor2, whose yaw rate is gamma and whose
+lateral velocity is v. Over one step of constant speed and steering angle the linear part is exact (closed-form
+exponential of the 2 x 2 matrix) and the position is integrated by Simpson's rule. Below `CRAWL` the model is at its
+steady state at once, since its time constants go with the speed. Valves and drive are those of the MuJoCo plant, with
+a rigid cylinder and no wheel slip.
+"""
+
+from math import cos, cosh, exp, sin, sinh, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.compiled import jit
+from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_law, drive_step
+from agrobot_mj.geometry import from_heading, wrap
+from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, valve_law, valve_step
+from agrobot_mj.plants.scene import Ghost
+from agrobot_mj.signals import Array, Drive, Reference, Truth
+from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.terrain import Ground
+from agrobot_mj.tractor import TractorParameters
+
+CRAWL = 0.05
+"""Below this speed the dynamics count as settled [m/s]."""
+
+
+class Bicycle(Spec):
+    """The linear single-track model; cornering stiffnesses are per axle."""
+
+    kind: Literal["bicycle"] = "bicycle"
+    front_cornering_stiffness_n_rad: Positive = 14_800.0
+    """C_alpha,f of the front axle [N/rad]. Estimate: two tyres at 1200 kPa cone index."""
+    rear_cornering_stiffness_n_rad: Positive = 30_000.0
+    """C_alpha,r of the rear axle [N/rad]. Estimate: two tyres at 1200 kPa cone index."""
+
+
+class BicycleLaw(NamedTuple):
+    """Parameters as the compiled kernel takes them, SI."""
+
+    m: float
+    I_z: float
+    l_f: float
+    l_r: float
+    C_f: float
+    C_r: float
+    steer_limit: float
+    displacement: float
+
+
+class Linear2(NamedTuple):
+    """The matrices of d(v, gamma)/dt = A (v, gamma) + B delta."""
+
+    A11: float
+    A12: float
+    A21: float
+    A22: float
+    B1: float
+    B2: float
+
+
+@jit
+def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
+    """A and B of the yaw dynamics at speed `u` [m/s], u not zero."""
+    coupling = -p.l_f * p.C_f + p.l_r * p.C_r
+    return Linear2(  # [agrobots: sondenklem]
+        A11=-(p.C_f + p.C_r) / (p.m * u),
+        A12=coupling / (p.m * u) - u,
+        A21=coupling / (p.I_z * u),
+        A22=-(p.l_f**2 * p.C_f + p.l_r**2 * p.C_r) / (p.I_z * u),
+        B1=p.C_f / p.m,
+        B2=p.l_f * p.C_f / p.I_z,
+    )
+
+
+@jit
+def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
+    """(v, gamma) at rest under a constant steering angle: the solution of A x = -B delta."""
+    det = a.A11 * a.A22 - a.A12 * a.A21
+    v = (-a.A22 * a.B1 + a.A12 * a.B2) / det * delta
+    gamma = (a.A21 * a.B1 - a.A11 * a.B2) / det * delta
+    return v, gamma
+
+
+@jit
+def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
+    """Exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
+    v_s, gamma_s = steady_state(a, delta)
+    s, det = 0.5 * (a.A11 + a.A22), a.A11 * a.A22 - a.A12 * a.A21
+    w2 = s * s - det
+    if w2 > 1e-12:
+        w = sqrt(w2)
+        c, sc = cosh(w * t), sinh(w * t) / w
+    elif w2 < -1e-12:
+        w = sqrt(-w2)
+        c, sc = cos(w * t), sin(w * t) / w
+    else:
+        c, sc = 1.0, t
+    e, dv, dg = exp(s * t), v - v_s, gamma - gamma_s
+    v_t = e * (c * dv + sc * ((a.A11 - s) * dv + a.A12 * dg))
+    g_t = e * (c * dg + sc * (a.A21 * dv + (a.A22 - s) * dg))
+    turned = (a.A11 * (g_t - dg) - a.A21 * (v_t - dv)) / det + gamma_s * t
+    return v_t + v_s, g_t + gamma_s, turned
+
+
+@jit
+def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
+    """Advance `state` = (x, y, yaw, v, gamma) in place by `dt` [s]."""
+    yaw, v, gamma = state[2], state[3], state[4]
+    a = lateral_dynamics(p, max(abs(u), CRAWL))
+    if abs(u) < CRAWL:
+        share = u / CRAWL
+        v_s, gamma_s = steady_state(a, delta)
+        v_1, gamma_1 = share * v_s, share * gamma_s
+        v_m, turned_m, turned = v_1, 0.5 * gamma_1 * dt, gamma_1 * dt
+        v = v_1
+    else:
+        v_m, _, turned_m = propagate(a, v, gamma, delta, 0.5 * dt)
+        v_1, gamma_1, turned = propagate(a, v, gamma, delta, dt)
+    dx0, dy0 = planar_velocity(yaw, u, v)
+    dxm, dym = planar_velocity(yaw + turned_m, u, v_m)
+    dx1, dy1 = planar_velocity(yaw + turned, u, v_1)
+    state[0] += dt / 6 * (dx0 + 4 * dxm + dx1)
+    state[1] += dt / 6 * (dy0 + 4 * dym + dy1)
+    state[2], state[3], state[4] = yaw + turned, v_1, gamma_1
+
+
+@jit
+def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
+    """ENU velocity of the CG [m/s]."""
+    return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
+
+
+@jit
+def run_steps(
+    p: BicycleLaw,
+    state: Array,
+    valve: ValveLaw,
+    valve_memory: ValveMemory,
+    drive: DriveLaw,
+    drive_memory: DriveMemory,
+    voltages: tuple[float, float],
+    samples: Array,
+) -> None:
+    """One tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle)."""
+    for i in range(samples.shape[1]):
+        flow = valve_step(valve, valve_memory, voltages[0])
+        delta = state[5] + flow / p.displacement * drive.dt
+        state[5] = min(max(delta, -p.steer_limit), p.steer_limit)
+        u = drive_step(drive, drive_memory, voltages[1])
+        step(p, state, u, state[5], drive.dt)
+        state[6] += u * drive.dt
+        samples[0, i] = state[5]
+        samples[1, i] = drive_memory.pedal[0]
+
+
+class BicyclePlant:
+    """The running bicycle: owns its state and the memories of valve and drive."""
+
+    def __init__(
+        self,
+        spec: Bicycle,
+        tractor: TractorParameters,
+        valve: Valve,
+        cylinder: Cylinder,
+        driveline: Driveline,
+        ground: Ground,
+        physics_dt: float,
+        steps: int,
+    ) -> None:
+        self.law = BicycleLaw(
+            m=tractor.mass_kg,
+            I_z=tractor.yaw_inertia_kg_m2,
+            l_f=tractor.cg_to_front_axle,
+            l_r=tractor.cg_to_rear_axle,
+            C_f=spec.front_cornering_stiffness_n_rad,
+            C_r=spec.rear_cornering_stiffness_n_rad,
+            steer_limit=tractor.steer_limit,
+            displacement=cylinder.displacement,
+        )
+        self.tractor, self.ground = tractor, ground
+        self.valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.drive, self.drive_memory = drive_law(driveline, physics_dt)
+        self.state = np.zeros(7)
+        self.samples = np.zeros((2, steps))
+        self.ticks, self.tick_s = 0, steps * physics_dt
+        self.ghost = Ghost(tractor)
+        self.scene = self.ghost.scene
+
+    def reset(self, start: Reference) -> Truth:
+        """Place the tractor at rest with its CG on the path's start."""
+        self.state[:] = 0.0
+        self.state[:3] = start.x, start.y, start.yaw
+        self.ticks = 0
+        return self.truth()
+
+    def advance(self, drive: Drive) -> Truth:
+        """One tick under constant voltages."""
+        voltages = (drive.steer_voltage, drive.pedal_voltage)
+        run_steps(
+            self.law,
+            self.state,
+            self.valve,
+            self.valve_memory,
+            self.drive,
+            self.drive_memory,
+            voltages,
+            self.samples,
+        )
+        self.ticks += 1
+        return self.truth()
+
+    def truth(self) -> Truth:
+        """The state as the sensors may see it."""
+        x, y, yaw, v, gamma, delta, _ = self.state.tolist()
+        u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
+        dx, dy = from_heading(yaw, -l_r, 0.0)
+        vx, vy = from_heading(yaw, u, v - l_r * gamma)
+        return Truth(
+            t=self.ticks * self.tick_s,
+            x=x,
+            y=y,
+            z=self.tractor.cg_height_m,
+            yaw=wrap(yaw),
+            pitch=0.0,
+            roll=0.0,
+            speed=u,
+            lateral_speed=v,
+            yaw_rate=gamma,
+            steer=delta,
+            pedal=float(self.drive_memory.pedal[0]),
+            rear_x=x + dx,
+            rear_y=y + dy,
+            antenna=(x + dx, y + dy, self.tractor.antenna_height_m),
+            antenna_velocity=(vx, vy, 0.0),
+            steer_samples=self.samples[0],
+            pedal_samples=self.samples[1],
+        )
+
+    def poses(self) -> Array:
+        """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        x, y, yaw, _, _, delta, travelled = self.state.tolist()
+        return self.ghost.poses(x, y, yaw, delta, travelled)
+
+    def wheels(self) -> Array:
+        """No wheels: an empty array."""
+        return np.empty(0)
+
+    def trouble(self) -> str | None:
+        """What ended the run, if anything: always None but for leaving the field."""
+        return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

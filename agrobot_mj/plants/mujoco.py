@@ -1,0 +1,211 @@
+"""The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
+
+from math import atan2, cos, hypot, isfinite, radians
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.driveline import Driveline, drive_law
+from agrobot_mj.geometry import to_heading, wrap
+from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, valve_law
+from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
+from agrobot_mj.plants.scene import body_poses, scene_of
+from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
+from agrobot_mj.signals import Array, Drive, Reference, Truth
+from agrobot_mj.spec import NonNegative, Spec
+from agrobot_mj.terrain import Ground, height_and_gradient
+from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO
+
+ROLLOVER_COSINE = cos(radians(60))
+"""Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
+
+
+class Mujoco(Spec):
+    """The MJCF tractor on its tyres."""
+
+    kind: Literal["mujoco"] = "mujoco"
+    tyre: Tyre = Linear()
+    """Law of the tyres, `plant.tyre.kind`."""
+    settle_s: NonNegative = 1.0
+    """Time to come to rest on the tyres before the run starts [s]."""
+
+
+class MujocoPlant:
+    """The running tractor."""
+
+    def __init__(
+        self,
+        spec: Mujoco,
+        tractor: TractorParameters,
+        valve: Valve,
+        cylinder: Cylinder,
+        driveline: Driveline,
+        ground: Ground,
+        physics_dt: float,
+        steps: int,
+    ) -> None:
+        self.spec, self.tractor, self.ground = spec, tractor, ground
+        native = isinstance(spec.tyre, Contact)
+        self.model = simulation_model(
+            tractor_spec(tractor, cylinder, driveline),
+            ground,
+            physics_dt,
+            native,
+            spec.tyre.friction if isinstance(spec.tyre, Contact) else 0.8,
+            spec.tyre.impratio if isinstance(spec.tyre, Contact) else 1.0,
+        )
+        self.data = mujoco.MjData(self.model)
+        law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)
+        self.tyred = Tyred(native, law, ground, np.zeros((4, 2)), np.zeros((4, 5)))
+        self.oil = Oil(
+            displacement=cylinder.displacement,
+            steer_limit=tractor.steer_limit,
+            steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
+            steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+            drive_radius=tractor.rear_wheel_radius_m,
+            drive_windup=driveline.torque_limit_n_m / driveline.stiffness_n_m_rad,
+            drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+        )
+        self.valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.drive, self.drive_memory = drive_law(driveline, physics_dt)
+        self.views = _views(self.model, self.data)
+        self.samples = np.zeros((2, steps))
+        self.settle_ticks = round(spec.settle_s / (steps * physics_dt))
+        self.tick_s, self.ticks = steps * physics_dt, 0
+        self.scene = scene_of(self.model)
+        self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
+        self.motion = np.zeros(18)
+        self.velocity = np.zeros(6)
+
+    def reset(self, start: Reference) -> Truth:
+        """Place the tractor at rest with its CG above the path's start, and let it settle on its tyres."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.tyred.bristles[:] = 0.0
+        self.data.qpos[:7] = _pose_on(self.ground, start, self.tractor)
+        for _ in range(self.settle_ticks):
+            self._steps(Drive(NEUTRAL_V, NEUTRAL_V))
+        mujoco.mj_forward(self.model, self.data)
+        self.ticks = 0
+        return self.truth()
+
+    def advance(self, drive: Drive) -> Truth:
+        """One tick under constant voltages."""
+        self._steps(drive)
+        self.ticks += 1
+        return self.truth()
+
+    def _steps(self, drive: Drive) -> None:
+        run_steps(
+            self.views,
+            self.tyred,
+            self.oil,
+            self.valve,
+            self.valve_memory,
+            self.drive,
+            self.drive_memory,
+            (drive.steer_voltage, drive.pedal_voltage),
+            self.samples,
+        )
+
+    def truth(self) -> Truth:
+        """The state as the sensors may see it."""
+        observe(self.views, self.sites[0], self.sites[1], self.motion)
+        motion, q = self.motion.tolist(), self.data.qpos
+        return Truth(
+            t=self.ticks * self.tick_s,
+            x=motion[0],
+            y=motion[1],
+            z=motion[2],
+            yaw=wrap(motion[12]),
+            pitch=motion[13],
+            roll=motion[14],
+            speed=motion[15],
+            lateral_speed=motion[16],
+            yaw_rate=motion[17],
+            steer=float(q[self.views.steer_q]),
+            pedal=float(self.drive_memory.pedal[0]),
+            rear_x=float(q[0]),
+            rear_y=float(q[1]),
+            antenna=tuple(motion[3:6]),
+            antenna_velocity=tuple(motion[9:12]),
+            steer_samples=self.samples[0],
+            pedal_samples=self.samples[1],
+        )
+
+    def poses(self) -> Array:
+        """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        return body_poses(self.data)
+
+    def wheels(self) -> Array:
+        """Load, slip angle, slip ratio, forward and lateral force of each wheel, shape (5 * 4,), by quantity."""
+        if self.tyred.native:
+            self._read_contacts()
+        return self.tyred.report.T.ravel()
+
+    def _read_contacts(self) -> None:
+        """Fill the report from MuJoCo's contact sensors and the wheels' own motion."""
+        for i, wheel in enumerate(WHEELS):
+            body = self.model.body(f"wheel_{wheel}").id
+            force = self.data.sensor(f"contact_{wheel}").data
+            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
+            axle = self.data.xmat[body].reshape(3, 3)[:, 1]
+            heading = atan2(-axle[0], axle[1])
+            v_x, v_y = to_heading(heading, self.velocity[3], self.velocity[4])
+            rim = float(self.velocity[:3] @ axle) * float(self.tyred.tyres.radius[i])
+            report = self.tyred.report[i]
+            report[LOAD] = abs(force[2])
+            sign = 1.0 if force[2] >= 0 else -1.0
+            report[FORCE_X], report[FORCE_Y] = to_heading(heading, sign * force[0], sign * force[1])
+            report[SLIP_ANGLE] = atan2(v_y, max(abs(v_x), 1e-3))
+            report[SLIP_RATIO] = (rim - v_x) / max(abs(v_x), abs(rim), 1e-3)
+
+    def trouble(self) -> str | None:
+        """What ended the run, if anything: rolled_over, left_terrain or diverged."""
+        x, y = self.motion[0], self.motion[1]
+        if not isfinite(self.motion.sum()):
+            return "diverged"
+        if self.data.xmat[1, 8] < ROLLOVER_COSINE:
+            return "rolled_over"
+        return None if self.ground.covers(x, y) else "left_terrain"
+
+
+def _views(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
+    return Views(
+        model=model._address,
+        data=data._address,
+        ctrl=data.ctrl,
+        act=data.act,
+        qpos=data.qpos,
+        qvel=data.qvel,
+        xpos=data.xpos,
+        xmat=data.xmat,
+        cvel=data.cvel,
+        root_com=data.subtree_com[1],
+        xfrc=data.xfrc_applied,
+        wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
+        steer_q=int(model.joint("steer").qposadr[0]),
+        spins_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("rl", "rr")], dtype=np.int64),
+        steer_v=int(model.joint("steer").dofadr[0]),
+        spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
+    )
+
+
+def _pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> Array:
+    """Free-joint position (7,) with the chassis aligned to the ground and the CG above the start."""
+    l_r = tractor.cg_to_rear_axle
+    _, dx, dy = height_and_gradient(ground, start.x, start.y)
+    n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
+    heading = np.array([np.cos(start.yaw), np.sin(start.yaw), 0.0])
+    forward = heading - (heading @ n) * n
+    forward /= np.linalg.norm(forward)
+    rotation = np.stack([forward, np.cross(n, forward), n], axis=1)
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    cg = rotation @ np.array([l_r, 0.0, tractor.cg_height_m])
+    x, y = start.x - cg[0], start.y - cg[1]
+    z, _, _ = height_and_gradient(ground, x, y)
+    return np.concatenate([[x, y, z], quat])

@@ -1,0 +1,228 @@
+"""The scenario: one experiment as data.
+
+The classes below are the schema of the TOML files: every key has a default, a misspelt one is an error. `load_scenario`
+reads a file by name or path, applies dotted overrides and checks that the parts fit each other.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from math import atan, degrees
+from pathlib import Path as FilePath
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field, ValidationError, model_validator
+
+from agrobot_mj import __version__
+from agrobot_mj.control import Controller, PdT2fnn
+from agrobot_mj.control.kinematic import KinematicLaw
+from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.driveline import Driveline
+from agrobot_mj.estimation import Estimator
+from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.paths import FigureEight, Path
+from agrobot_mj.plants import Mujoco, Plant
+from agrobot_mj.problems import ScenarioError, explain, suggestion
+from agrobot_mj.resources import SCENARIOS
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.spec import Spec, members
+from agrobot_mj.terrain import Flat, Terrain
+from agrobot_mj.tractor import TractorParameters
+
+TICK_S = 0.05
+"""Sampling period of sensors and controllers [s]. Paper, T_s."""
+LONGEST_S = 24 * 3600.0
+"""[s]."""
+
+
+class Steering(Spec):
+    """Everything between the steering reference and the wheels."""
+
+    valve: Valve = Valve()
+    """Electro-hydraulic valve and pump."""
+    cylinder: Cylinder = Cylinder()
+    """Steering cylinder."""
+    loop: SteeringLoop = SteeringLoop()
+    """Low-level angle controller."""
+
+
+class Scenario(Spec):
+    """One experiment."""
+
+    name: str = ""
+    """Short name; the file's own when left out."""
+    title: str = ""
+    """One line for lists and reports."""
+    version: str = __version__
+    """Version of agrobot_mj that wrote the file; for information."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """All randomness follows from it."""
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
+    """[s]. The path's own when left out."""
+    physics_dt_s: Annotated[float, Field(gt=0, le=0.01)] = 0.002
+    """Physics step; must divide the 0.05 s tick [s]."""
+    tractor: TractorParameters = TractorParameters()
+    plant: Plant = Mujoco()
+    terrain: Terrain = Flat()
+    path: Path = FigureEight()
+    controller: Controller = PdT2fnn()
+    guidance: KinematicLaw = KinematicLaw()
+    """Kinematic law: position error to speed and yaw rate."""
+    speed: SpeedLoop = SpeedLoop()
+    """Cascade from speed to pedal voltage."""
+    steering: Steering = Steering()
+    driveline: Driveline = Driveline()
+    sensors: Sensors = Sensors()
+    estimator: Estimator = Estimator()
+
+    @property
+    def ticks(self) -> int:
+        """Number of 50 ms ticks."""
+        duration = self.path.duration_s if self.duration_s is None else self.duration_s
+        return max(1, round(duration / TICK_S))
+
+    @property
+    def steps_per_tick(self) -> int:
+        """Physics steps in a tick."""
+        return round(TICK_S / self.physics_dt_s)
+
+    @property
+    def hash8(self) -> str:
+        """Eight hex digits that stand for everything that the run depends on."""
+        content = self.model_dump(mode="json", exclude={"version", "name", "title"})
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
+
+    def to_toml(self) -> str:
+        """The resolved scenario as TOML; running it gives the same signals."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
+
+    def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
+        """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
+        data = self.model_dump(mode="json", exclude_none=True)
+        for key, value in overrides.items():
+            _override(data, key, value)
+        return resolve(data, self.name or "scenario")
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> "Scenario":
+        problems = list(_misfits(self))
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+
+def _misfits(s: Scenario) -> list[str]:
+    """What is wrong between keys that are right by themselves."""
+    found = []
+    steps = round(TICK_S / s.physics_dt_s)
+    if steps < 1 or abs(steps * s.physics_dt_s - TICK_S) > 1e-9:
+        better = TICK_S / max(1, int(TICK_S / s.physics_dt_s) + 1)
+        found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:.6g}")
+    if s.plant.kind == "bicycle" and s.terrain.kind != "flat":
+        found.append(
+            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
+            'set terrain.kind = "flat" or plant.kind = "mujoco"'
+        )
+    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
+    if needed >= s.tractor.steer_limit_deg:
+        found.append(
+            f"path: its curvature of {s.path.max_curvature:.3g} 1/m needs {needed:.1f} deg of steering, the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
+        )
+    if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
+        found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
+    start = s.path.at(0.0)
+    if not s.terrain.ground().covers(start.x, start.y):
+        found.append(f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger")
+    return found
+
+
+def scenario_files() -> dict[str, FilePath]:
+    """Name to file of every scenario that comes with the package."""
+    return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
+
+
+def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """A scenario by name or path, with overrides by (dotted) key.
+
+    Raises `ScenarioError` with every fault of the input in one message.
+    """
+    path = _find(source)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    for key, value in (overrides or {}).items():
+        _override(data, key, value)
+    data.setdefault("name", path.stem)
+    return resolve(data, path.name)
+
+
+def resolve(data: dict[str, Any], source: str) -> Scenario:
+    """A scenario from plain data; `source` names it in messages. Raises `ScenarioError`."""
+    _fill_kinds(data, Scenario)
+    try:
+        return Scenario.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        text = explain(error, source, data, Scenario)
+        raise ScenarioError(text.replace("\n", f"\n{source}: ").replace(f"{source}: {source}: ", f"{source}: ")) from None
+
+
+def _find(source: str | FilePath) -> FilePath:
+    files = scenario_files()
+    if str(source) in files:
+        return files[str(source)]
+    path = FilePath(source)
+    if path.is_dir():
+        raise ScenarioError(f"{path}: is a folder; name a TOML file")
+    if path.is_file():
+        return path
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise ScenarioError(f"{path}: no such file")
+    raise ScenarioError(f"unknown scenario {str(source)!r}{suggestion(str(source), list(files))} (see agrobot-mj list)")
+
+
+def _override(data: dict[str, Any], dotted: str, value: Any) -> None:
+    """Set one key; a new `kind` keeps those keys of the old one that it has too."""
+    *tables, last = dotted.split(".")
+    if not all([*tables, last]):
+        raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
+    for depth, table in enumerate(tables):
+        data = data.setdefault(table, {})
+        if not isinstance(data, dict):
+            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
+    if last == "kind" and data.get("kind", value) != value:
+        known = _fields_of(tables, str(value))
+        for key in [key for key in data if key not in known]:
+            del data[key]
+    if isinstance(value, Mapping) and isinstance(data.get(last), dict):
+        for key, inner in value.items():
+            _override(data[last], key, inner)
+    else:
+        data[last] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _fields_of(tables: list[str], kind: str) -> set[str]:
+    """Field names of the member `kind` of the union under `tables`; empty if there is none."""
+    models: dict[str, type[Spec]] = {"": Scenario}
+    for table in tables:
+        fields = [m.model_fields[table] for m in models.values() if table in m.model_fields]
+        models = {k: m for f in fields for k, m in members(f.annotation).items()}
+    return set(models[kind].model_fields) if kind in models else set()
+
+
+def _fill_kinds(data: dict[str, Any], model: type[Spec]) -> None:
+    """Give each table of a union that names no kind the default's."""
+    for name, field in model.model_fields.items():
+        default, table = field.default, data.get(name)
+        if not isinstance(default, Spec) or not isinstance(table, dict):
+            continue
+        kind = getattr(default, "kind", None)
+        if kind is not None:
+            table.setdefault("kind", kind)
+        if kind is None or table["kind"] == kind:
+            _fill_kinds(table, type(default))

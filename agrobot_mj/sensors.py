@@ -1,0 +1,243 @@
+"""RTK-GNSS, steering and pedal potentiometers, optional gyro: truth in, measurement out, once a tick.
+
+GNSS: position error per axis = white part + first-order Gauss-Markov part [Brown2012], white velocity error;
+it reports the antenna, which swings with roll and pitch. Potentiometers: 100 samples a tick, each with noise
+and rounded to the resolution, then Savitzky-Golay [Savitzky1964] and mean, as in the paper's section V-B.
+Every sensor draws from its own random stream, as much with a fix as without, so that only its own keys move
+its noise. SI units and radians outside, degrees inside the potentiometers; a tick has any number of physics
+steps.
+"""
+
+from functools import lru_cache
+from math import exp, isclose, nan, pi, radians, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from pydantic import Field, field_validator, model_validator
+from scipy.signal import savgol_filter
+
+from agrobot_mj.randomness import stream
+from agrobot_mj.signals import Array, Fix, Measurement, Quality, Truth
+from agrobot_mj.spec import Fraction, NonNegative, Positive, Spec
+
+TICK_S = 0.05
+"""Sampling period of receiver and controller [s]. Paper, section V-A."""
+
+
+class GnssState(NamedTuple):
+    """The receiver between two ticks."""
+
+    generator: Generator
+    """Advances in place."""
+    correlated: tuple[float, float]
+    """Gauss-Markov part of the east and north error, in units of its standard deviation [-]."""
+    pending: tuple[tuple[Fix | None, int], ...]
+    """Solutions under way with their quality, oldest first."""
+
+
+class Gnss(Spec):
+    """RTK receiver at the antenna; `[sensors.gnss]`."""
+
+    sigma_m: NonNegative = 0.02
+    """Horizontal position error, per axis, both parts together [m]. Paper, section V-A."""
+    float_sigma_m: NonNegative = 0.3
+    """The same when the ambiguities float [m]. Estimate (0.2-0.5)."""
+    correlated_fraction: Fraction = 0.3
+    """Share of the correlated part in the variance (multipath, atmosphere) [-]. Estimate."""
+    correlation_time_s: Positive = 30.0
+    """Of the correlated part [s]. Estimate (multipath: ten seconds to minutes)."""
+    velocity_sigma_m_s: NonNegative = 0.03
+    """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
+    latency_s: NonNegative = 0.0
+    """Of the delivered solution, whole ticks [s]. Estimate: the receiver's own is under a tick."""
+
+    @field_validator("latency_s")
+    @classmethod
+    def _whole_ticks(cls, latency_s: float) -> float:
+        ticks = round(latency_s / TICK_S)
+        if not isclose(latency_s, ticks * TICK_S, abs_tol=1e-9):
+            raise ValueError(f"{latency_s} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
+        return latency_s
+
+    def init(self, seed: int) -> GnssState:
+        """The error starts in its stationary distribution; no solution is under way."""
+        generator = stream(seed, "gnss")
+        east, north = generator.standard_normal(2).tolist()
+        return GnssState(generator, (east, north), ())
+
+    def measure(
+        self, state: GnssState, truth: Truth, dt: float, quality: int
+    ) -> tuple[GnssState, Fix | None, int]:
+        """The solution delivered at this tick, None without one, and its quality.
+
+        `quality` is that of the solution which the antenna gives now.
+        """
+        w = state.generator.standard_normal(6).tolist()
+        phi = exp(-dt / self.correlation_time_s)
+        b_x, b_y = (
+            phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.correlated, w[:2], strict=True)
+        )
+        fix = None if quality == Quality.NONE else self._fix(truth, quality, (b_x, b_y), w[2:])
+        pending = (*state.pending, (fix, quality))
+        if len(pending) <= round(self.latency_s / dt):
+            return GnssState(state.generator, (b_x, b_y), pending), None, Quality.NONE
+        (fix, quality), *rest = pending
+        return GnssState(state.generator, (b_x, b_y), tuple(rest)), fix, quality
+
+    def _fix(self, truth: Truth, quality: int, correlated: tuple[float, float], white: list[float]) -> Fix:
+        sigma = self.sigma_m if quality == Quality.FIX else self.float_sigma_m
+        slow, fast = sigma * sqrt(self.correlated_fraction), sigma * sqrt(1.0 - self.correlated_fraction)
+        x, y, _ = truth.antenna
+        vx, vy, _ = truth.antenna_velocity
+        return Fix(
+            x=x + slow * correlated[0] + fast * white[0],
+            y=y + slow * correlated[1] + fast * white[1],
+            vx=vx + self.velocity_sigma_m_s * white[2],
+            vy=vy + self.velocity_sigma_m_s * white[3],
+        )
+
+
+class Potentiometer(Spec):
+    """Angle sensor sampled many times a tick; `[sensors.steering_pot]`."""
+
+    resolution_deg: Positive = 1.0
+    """Rounding of each sample [deg]. Paper, section V-B."""
+    noise_sigma_deg: NonNegative = 0.5
+    """White noise of each sample before rounding; it dithers the rounding away [deg]. Estimate."""
+    samples: int = Field(100, ge=1, le=1000)
+    """Samples a tick, evenly spaced, the last one at the tick [-]. Paper, section V-B."""
+    savgol_window: int = Field(21, ge=1)
+    """Window of the Savitzky-Golay filter, odd [samples]. Estimate."""
+    savgol_polyorder: int = Field(3, ge=0)
+    """Order of the polynomial that the Savitzky-Golay filter fits [-]. Estimate."""
+
+    @model_validator(mode="after")
+    def _filter_fits(self) -> "Potentiometer":
+        if self.savgol_window % 2 == 0:
+            raise ValueError(
+                f"savgol_window: must be odd, got {self.savgol_window}; try {self.savgol_window + 1}"
+            )
+        if self.savgol_window > self.samples:
+            raise ValueError(
+                f"savgol_window: must not exceed samples ({self.samples}), got {self.savgol_window}"
+            )
+        if self.savgol_polyorder >= self.savgol_window:
+            raise ValueError(f"savgol_polyorder: must be below savgol_window, got {self.savgol_polyorder}")
+        return self
+
+    @property
+    def weights(self) -> Array:
+        """Savitzky-Golay and mean in one: the reading is `weights @ samples`, shape (samples,), sum 1 [-]."""
+        return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
+
+    @property
+    def degrees_per_unit(self) -> float:
+        """Potentiometer angle for one unit of the measured signal [deg/rad]."""
+        return 180.0 / pi
+
+    def read(self, history: Array, generator: Generator) -> float:
+        """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
+        counts = self.degrees_per_unit / self.resolution_deg
+        raw = _resampling(len(history), self.samples) @ history
+        raw *= counts
+        raw += (self.noise_sigma_deg / self.resolution_deg) * generator.standard_normal(self.samples)
+        return float(self.weights @ np.rint(raw, out=raw)) / counts
+
+
+class PedalPotentiometer(Potentiometer):
+    """The same sensor on the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
+
+    travel_deg: Positive = 25.0
+    """Potentiometer angle at full pedal, either way [deg]. Estimate."""
+
+    @property
+    def degrees_per_unit(self) -> float:
+        """Potentiometer angle for one unit of the measured signal, full pedal [deg]."""
+        return self.travel_deg
+
+
+class Gyro(Spec):
+    """Yaw rate gyro, which the paper's tractor does not have; `[sensors.gyro]`."""
+
+    enabled: bool = False
+    """Without it the reading is NaN."""
+    sigma_deg_s: NonNegative = 0.1
+    """White noise of a reading [deg/s]. Estimate (MEMS, averaged over a tick)."""
+    bias_deg_s: float = 0.0
+    """Constant error [deg/s]. Estimate."""
+
+    def read(self, yaw_rate: float, generator: Generator) -> float:
+        """Measured yaw rate [rad/s], NaN when there is no gyro."""
+        if not self.enabled:
+            return nan
+        return yaw_rate + radians(self.bias_deg_s + self.sigma_deg_s * generator.standard_normal())
+
+
+class SensorState(NamedTuple):
+    """What the sensors remember between two ticks; the generators advance in place."""
+
+    gnss: GnssState
+    steering_pot: Generator
+    pedal_pot: Generator
+    gyro: Generator
+
+
+class Sensors(Spec):
+    """All sensors of the tractor; `[sensors]`."""
+
+    gnss: Gnss = Gnss()
+    """RTK-GNSS receiver."""
+    steering_pot: Potentiometer = Potentiometer()
+    """On the front axle, at the angle of the bicycle's virtual wheel."""
+    pedal_pot: PedalPotentiometer = PedalPotentiometer()
+    """On the pedal."""
+    gyro: Gyro = Gyro()
+    """Yaw rate, off by default."""
+
+    def init(self, seed: int) -> SensorState:
+        """Sensors at rest, their noise drawn from the named streams of `seed`."""
+        return SensorState(
+            gnss=self.gnss.init(seed),
+            steering_pot=stream(seed, "steering_pot"),
+            pedal_pot=stream(seed, "pedal_pot"),
+            gyro=stream(seed, "gyro"),
+        )
+
+    def measure(
+        self, state: SensorState, truth: Truth, dt: float, quality: int = Quality.FIX
+    ) -> tuple[SensorState, Measurement]:
+        """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`.
+
+        `quality` is the solution quality at the antenna now, one of `Quality`.
+        """
+        gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, quality)
+        measurement = Measurement(
+            t=truth.t,
+            fix=fix,
+            quality=delivered,
+            steer=self.steering_pot.read(truth.steer_samples, state.steering_pot),
+            pedal=self.pedal_pot.read(truth.pedal_samples, state.pedal_pot),
+            gyro=self.gyro.read(truth.yaw_rate, state.gyro),
+        )
+        return SensorState(gnss, state.steering_pot, state.pedal_pot, state.gyro), measurement
+
+
+@lru_cache(maxsize=16)
+def _resampling(n: int, samples: int) -> Array:
+    """Linear interpolation (samples, n) between even samplings of a tick, held before the first value."""
+    given, wanted = np.arange(1, n + 1) / n, np.arange(1, samples + 1) / samples
+    return _frozen(np.transpose([np.interp(wanted, given, row) for row in np.eye(n)]))
+
+
+@lru_cache(maxsize=16)
+def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
+    """Response of the mean of the filtered samples to each sample, shape (samples,): the chain is linear."""
+    return _frozen(savgol_filter(np.eye(samples), window, polyorder, axis=0).mean(axis=0))
+
+
+def _frozen(array: Array) -> Array:
+    """A contiguous copy that nobody can change, since caches hand it out more than once."""
+    array = np.array(array, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,194 @@
+"""The experiment: build the stages of a scenario, and run them tick by tick.
+
+One tick (20 Hz) reads from top to bottom in `Loop.tick`: plant truth -> sensors -> filters -> path reference -> kinematic
+law -> speed cascade and yaw controller -> low-level loops -> valve voltages. The plant then takes its physics steps.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from math import radians
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from agrobot_mj.geometry import to_heading
+from agrobot_mj.log import COLUMNS, Log, Rows
+from agrobot_mj.metrics import metrics
+from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.scenario import TICK_S, Scenario
+from agrobot_mj.signals import Command, Drive, Estimate, Measurement, Reference, Truth
+
+LOST_M = 50.0
+"""A tractor this far from its reference has diverged [m]. Estimate."""
+CHUNK_TICKS = 200
+"""Watchers hear of new rows every 10 s of simulated time."""
+NOSE = radians(0.01)
+"""How close to its limit a steering command counts as saturated [rad]."""
+
+
+class Watcher(Protocol):
+    """Follows a run as it goes: a recording, a progress bar."""
+
+    def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        """Before the first tick; `rows` fills as the run goes."""
+
+    def advance(self, first: int) -> None:
+        """Rows `first` to `rows.filled` are new."""
+
+    def finish(self, log: Log) -> None:
+        """After the last tick; metrics are known."""
+
+
+class Loop:
+    """The stages of one scenario and their states."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        s = self.scenario = scenario
+        self.plant = build_plant(scenario)
+        self.l_r, self.limit = s.tractor.cg_to_rear_axle, s.tractor.steer_limit
+        self.truth = self.plant.reset(s.path.at(0.0))
+        truth = self.truth
+        self.sensing = s.sensors.init(s.seed)
+        self.estimation = s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor)
+        self.speeding = s.speed.init()
+        self.yawing: Any = s.controller.init()
+        self.steering = s.steering.loop.init()
+
+    def tick(self) -> tuple[Drive, tuple[float, ...]]:
+        """Sense, estimate, decide; returns the valve voltages and the row of the log."""
+        s, truth = self.scenario, self.truth
+        self.sensing, measured = s.sensors.measure(self.sensing, truth, TICK_S)
+        self.estimation, estimate = s.estimator.update(self.estimation, measured, TICK_S)
+        reference = s.path.at(truth.t)
+        speed_ref, yaw_rate_ref = s.guidance.references(estimate, reference, self.l_r)
+        e_yaw_rate = yaw_rate_ref - estimate.yaw_rate
+        self.yawing, command = s.controller.update(self.yawing, truth.t, e_yaw_rate, TICK_S, self.limit)
+        self.speeding, (pedal_ref, pedal_voltage) = s.speed.update(
+            self.speeding, speed_ref, estimate.speed, measured.pedal, TICK_S
+        )
+        self.steering, steer_voltage = s.steering.loop.update(self.steering, command.steer, measured.steer, TICK_S)
+        drive = Drive(steer_voltage, pedal_voltage)
+        wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref)
+        return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit)
+
+
+class Wanted(NamedTuple):
+    """What the outer loops ask for."""
+
+    speed: float
+    """[m/s]."""
+    yaw_rate: float
+    """[rad/s]."""
+    e_yaw_rate: float
+    """Reference less measured [rad/s]."""
+    pedal: float
+    """[-]."""
+
+
+def build_plant(scenario: Scenario) -> RunningPlant:
+    """The running plant of a scenario. Raises `ScenarioError` when its numbers make no tractor."""
+    s = scenario
+    common = (
+        s.tractor,
+        s.steering.valve,
+        s.steering.cylinder,
+        s.driveline,
+        s.terrain.ground(),
+        s.physics_dt_s,
+        s.steps_per_tick,
+    )
+    try:
+        if isinstance(s.plant, Bicycle):
+            return BicyclePlant(s.plant, *common)
+        return MujocoPlant(s.plant, *common)
+    except ValueError as error:
+        raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None
+
+
+def row(
+    truth: Truth,
+    measured: Measurement,
+    estimate: Estimate,
+    reference: Reference,
+    wanted: Wanted,
+    command: Command,
+    drive: Drive,
+    limit: float,
+) -> tuple[float, ...]:
+    """One row in the order of `log.COLUMNS`."""
+    t, p, fix = truth, estimate.covariance, measured.fix
+    e_longitudinal, e_lateral = to_heading(reference.yaw, reference.x - t.x, reference.y - t.y)
+    dx, dy = t.rear_x - estimate.rear_x, t.rear_y - estimate.rear_y
+    p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
+    nees = (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
+    return (
+        *(t.t, reference.x, reference.y, reference.yaw, reference.curvature),
+        *(t.x, t.y, t.z, t.yaw, t.pitch, t.roll, t.speed, t.lateral_speed, t.yaw_rate, t.rear_x, t.rear_y),
+        *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.rear_x, estimate.rear_y),
+        *(p_xx, p_xy, p_yy, float(p[2, 2]), nees),
+        *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality)),
+        *(e_longitudinal, e_lateral, wanted.speed, wanted.yaw_rate, wanted.e_yaw_rate),
+        *(command.tau_c, command.tau_n, command.q, command.steer, t.steer, measured.steer),
+        *(float(abs(command.steer) > limit - NOSE), drive.steer_voltage),
+        *(wanted.pedal, t.pedal, measured.pedal, drive.pedal_voltage),
+    )
+
+
+def run(
+    scenario: Scenario,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario to its end; writes nothing by itself.
+
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is asked every tick; once it says
+    yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor.
+    """
+    loop = Loop(scenario)
+    plant, ticks = loop.plant, scenario.ticks
+    rows = Rows(ticks, plant.wheels().size, len(plant.scene.bodies))
+    for watcher in watchers:
+        watcher.start(scenario, plant.scene, rows)
+    began, told, outcome = time.perf_counter(), 0, "completed"
+    for k in range(ticks):
+        drive, values = loop.tick()
+        rows.append(values, plant.wheels(), plant.poses())
+        trouble = _trouble(plant, values) or ("aborted" if should_stop() else None)
+        if trouble:
+            outcome = trouble
+            break
+        if k + 1 < ticks:
+            loop.truth = plant.advance(drive)
+        if rows.filled - told == CHUNK_TICKS:
+            for watcher in watchers:
+                watcher.advance(told)
+            told = rows.filled
+    wall = time.perf_counter() - began
+    for watcher in watchers:
+        watcher.advance(told)
+    log = _finish(Log(scenario, rows, plant.scene, outcome, wall))
+    for watcher in watchers:
+        watcher.finish(log)
+    return log
+
+
+_E_LONGITUDINAL, _E_LATERAL = COLUMNS.index("e_longitudinal"), COLUMNS.index("e_lateral")
+
+
+def _trouble(plant: RunningPlant, values: tuple[float, ...]) -> str | None:
+    off = abs(values[_E_LONGITUDINAL]) + abs(values[_E_LATERAL])
+    return plant.trouble() or (None if off < LOST_M else "diverged")
+
+
+def _finish(log: Log) -> Log:
+    simulated = log.rows.filled * TICK_S
+    numbers = {
+        "outcome": log.outcome,
+        **metrics(log),
+        "real_time_factor": simulated / max(log.wall_s, 1e-9),
+        "wall_s": log.wall_s,
+    }
+    return replace(log, metrics=numbers)

@@ -1,0 +1,31 @@
+"""The base of every piece of configuration: frozen, strict about unknown keys, finite numbers only."""
+
+from typing import Annotated, Any, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Spec(BaseModel):
+    """Frozen data with units in its key names; a misspelt key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True)
+
+
+def members(annotation: Any) -> dict[str, type[Spec]]:
+    """The specs inside an annotation by their `kind` (by class name where they have none)."""
+    if isinstance(annotation, type) and issubclass(annotation, Spec):
+        kind = annotation.model_fields.get("kind")
+        return {str(kind.default) if kind else annotation.__name__: annotation}
+    found: dict[str, type[Spec]] = {}
+    for argument in get_args(annotation):
+        found.update(members(argument))
+    return found
+
+
+def every(union: Any) -> list[type[Spec]]:
+    """The members of a discriminated union, e.g. `every(Path)`: the union is the registry."""
+    return list(members(union).values())

@@ -1,0 +1,13 @@
+"""The ground under the tractor: one file a kind, all of them one height grid."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from agrobot_mj.terrain.flat import Flat
+from agrobot_mj.terrain.grid import Ground, height_and_gradient
+from agrobot_mj.terrain.slope import Slope
+
+Terrain = Annotated[Flat | Slope, Field(discriminator="kind")]
+
+__all__ = ["Flat", "Ground", "Slope", "Terrain", "height_and_gradient"]

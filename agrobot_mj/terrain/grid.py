@@ -1,0 +1,71 @@
+"""The ground as every stage sees it: one height grid, interpolated bilinearly.
+
+`Ground` is a tuple of plain numbers and one array, so that compiled kernels take it as it is. Nodes lie at
+(x0 + column * spacing, y0 + row * spacing), heights have shape (rows, columns) [m]; outside the grid the border
+heights go on, and `Ground.covers` says whether a point lies on it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.compiled import jit
+from agrobot_mj.signals import Array
+
+
+class Ground(NamedTuple):
+    """A height grid; all lengths in metres."""
+
+    x0: float
+    """East coordinate of column 0 [m]."""
+    y0: float
+    """North coordinate of row 0 [m]."""
+    spacing: float
+    """Between neighbouring nodes, both ways [m]."""
+    heights: Array
+    """Shape (rows, columns), both at least 2 [m]."""
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(x_min, x_max, y_min, y_max) [m]."""
+        rows, columns = self.heights.shape
+        return (
+            self.x0,
+            self.x0 + (columns - 1) * self.spacing,
+            self.y0,
+            self.y0 + (rows - 1) * self.spacing,
+        )
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether the point (x, y) [m] lies on the grid."""
+        x_min, x_max, y_min, y_max = self.extent
+        return x_min <= x <= x_max and y_min <= y <= y_max
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether the grid is one bilinear cell without twist, so that a plane stands for it exactly."""
+        h = self.heights
+        return h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9
+
+
+@jit
+def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
+    """Height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
+    rows, columns = ground.heights.shape
+    a = min(max((x - ground.x0) / ground.spacing, 0.0), columns - 1.0)
+    b = min(max((y - ground.y0) / ground.spacing, 0.0), rows - 1.0)
+    i, j = min(int(a), columns - 2), min(int(b), rows - 2)
+    s, t = a - i, b - j
+    h00, h01 = ground.heights[j, i], ground.heights[j, i + 1]
+    h10, h11 = ground.heights[j + 1, i], ground.heights[j + 1, i + 1]
+    height = (1 - t) * ((1 - s) * h00 + s * h01) + t * ((1 - s) * h10 + s * h11)
+    dx = ((1 - t) * (h01 - h00) + t * (h11 - h10)) / ground.spacing
+    dy = ((1 - s) * (h10 - h00) + s * (h11 - h01)) / ground.spacing
+    return height, dx, dy
+
+
+def plane(grade_x: float, grade_y: float, half_size: float) -> Ground:
+    """A plane through the origin with slopes `grade_x`, `grade_y` [-], `half_size` [m] to each side."""
+    nodes = np.array([-half_size, half_size])
+    heights = grade_x * nodes[None, :] + grade_y * nodes[:, None]
+    return Ground(-half_size, -half_size, 2 * half_size, np.ascontiguousarray(heights))

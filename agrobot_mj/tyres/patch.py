@@ -1,0 +1,156 @@
+"""What all tyre laws share: contact kinematics, vertical load, relaxation, and the wrench at the patch.
+
+One wheel reads the height grid below it and yields a patch frame (n the ground's normal, f forward, l left), the
+penetration and the sliding velocities. The carcass is a bristle in each direction,
+
+    dz/dt = v_slip - |v_x| z / sigma,        slip = (z + tau dz/dt) / sigma,
+
+whose steady state is the slip ratio and tan(slip angle), whose response is first order over the relaxation length
+sigma, and which holds like a spring at rest. A law turns slip and load into force; what exceeds its grip scales z
+back. The bristle is integrated exactly over a step, so that it is stable at any speed.
+
+A driven wheel's force acts with the effective rolling radius r_e as its lever (the arm that makes its power balance);
+r_e lies a third of the deflection below the free radius [Pacejka2012].
+"""
+
+from math import exp, sqrt, tanh
+from typing import NamedTuple
+
+from agrobot_mj.compiled import jit
+from agrobot_mj.signals import Array
+from agrobot_mj.terrain.grid import Ground, height_and_gradient
+
+LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y = range(5)
+"""Rows of a wheel's report; shape of the whole (5, 4)."""
+CREEP_SPEED = 0.02
+"""Rolling resistance builds up over this speed [m/s]."""
+
+
+class TyreSet(NamedTuple):
+    """Four tyres in the order fl, fr, rl, rr, as the compiled kernel takes them."""
+
+    law: int
+    """Code of the law, see `tyres.laws`."""
+    coefficients: Array
+    """Of the law, shape (4, n)."""
+    radius: Array
+    """Free, shape (4,) [m]."""
+    stiffness: Array
+    """Vertical, shape (4,) [N/m]."""
+    damping: Array
+    """Vertical, shape (4,) [N s/m]."""
+    relaxation: Array
+    """Longitudinal and lateral relaxation length, shape (4, 2) [m]."""
+    bristle_damping: float
+    """tau above [s]."""
+    rolling_resistance: float
+    """Moment over load and rolling radius [-]."""
+
+
+class Patch(NamedTuple):
+    """One wheel on the ground: frame, penetration and velocities."""
+
+    penetration: float
+    """Positive when touching, along n [m]."""
+    rate: float
+    """Of the penetration [m/s]."""
+    n: tuple[float, float, float]
+    """Ground normal, world."""
+    f: tuple[float, float, float]
+    """Forward in the ground plane, world."""
+    l: tuple[float, float, float]  # noqa: E741
+    """Left in the ground plane, world."""
+    arm: tuple[float, float, float]
+    """From the wheel's centre to the patch [m]."""
+    v_x: float
+    """Velocity of the wheel's centre plane over the ground, forward [m/s]."""
+    v_y: float
+    """The same to the left: the lateral sliding velocity [m/s]."""
+    spin: float
+    """Angular velocity about the axle, forward rolling positive [rad/s]."""
+
+
+@jit
+def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit
+def cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@jit
+def unit(a: tuple[float, float, float]) -> tuple[float, float, float]:
+    """`a` over its length."""
+    s = 1.0 / sqrt(dot(a, a))
+    return a[0] * s, a[1] * s, a[2] * s
+
+
+@jit
+def find_patch(
+    ground: Ground,
+    radius: float,
+    centre: tuple[float, float, float],
+    axle: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    rotation: tuple[float, float, float],
+) -> Patch:
+    """Where and how a wheel touches: `centre` [m], `axle` (unit, left), its velocity [m/s] and rotation [rad/s], world."""
+    _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
+    n = unit((-dx, -dy, 1.0))
+    f = unit(cross(axle, n))
+    left = cross(n, f)
+    tilt = dot(n, axle)
+    down = unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
+    tip = (centre[0] + radius * down[0], centre[1] + radius * down[1], centre[2] + radius * down[2])
+    height, _, _ = height_and_gradient(ground, tip[0], tip[1])
+    penetration = (height - tip[2]) * n[2]
+    r = radius - penetration
+    arm = (r * down[0], r * down[1], r * down[2])
+    spin = dot(rotation, axle)
+    carrier = (rotation[0] - spin * axle[0], rotation[1] - spin * axle[1], rotation[2] - spin * axle[2])
+    w = cross(carrier, arm)
+    v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
+    return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin)
+
+
+@jit
+def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
+    """The bristle after a step, exact for constant velocities."""
+    k = v_roll / sigma
+    if k * dt < 1e-6:
+        return z + v_slip * dt
+    decay = exp(-k * dt)
+    return z * decay + v_slip / k * (1.0 - decay)
+
+
+@jit
+def rolling_torque(tyres: TyreSet, load: float, r_e: float, spin: float) -> float:
+    """Rolling resistance about the axle, against the spin [N m]."""
+    return -tyres.rolling_resistance * load * r_e * tanh(spin * r_e / CREEP_SPEED)
+
+
+@jit
+def add_wrench(
+    wrench: Array,
+    patch: Patch,
+    axle: tuple[float, float, float],
+    f_x: float,
+    f_y: float,
+    load: float,
+    axle_torque: float,
+) -> None:
+    """Write force and torque about the wheel's centre into `wrench` (6,), world."""
+    n, f, left = patch.n, patch.f, patch.l
+    force = (
+        f_x * f[0] + f_y * left[0] + load * n[0],
+        f_x * f[1] + f_y * left[1] + load * n[1],
+        f_x * f[2] + f_y * left[2] + load * n[2],
+    )
+    torque = cross(patch.arm, force)
+    for k in range(3):
+        wrench[k] = force[k]
+        wrench[3 + k] = torque[k] + axle_torque * axle[k]

@@ -1,0 +1,217 @@
+from math import cos, degrees, pi, radians, sin, sqrt, tan
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from agrobot_mj.estimation import Estimator
+from agrobot_mj.geometry import wrap
+from agrobot_mj.randomness import stream
+from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.tractor import TractorParameters
+
+DT = 0.05
+TRACTOR = TractorParameters()
+STEER_NOISE = radians(0.06)
+"""Of a potentiometer reading after its filter [rad]."""
+
+
+class Step(NamedTuple):
+    """Truth at R beside the estimate."""
+
+    pose: Array
+    yaw_rate: float
+    estimate: Estimate
+
+    @property
+    def error(self):
+        e = self.estimate
+        return np.array(
+            [e.rear_x - self.pose[0], e.rear_y - self.pose[1], wrap(e.yaw - self.pose[2])],
+        )
+
+
+def measure(t, pose, speed, steer, rng, sigma=0.02, quality=Quality.FIX, gyro=0.0):
+    """White noise only, and the steering of the interval."""
+    w = rng.standard_normal(5)
+    vx, vy = speed * cos(pose[2]), speed * sin(pose[2])
+    fix = Fix(pose[0] + sigma * w[0], pose[1] + sigma * w[1], vx + 0.03 * w[2], vy + 0.03 * w[3])
+    fix = None if quality == Quality.NONE else fix
+    return Measurement(t, fix, quality, steer + STEER_NOISE * w[4], 0.0, gyro)
+
+
+def drive(
+    estimator,
+    duration,
+    speed=1.2,
+    steer=lambda t: 0.0,
+    yaw=0.3,
+    yaw_error=0.0,
+    seed=1,
+    quality=lambda t: Quality.FIX,
+    sigma=0.02,
+):
+    """The estimator on exact kinematics at R (circular arcs), with white sensor noise."""
+    rng, pose = stream(seed, "test"), np.array([5.0, -3.0, yaw])
+    state, steps = estimator.init(*pose[:2], yaw + yaw_error, TRACTOR), []
+    for k in range(round(duration / DT)):
+        delta, t = steer(k * DT), (k + 1) * DT
+        turn = speed * tan(delta) / TRACTOR.wheelbase_m * DT
+        chord = speed * DT * np.sinc(turn / (2 * pi))
+        middle = pose[2] + turn / 2
+        pose = pose + np.array([chord * cos(middle), chord * sin(middle), turn])
+        measurement = measure(t, pose, speed, delta, rng, sigma, quality(t), turn / DT)
+        state, estimate = estimator.update(state, measurement, DT)
+        steps.append(Step(pose, turn / DT, estimate))
+    return steps
+
+
+def errors(steps):
+    return np.array([step.error for step in steps])
+
+
+def turning(t):
+    return 0.15 if t % 60 < 30 else -0.15
+
+
+@pytest.mark.parametrize("yaw_error_deg", [5.0, -8.0, 12.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrong_start_yaw_is_found_within_ten_seconds(yaw_error_deg, seed):
+    steps = drive(Estimator(), 20, yaw_error=radians(yaw_error_deg), seed=seed)
+    yaw_errors = np.abs(errors(steps)[:, 2])
+    assert degrees(yaw_errors[0]) == pytest.approx(abs(yaw_error_deg), rel=0.3)
+    assert degrees(yaw_errors[200:].max()) < 1.0
+
+
+def test_the_start_is_as_uncertain_as_its_keys_say():
+    keys = {"initial_position_sigma_m": 0.4, "initial_yaw_sigma_deg": 3.0}
+    (first,) = drive(Estimator(**keys), DT, speed=0.0, quality=lambda t: Quality.NONE)
+    expected = [0.4, 0.4, radians(3.0)]
+    assert np.allclose(np.sqrt(np.diag(first.estimate.covariance)), expected, rtol=1e-3)
+
+
+def test_estimates_are_closer_than_fixes():
+    rms = np.sqrt(np.mean(errors(drive(Estimator(), 60, steer=turning)[200:]) ** 2, axis=0))
+    assert rms[:2].max() < 0.4 * 0.02
+    assert degrees(rms[2]) < 0.4
+
+
+def test_the_stated_uncertainty_is_honest_or_a_little_cautious():
+    """Mean normalised squared position error: 2 expected, less since there is no walk in this truth."""
+    nees = []
+    for seed in range(4):
+        for step in drive(Estimator(), 60, steer=turning, seed=seed)[200:]:
+            error, covariance = step.error[:2], step.estimate.covariance[:2, :2]
+            nees.append(error @ np.linalg.solve(covariance, error))
+    assert 1.0 < np.mean(nees) < 2.4
+
+
+def test_the_covariance_stays_symmetric_and_positive():
+    def quality(t):
+        return (Quality.NONE, Quality.FLOAT, Quality.FIX, Quality.FIX)[int(t / 5) % 4]
+
+    for step in drive(Estimator(), 240, steer=turning, quality=quality):
+        P = step.estimate.covariance
+        assert np.abs(P - P.T).max() < 1e-12 * np.abs(P).max()
+        assert np.linalg.eigvalsh(P).min() > 0
+
+
+def test_uncertainty_grows_without_a_fix_and_falls_with_one():
+    steps = drive(Estimator(), 40, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
+    spread = np.array([np.trace(step.estimate.covariance[:2, :2]) for step in steps])
+    assert (np.diff(spread[402:600]) > 0).all()
+    assert spread[599] > 10 * spread[399]
+    assert spread[620] < 2 * spread[399]
+
+
+def test_dead_reckoning_bridges_a_missing_fix():
+    """Ten seconds, 12 m: the residual is the speed and yaw error at the start of the gap, grown."""
+    steps = drive(Estimator(), 30, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
+    last = steps[-1]
+    assert np.linalg.norm(last.error[:2]) < 4 * sqrt(np.trace(last.estimate.covariance[:2, :2]))
+    assert np.linalg.norm(last.error[:2]) < 0.5
+
+
+def test_a_float_solution_weighs_less():
+    """Against fixes of 0.3 m, an estimator that knows their quality beats one that believes them fixed."""
+
+    def rms(quality):
+        steps = drive(Estimator(), 60, sigma=0.3, quality=lambda t: quality)
+        return np.sqrt(np.mean(errors(steps)[200:, :2] ** 2))
+
+    assert rms(Quality.FLOAT) < 0.6 * rms(Quality.FIX)
+
+
+def test_the_estimate_is_of_the_centre_of_gravity():
+    for step in drive(Estimator(), 5, steer=turning)[::10]:
+        e = step.estimate
+        l_r = TRACTOR.cg_to_rear_axle
+        assert e.x - e.rear_x == pytest.approx(l_r * cos(e.yaw), abs=1e-12)
+        assert e.y - e.rear_y == pytest.approx(l_r * sin(e.yaw), abs=1e-12)
+
+
+def test_yaw_is_wrapped_outside_and_the_yaw_rate_does_not_notice():
+    steps = drive(Estimator(), 90, steer=lambda t: 0.15)
+    yaws = np.array([step.estimate.yaw for step in steps])
+    assert (np.abs(yaws) <= pi).all()
+    assert np.abs(np.diff(yaws)).max() > 6.0
+    assert max(abs(step.estimate.yaw_rate - step.yaw_rate) for step in steps[100:]) < 0.06
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.2, -0.8])
+def test_speed_is_unbiased_and_signed(speed):
+    speeds = np.array([step.estimate.speed for step in drive(Estimator(), 120, speed=speed)[100:]])
+    n_independent = len(speeds) / 10
+    assert speeds.mean() == pytest.approx(speed, abs=5 * 0.02 / sqrt(n_independent))
+    assert speeds.std() < 0.02
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_the_yaw_rate_on_a_straight(seed):
+    rates = np.array([step.estimate.yaw_rate for step in drive(Estimator(), 60, seed=seed)[200:]])
+    assert abs(rates.mean()) < 0.002
+    assert rates.std() < 0.012
+
+
+def test_the_yaw_rate_filter_trades_noise_for_lag():
+    def noise_and_lag(time_constant):
+        estimator = Estimator(yaw_rate_filter_s=time_constant)
+        noise = np.std([step.estimate.yaw_rate for step in drive(estimator, 60)[200:]])
+        turn_in = drive(estimator, 30, steer=lambda t: 0.3 if t >= 20 else 0.0)[400:]
+        share = np.array([step.estimate.yaw_rate / step.yaw_rate for step in turn_in])
+        return noise, DT * np.argmax(share > 0.63)
+
+    (raw, no_lag), (smooth, lag) = noise_and_lag(0.0), noise_and_lag(0.3)
+    assert smooth < 0.5 * raw
+    assert no_lag == 0.0
+    assert 0.15 < lag < 0.5
+
+
+def test_yaw_rate_sources():
+    steps = {
+        source: drive(Estimator(yaw_rate_source=source), 20, steer=lambda t: 0.15)[-1]
+        for source in ("ekf", "kinematic", "gyro")
+    }
+    assert steps["gyro"].estimate.yaw_rate == steps["gyro"].yaw_rate
+    kinematic = steps["kinematic"].estimate
+    assert kinematic.yaw_rate == pytest.approx(kinematic.speed * tan(0.15) / 1.4, rel=5 * STEER_NOISE / 0.15)
+    assert kinematic.yaw_rate != steps["ekf"].estimate.yaw_rate
+    assert [Estimator(yaw_rate_source=s).needs_gyro for s in steps] == [False, False, True]
+
+
+def test_an_update_depends_on_its_arguments_alone():
+    estimator, rng = Estimator(), stream(1, "test")
+    state = estimator.init(0.0, 0.0, 0.1, TRACTOR)
+    first, second = (measure(t, np.array([t, 0.0, 0.0]), 1.2, 0.1, rng) for t in (DT, 2 * DT))
+    state, _ = estimator.update(state, first, DT)
+    _, estimate = estimator.update(state, second, DT)
+    _, again = estimator.update(state, second, DT)
+    assert estimate[:-1] == again[:-1]
+    assert np.array_equal(estimate.covariance, again.covariance)
+
+
+@pytest.mark.parametrize("key", ["gnss_sigma_m", "yaw_walk_deg_rt_s", "initial_yaw_sigma_deg"])
+def test_a_sigma_of_zero_is_refused(key):
+    with pytest.raises(ValidationError, match=key):
+        Estimator(**{key: 0.0})

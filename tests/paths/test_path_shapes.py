@@ -1,0 +1,58 @@
+"""The shape of each path against its geometry, computed another way."""
+
+from math import atan, atan2, hypot, pi
+
+import numpy as np
+import pytest
+
+from agrobot_mj.paths import Circle, FigureEight, Line, sample
+
+
+def test_the_line_reaches_its_end() -> None:
+    line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5)
+    assert line.duration_s == 20
+    assert line.at(20)[:4] == pytest.approx((1, 32, 0, 1.5))
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1), ("right", -1)])
+def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
+    circle = Circle(radius_m=7, direction=direction)
+    points = sample(circle, np.linspace(0, circle.duration_s, 100))
+    assert np.hypot(points[:, 0], points[:, 1] - side * 7) == pytest.approx(7)
+    assert circle.at(0)[:4] == pytest.approx((0, 0, 1.2, 0))
+    assert circle.at(circle.duration_s / 8)[:2] == pytest.approx((7, side * 7))
+    assert circle.at(0).curvature == pytest.approx(side / 7)
+
+
+def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
+    eight = FigureEight()
+    arc = 2 * pi - 2 * atan(14 / 10)
+    assert eight.turns_s[0][1] == pytest.approx((2 * 28 + 2 * 10 * arc) / 1.2)
+    assert eight.turns_s[0][1] == pytest.approx(119.7, abs=0.05)
+    assert len(eight.turns_s) == 2
+
+
+def test_the_8_starts_at_the_crossing_and_crosses_it_again_half_a_turn_later() -> None:
+    eight = FigureEight()
+    start, half_way = eight.at(0), eight.at(eight.turn_s / 2)
+    assert start[:2] == pytest.approx((0, 0))
+    assert half_way[:2] == pytest.approx((0, 0), abs=1e-12)
+    assert start.yaw == pytest.approx(atan2(10, 14))
+    assert half_way.yaw == pytest.approx(pi - atan2(10, 14))
+    assert start.curvature == half_way.curvature == 0
+
+
+def test_the_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
+    eight, centre = FigureEight(), hypot(14, 10)
+    for t in np.linspace(0, eight.turn_s, 1000).tolist():
+        r = eight.at(t)
+        if r.curvature == 0:
+            assert abs(r.x * 10) == pytest.approx(abs(r.y * 14), abs=1e-9)
+            assert hypot(r.x, r.y) <= 14 + 1e-9
+        else:
+            side = 1 if r.x > 0 else -1
+            assert hypot(r.x - side * centre, r.y) == pytest.approx(10)
+            assert r.curvature == pytest.approx(-side / 10)
+    xs, ys = sample(eight, np.linspace(0, eight.turn_s, 5001)).T
+    assert (xs.max(), xs.min()) == pytest.approx((centre + 10, -centre - 10), abs=1e-3)
+    assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)

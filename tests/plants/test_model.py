@@ -1,0 +1,119 @@
+"""The compiled MJCF against `tractor.py`: the same tractor, twice."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from agrobot_mj.driveline import Driveline
+from agrobot_mj.hydraulics import Cylinder
+from agrobot_mj.plants.model import (
+    ackermann_coefficients,
+    simulation_model,
+    static_deflections,
+    tractor_spec,
+)
+from agrobot_mj.resources import MODELS
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tractor import TractorParameters
+
+HEAVY = TractorParameters(
+    mass_kg=980, wheelbase_m=1.6, track_m=1.2, front_load_fraction=0.42, cg_height_m=0.7, pitch_inertia_kg_m2=480, yaw_inertia_kg_m2=520
+)
+
+
+def written(tractor):
+    spec = tractor_spec(tractor, Cylinder(), Driveline())
+    return simulation_model(spec, Flat().ground(), 0.002, False, 0.8, 1.0)
+
+
+def as_shipped(tractor):
+    return mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")).compile()
+
+
+def inertia_about_cg(model):
+    """Inertia (3, 3) of the whole tractor about its centre of mass, world axes, all joints at zero."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    total = np.zeros((3, 3))
+    for b in range(1, model.nbody):
+        R = data.ximat[b].reshape(3, 3)
+        d = data.xipos[b] - data.subtree_com[1]
+        total += R @ np.diag(model.body_inertia[b]) @ R.T
+        total += model.body_mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
+    return data, total
+
+
+@pytest.mark.parametrize(
+    ("make", "tractor", "rel"),
+    [(as_shipped, TractorParameters(), 1e-4), (written, TractorParameters(), 1e-9), (written, HEAVY, 1e-9)],
+    ids=["tractor.xml", "default", "heavy"],
+)
+def test_masses_inertia_and_geometry_equal_the_parameters(make, tractor, rel):
+    model = make(tractor)
+    data, inertia = inertia_about_cg(model)
+    assert model.body_subtreemass[1] == pytest.approx(tractor.mass_kg, rel=rel)
+    cg = [tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m]
+    assert data.subtree_com[1] == pytest.approx(np.array(cg), abs=10 * rel)
+    assert data.site("cg").xpos == pytest.approx(np.array(cg), abs=10 * rel)
+    assert data.site("antenna").xpos == pytest.approx(np.array([0, 0, tractor.antenna_height_m]))
+    wanted = [tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2]
+    assert inertia == pytest.approx(np.diag(wanted), abs=10 * rel * max(wanted))
+    wheels = np.array([data.body(f"wheel_{w}").xpos for w in ("fl", "fr", "rl", "rr")])
+    assert wheels[0, 0] - wheels[2, 0] == pytest.approx(tractor.wheelbase_m)
+    assert wheels[0, 1] - wheels[1, 1] == pytest.approx(tractor.track_m)
+    assert wheels[2, 1] - wheels[3, 1] == pytest.approx(tractor.track_m)
+    sink = static_deflections(tractor)
+    assert wheels[0, 2] == pytest.approx(tractor.front_wheel_radius_m - sink[0], abs=1e-5)
+    assert wheels[2, 2] == pytest.approx(tractor.rear_wheel_radius_m - sink[1], abs=1e-5)
+
+
+def test_shipped_numbers_equal_the_written_ones():
+    shipped, default = as_shipped(TractorParameters()), written(TractorParameters())
+    for name in ("steering", "drive"):
+        a, b = shipped.actuator(name), default.actuator(name)
+        assert a.gainprm == pytest.approx(b.gainprm)
+        assert a.biasprm == pytest.approx(b.biasprm)
+        assert a.forcerange == pytest.approx(b.forcerange, rel=1e-3)
+    for name in ("ackermann_fl", "ackermann_fr"):
+        assert shipped.equality(name).data[:5] == pytest.approx(default.equality(name).data[:5], abs=1e-6)
+    assert shipped.joint("steer").range == pytest.approx(default.joint("steer").range)
+    assert shipped.joint("axle_roll").range == pytest.approx(default.joint("axle_roll").range)
+
+
+def test_knuckles_follow_ackermann():
+    tractor = TractorParameters()
+    c = ackermann_coefficients(tractor)
+    delta = np.linspace(-0.75, 0.75, 31)
+    left, right = c @ delta ** np.arange(5)[:, None], -(c @ (-delta) ** np.arange(5)[:, None])
+    mean_cot = (1 / np.tan(left[delta != 0]) + 1 / np.tan(right[delta != 0])) / 2
+    assert np.arctan(1 / mean_cot) == pytest.approx(delta[delta != 0], abs=np.radians(0.4))
+    inner, outer = left[-1], right[-1]
+    assert 1 / np.tan(outer) - 1 / np.tan(inner) == pytest.approx(tractor.track_m / tractor.wheelbase_m, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"mass_kg": 100.0}, "mass_kg"), ({"yaw_inertia_kg_m2": 40.0}, "inertia"), ({"roll_inertia_kg_m2": 900.0}, "inertia")],
+)
+def test_an_impossible_tractor_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        written(TractorParameters(**change))
+
+
+def test_the_scene_drives_from_its_sliders():
+    model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 500)
+    data.ctrl[:] = [0.0, 1.2 / 0.42]
+    mujoco.mj_step(model, data, 2000)
+    data.ctrl[0] = 0.1
+    mujoco.mj_step(model, data, 1500)
+    data.ctrl[0] = 0.0
+    mujoco.mj_step(model, data, 1500)
+    speed = np.hypot(*data.qvel[:2])
+    steer = data.joint("steer").qpos[0]
+    assert speed == pytest.approx(1.2, rel=0.05)
+    assert steer == pytest.approx(0.3, abs=0.02)
+    yaw_rate = data.qvel[5]
+    assert yaw_rate == pytest.approx(1.2 * np.tan(steer) / 1.4, rel=0.1)
+    assert not any(warning.number for warning in data.warning)
