@@ -29,6 +29,7 @@ COLOURS = {"pd": "#D55E00", "pd_isgn": "#E69F00", "pd_t1fnn": "#009E73", "pd_t2f
 SPARE_COLOURS = ("#CC79A7", "#56B4E9", "#666666")
 """For controllers not named above, in order of appearance; of the same palette."""
 NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
+NAMES |= {"open_loop": "open loop"}
 """How figures name the controllers."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -244,12 +245,12 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
-    """Fit the common y axis to the curves that stay within +-limit, if some do not."""
+    """Fit the common y axis to the curves that stay within +-limit, if some do and some do not."""
     values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
     curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
     kept = [curve for curve in curves if np.abs(curve).max() <= limit]
-    if len(kept) < len(curves):
-        low, high = (min(map(min, kept)), max(map(max, kept))) if kept else (-limit, limit)
+    if 0 < len(kept) < len(curves):
+        low, high = min(map(min, kept)), max(map(max, kept))
         room = 0.05 * (high - low)
         grid[0, 0].set_ylim(low - room, high + room)
 

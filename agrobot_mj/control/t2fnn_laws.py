@@ -1,8 +1,10 @@
-"""The equations of the type-2 network, compiled: inference and the right-hand sides of the learning laws.
+"""State and equations of the type-2 fuzzy neural network: inference, learning laws, their step; compiled.
 
-Pure functions of arrays: centres and widths (I,) or (J,), firing W and consequents f (I, J). Source: the paper,
-section IV. Guards 2, 3 and 5 of `t2fnn` stand here. With NUMBA_DISABLE_JIT=1 the same functions run uncompiled.
+Pure functions. Centres and widths of x1 have shape (I,), of x2 (J,), in the unit of their input; firing W and
+consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` stand here.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,16 +12,52 @@ from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
 
 LARGE_STEP = 0.01
-"""Guard 3: largest change of a width in one explicit Euler step [-]. Estimate."""
+"""Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Estimate."""
 LEAST_MEMBERSHIP = 1e-6
-"""Guard 3: what shrinking leaves of a membership; less would drown in rounding and the set die [-]. Estimate."""
+"""Guard 3: shrinking stops here; a smaller membership drowns in rounding and the set dies [-]. Estimate."""
 TINY = 1e-12
 """Stands for 0 where a width would grow without bound [-]."""
 
 
+class T2FnnState(NamedTuple):
+    """Parameters of the network, and the inputs at which it stands."""
+
+    c1: Array
+    """Centres of the sets of x1, shape (I,) [unit of x1]."""
+    c2: Array
+    """Centres of the sets of x2, shape (J,) [unit of x2]."""
+    d1_lower: Array
+    """Widths of the lower sets of x1, shape (I,) [unit of x1]."""
+    d1_upper: Array
+    """Widths of the upper sets of x1, shape (I,) [unit of x1]."""
+    d2_lower: Array
+    """Widths of the lower sets of x2, shape (J,) [unit of x2]."""
+    d2_upper: Array
+    """Widths of the upper sets of x2, shape (J,) [unit of x2]."""
+    f: Array
+    """Consequents, shape (I, J) [rad]."""
+    q: float
+    """Share of the lower firing in the output [-]."""
+    x1: float | None = None
+    """Input of the last update; None: unknown, the centres stay where they are once [unit of x1]."""
+    x2: float | None = None
+    """Input of the last update; None: unknown, the centres stay where they are once [unit of x2]."""
+
+
+class Rates(NamedTuple):
+    """Right-hand sides of the printed laws; shapes as in `T2FnnState`, its units per second."""
+
+    d1_lower: Array
+    d1_upper: Array
+    d2_lower: Array
+    d2_upper: Array
+    f: Array
+    q: float
+
+
 @jit
 def sgn(tau_c: float, delta_s: float) -> float:
-    """Smoothed sign of tau_c [rad], delta_s [rad]; in (-1, 1)."""
+    """Smoothed sign of tau_c, in (-1, 1); both [rad]."""
     return tau_c / (abs(tau_c) + delta_s)  # [agrobots: chatter]
 
 
@@ -45,19 +83,17 @@ def normalised(W: Array) -> Array:
 
 
 @jit
-def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
-    """tau_n [rad] from normalised firing."""
-    return q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
+def firing(s: T2FnnState) -> tuple[Array, Array]:
+    """Normalised lower and upper firing, each (I, J)."""
+    W_lower = strength(membership(s.x1, s.c1, s.d1_lower), membership(s.x2, s.c2, s.d2_lower))
+    W_upper = strength(membership(s.x1, s.c1, s.d1_upper), membership(s.x2, s.c2, s.d2_upper))
+    return normalised(W_lower), normalised(W_upper)
 
 
 @jit
-def firing(
-    x1: float, x2: float, c1: Array, c2: Array, d1_lower: Array, d1_upper: Array, d2_lower: Array, d2_upper: Array
-) -> tuple[Array, Array]:
-    """Normalised lower and upper firing, each (I, J)."""
-    W_lower = strength(membership(x1, c1, d1_lower), membership(x2, c2, d2_lower))
-    W_upper = strength(membership(x1, c1, d1_upper), membership(x2, c2, d2_upper))
-    return normalised(W_lower), normalised(W_upper)
+def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
+    """tau_n [rad] from normalised firing."""
+    return q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
 
 
 @jit
@@ -70,7 +106,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Rate of one family of widths; sgn(x - c) is literal, so that a set centred on the input rests."""
+    """Rates of one family of widths; sgn(0) = 0, so that the set of a centre on the input rests."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
@@ -80,9 +116,9 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
 
 @jit
 def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: float) -> Array:
-    """Rate of the consequents, (I, J) [rad/s]."""
-    w = q * W_lower + (1 - q) * W_upper
-    return -w * alpha_sgn / floored((w * w).sum(), floor)  # [agrobots: fij]
+    """Rates of the consequents, (I, J) [rad/s]."""
+    W = q * W_lower + (1 - q) * W_upper
+    return -W * alpha_sgn / floored((W * W).sum(), floor)  # [agrobots: fij]
 
 
 @jit
@@ -92,38 +128,32 @@ def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: fl
 
 
 @jit
-def laws(
-    x1: float,
-    x2: float,
-    c1: Array,
-    c2: Array,
-    d1_lower: Array,
-    d1_upper: Array,
-    d2_lower: Array,
-    d2_upper: Array,
-    f: Array,
-    q: float,
-    alpha_sgn: float,
-    floor: float,
-) -> tuple[float, Array, Array, Array, Array, Array, float]:
-    """tau_n [rad] and the rates of d1_lower, d1_upper, d2_lower, d2_upper, f and q."""
-    W_lower, W_upper = firing(x1, x2, c1, c2, d1_lower, d1_upper, d2_lower, d2_upper)
-    return (
-        output(W_lower, W_upper, f, q),
-        width_rates(x1, c1, d1_lower, alpha_sgn, floor),
-        width_rates(x1, c1, d1_upper, alpha_sgn, floor),
-        width_rates(x2, c2, d2_lower, alpha_sgn, floor),
-        width_rates(x2, c2, d2_upper, alpha_sgn, floor),
-        f_rates(W_lower, W_upper, q, alpha_sgn, floor),
-        q_rate(W_lower, W_upper, f, alpha_sgn, floor),
+def inference(s: T2FnnState) -> float:
+    """tau_n [rad] of the state at its inputs."""
+    W_lower, W_upper = firing(s)
+    return output(W_lower, W_upper, s.f, s.q)
+
+
+@jit
+def laws(s: T2FnnState, alpha_sgn: float, floor: float) -> tuple[float, Rates]:
+    """tau_n [rad] of the state at its inputs, and the rates that alpha sgn(tau_c) [rad/s] gives."""
+    W_lower, W_upper = firing(s)
+    rates = Rates(
+        width_rates(s.x1, s.c1, s.d1_lower, alpha_sgn, floor),
+        width_rates(s.x1, s.c1, s.d1_upper, alpha_sgn, floor),
+        width_rates(s.x2, s.c2, s.d2_lower, alpha_sgn, floor),
+        width_rates(s.x2, s.c2, s.d2_upper, alpha_sgn, floor),
+        f_rates(W_lower, W_upper, s.q, alpha_sgn, floor),
+        q_rate(W_lower, W_upper, s.f, alpha_sgn, floor),
     )
+    return output(W_lower, W_upper, s.f, s.q), rates
 
 
 @jit
 def stepped(d: Array, change: Array) -> Array:
-    """Guard 3: one family of widths after an explicit Euler step, or, if that is large, after one in 1/d.
+    """Guard 3: a family of widths after an explicit Euler step, or, if that is large, after one in 1/d.
 
-    Membership is linear in 1/d, so that those of a family scale alike there and no step overshoots the input.
+    Membership is linear in 1/d: there a family's memberships scale alike, and no step overshoots the input.
     """
     if np.all(np.abs(change) <= LARGE_STEP * d):
         return d + change
@@ -132,25 +162,37 @@ def stepped(d: Array, change: Array) -> Array:
 
 @jit
 def loses(x: float, c: Array, d: Array, new: Array) -> bool:
-    """Whether a family of widths that shrinks from d to `new` would lose the input."""
+    """Guard 3: whether sets that shrink from widths d to `new` would lose the input."""
     return bool(np.any((new < d) & (membership(x, c, new) < LEAST_MEMBERSHIP)))
 
 
 @jit
-def adapted_widths(
-    x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, d_min: float, d_max: float
+def learnt_family(
+    x: float, c: Array, lower: Array, upper: Array, new_lower: Array, new_upper: Array, d_min: float, d_max: float
 ) -> tuple[Array, Array]:
-    """Guard 3 for the sets of one input: lower and upper widths after a step, d_min <= lower <= upper <= d_max.
+    """Guard 3: the new widths of one input's sets where d_min <= lower <= upper <= d_max lets them.
 
-    A family of which one width would pass a limit rests as a whole (the paper does so with q). Were that width
-    clipped by itself, the memberships would no longer scale alike and Theorem 1 would fail.
+    A family of which one width would pass a limit rests as a whole: the tuning is off at the limit, as the paper
+    has it for q. Clipping that width alone would end the scaling that appendix A, and so Theorem 1, rests on.
     """
-    new_lower, new_upper = stepped(lower, lower_change), stepped(upper, upper_change)
     if loses(x, c, lower, new_lower) or new_lower.min() < d_min:
         new_lower = lower
     if loses(x, c, upper, new_upper) or new_upper.max() > d_max:
         new_upper = upper
     if np.any(new_lower > new_upper):
         new_lower, new_upper = lower, upper
-    new_upper = np.minimum(np.maximum(new_upper, d_min), d_max)  # mends a state that was built outside the limits
+    new_upper = np.minimum(np.maximum(new_upper, d_min), d_max)  # for a state built outside the limits
     return np.minimum(np.maximum(new_lower, d_min), new_upper), new_upper
+
+
+@jit
+def learnt_widths(
+    s: T2FnnState, rates: Rates, dt: float, d_min: float, d_max: float
+) -> tuple[Array, Array, Array, Array]:
+    """d1_lower, d1_upper, d2_lower and d2_upper after a step of dt [s]."""
+    new_1_lower, new_1_upper = stepped(s.d1_lower, dt * rates.d1_lower), stepped(s.d1_upper, dt * rates.d1_upper)
+    new_2_lower, new_2_upper = stepped(s.d2_lower, dt * rates.d2_lower), stepped(s.d2_upper, dt * rates.d2_upper)
+    return (
+        *learnt_family(s.x1, s.c1, s.d1_lower, s.d1_upper, new_1_lower, new_1_upper, d_min, d_max),
+        *learnt_family(s.x2, s.c2, s.d2_lower, s.d2_upper, new_2_lower, new_2_upper, d_min, d_max),
+    )
