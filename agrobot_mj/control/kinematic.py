@@ -1,7 +1,7 @@
 """Kinematic law: position error of the CG to speed and yaw-rate references.
 
-ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref [rad/s],
-left positive. It inverts the kinematic model of a point l_r before the rear axle, on which the wheels roll without slip.
+ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref
+[rad/s], left positive. The law inverts the motion of a point l_r before a rear axle that rolls without slip.
 Source: the paper, section III-A, after Martins et al. (2008).
 """
 
@@ -19,7 +19,9 @@ class KinematicLaw(Spec):
     gain_per_m: Positive = 0.5
     """k_e, slope of the law relative to its saturation [1/m]. Estimate."""
 
-    def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
+    def references(
+        self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float
+    ) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""
         k_s, k_e, l_r, psi = self.saturation_m_s, self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))

@@ -1,8 +1,8 @@
 """PID and the low-level loops: speed to pedal to voltage, steering angle to voltage.
 
 Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and the pedal goes forward. The
-structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the gains are
-estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
+structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the
+gains are estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
 """
 
 from math import radians
@@ -77,8 +77,10 @@ class Pid(Spec):
 
 
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
-    """Voltage [V] that carries a valve over its dead band: 0 for errors below `tolerance`, then a ramp up to `jump` at
-    twice the tolerance."""
+    """Voltage [V] that carries a valve over its dead band.
+
+    0 for errors below `tolerance`, from there a ramp up to `jump` at twice the tolerance.
+    """
     size = jump * clip(abs(error) / tolerance - 1, 0.0, 1.0)
     return size if error > 0 else -size
 
@@ -93,7 +95,7 @@ class SpeedState(NamedTuple):
 class SpeedLoop(Spec):
     """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B)."""
 
-    outer: Pid = Pid(kp=0.15, ki=0.2)
+    outer: Pid = Pid(kp=0.25, ki=0.25)
     """Speed [m/s] to pedal reference [-]. Estimate."""
     inner: Pid = Pid(kp=10.0)
     """Pedal [-] to voltage [V]. Estimate."""
@@ -123,11 +125,11 @@ class SpeedLoop(Spec):
 class SteeringLoop(Spec):
     """Steering angle error -> valve voltage."""
 
-    pid: Pid = Pid(kp=16.0, kd=2.0, derivative_filter_s=0.05)
+    pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
     """Angle [rad] to voltage [V]. Estimate."""
     deadband_compensation_v: NonNegative = 0.3
     """Jump over the valve's dead band [V]. Estimate, below the band itself."""
-    tolerance_deg: Positive = 0.3
+    tolerance_deg: Positive = 0.1
     """Angle error that is left alone [deg]. Estimate, below the potentiometer's 1 deg."""
 
     def init(self) -> PidState:

@@ -1,7 +1,7 @@
 """Interval type-2 fuzzy neural network (A2-C0 TSK) with sliding-mode learning: the paper, section IV.
 
 Inputs x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]), learning error tau_c and output tau_n
-[rad]; the steering is tau_c - tau_n. The equations are in `t2fnn_laws`; the network's size is that of its state.
+[rad]; the steering is tau_c - tau_n. The equations are in `t2fnn_laws`; a state's arrays give its size.
 
 The printed laws are singular in places. Six guards, named beside their lines, make them safe:
 1. centres start about the first input, which so lies inside every set (else the network stays dead: `16` and
@@ -13,16 +13,25 @@ The printed laws are singular in places. Six guards, named beside their lines, m
 6. learning can be held, for instance while the steering saturates.
 Inputs are clipped to a bound (the paper's B_x), so that arithmetic stays finite.
 
-While centres follow, the width laws leave the normalised firing as it is (appendix A), so that the network is an
-integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unfloored.
+While centres follow, the width laws leave the normalised firing as it is (appendix A), so that the network is
+an integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unfloored.
 """
 
-from typing import Literal, NamedTuple, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.control.t2fnn_laws import Rates, T2FnnState, firing, inference, laws, learnt_widths, sgn
+from agrobot_mj.control.t2fnn_laws import (
+    Limits,
+    Rates,
+    T2FnnState,
+    firing,
+    inference,
+    laws,
+    learnt_widths,
+    sgn,
+)
 from agrobot_mj.signals import Array
 from agrobot_mj.spec import Fraction, Positive, Spec
 
@@ -56,8 +65,8 @@ class T2Fnn(Spec):
     """Smallest width [unit of the input]. Estimate."""
     d_max: Positive = 100.0
     """Largest width [unit of the input]. Estimate."""
-    f_init: float = 0.01
-    """Magnitude of the initial consequents; small but not 0, see guard 4 in `init` [rad]. Estimate."""
+    f_init: Positive = 0.01
+    """Magnitude of the initial consequents; small but not 0: guard 4 [rad]. Estimate."""
     q_init: Fraction = 0.5
     """Initial share of the lower firing [-]. Estimate."""
     centres: Literal["follow", "fixed"] = "follow"
@@ -82,50 +91,49 @@ class T2Fnn(Spec):
             if not self.d_min <= lower <= upper <= self.d_max:
                 raise ValueError(f"d_min <= width_lower_{k} <= width_upper_{k} <= d_max must hold")
             if lower < spread:
-                raise ValueError(f"width_lower_{k}: must be at least spread_{k}, or a set is dead from the start")
+                raise ValueError(f"width_lower_{k}: must be at least spread_{k}, or a set stays dead")
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:
         """The network before its first update, its sets laid about the first inputs x1, x2 (guard 1)."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
-        c1, c2 = x1 + _offsets(self.rules_1, self.spread_1), x2 + _offsets(self.rules_2, self.spread_2)
+        c1 = x1 + _offsets(self.rules_1, self.spread_1)
+        c2 = x2 + _offsets(self.rules_2, self.spread_2)
         d1_upper, d2_upper = np.full_like(c1, self.width_upper_1), np.full_like(c2, self.width_upper_2)
         d1_lower, d2_lower = np.full_like(c1, self.width_lower_1), np.full_like(c2, self.width_lower_2)
         if self.type_1:
             d1_lower, d2_lower = d1_upper, d2_upper
         f = np.zeros((c1.size, c2.size))
         state = T2FnnState(c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f, self.q_init, x1, x2)
-        # Guard 4: the denominator of `q_q` is 0 for f = 0 and for any uniform f, and then the first step throws q
-        # to a limit. These signs make it as large as consequents of this magnitude can.
-        W_lower, W_upper = firing(state)
+        # Guard 4: for uniform f (or 0) the denominator of `q_q` is 0, and one step throws q to a limit. These
+        # signs make it as large as consequents of this magnitude can.
+        W_lower, W_upper = firing(state, x1, x2)
         return state._replace(f=np.where(W_lower >= W_upper, self.f_init, -self.f_init))
 
     def infer(self, state: T2FnnState, x1: float, x2: float) -> float:
         """tau_n [rad] of the state as it is at the inputs x1, x2; the centres do not follow."""
-        return float(inference(self._at(state, x1, x2)))
+        x1, x2 = self._bounded(x1), self._bounded(x2)
+        return inference(_plain(state, x1, x2), x1, x2)
 
     def derivatives(self, state: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
-        """Right-hand sides of the printed laws for widths, f and q at the inputs; only guards 2 and 5 apply."""
-        return self._laws(self._at(state, x1, x2), tau_c)[1]
+        """Right-hand sides of the printed laws for widths, f and q; of the guards only 2 and 5 apply."""
+        x1, x2 = self._bounded(x1), self._bounded(x2)
+        return self._laws(_plain(state, x1, x2), x1, x2, tau_c)[1]
 
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
-        """The centres follow, tau_n [rad] is inferred, then widths, f and q learn from tau_c [rad] for dt [s].
+        """Centres follow, tau_n [rad] is inferred, then widths, f and q learn from tau_c [rad] for dt [s].
 
-        Guard 6: with `learn=False` nothing adapts.
+        Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
-        state = self._at(self._followed(state, self._bounded(x1), self._bounded(x2)), x1, x2)
-        tau_n, rates = self._laws(state, tau_c)
-        return (self._learnt(state, rates, dt) if learn else state), tau_n
+        x1, x2 = self._bounded(x1), self._bounded(x2)
+        state = _plain(self._followed(state, x1, x2), x1, x2)
+        tau_n, rates = self._laws(state, x1, x2, tau_c)
+        return (self._learnt(state, x1, x2, rates, dt) if learn else state), tau_n
 
     def _bounded(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
-
-    def _at(self, s: T2FnnState, x1: float, x2: float) -> T2FnnState:
-        """The state at these inputs, its arrays as the compiled equations want them."""
-        arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in s[:7]]
-        return T2FnnState(*arrays, q=float(s.q), x1=self._bounded(x1), x2=self._bounded(x2))
 
     def _followed(self, s: T2FnnState, x1: float, x2: float) -> T2FnnState:
         if self.centres == "fixed" or s.x1 is None or s.x2 is None:
@@ -134,20 +142,23 @@ class T2Fnn(Spec):
         c2 = s.c2 + (x2 - s.x2)  # [agrobots: 16ek]
         return s._replace(c1=c1, c2=c2)
 
-    def _laws(self, state: T2FnnState, tau_c: float) -> tuple[float, Rates]:
-        return laws(state, self.alpha * sgn(self._bounded(tau_c), self.delta_s), self.floor)
+    def _laws(self, state: T2FnnState, x1: float, x2: float, tau_c: float) -> tuple[float, Rates]:
+        alpha_sgn = self.alpha * sgn(self._bounded(tau_c), self.delta_s)
+        return laws(state, x1, x2, alpha_sgn, self.floor)
 
-    def _learnt(self, s: T2FnnState, rates: Rates, dt: float) -> T2FnnState:
+    def _learnt(self, s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float) -> T2FnnState:
         d1_lower, d1_upper, d2_lower, d2_upper = s[2:6]
         if self.adapt_widths:
-            d1_lower, d1_upper, d2_lower, d2_upper = learnt_widths(s, rates, dt, self.d_min, self.d_max)
+            changes, limits = [dt * rate for rate in rates[:4]], Limits(self.d_min, self.d_max)
+            d1_lower, d1_upper = learnt_widths(x1, s.c1, d1_lower, d1_upper, changes[0], changes[1], limits)
+            d2_lower, d2_upper = learnt_widths(x2, s.c2, d2_lower, d2_upper, changes[2], changes[3], limits)
         if self.type_1:
             d1_lower, d2_lower = d1_upper, d2_upper
         f = s.f + dt * rates.f
         q = s.q + dt * rates.q
         if not self.adapt_q or self.type_1 or not 0 <= q <= 1:  # guard 4
             q = s.q
-        return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, s.x1, s.x2)
+        return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, x1, x2)
 
 
 class T1Fnn(T2Fnn):
@@ -155,6 +166,12 @@ class T1Fnn(T2Fnn):
 
     type_1: Literal[True] = True
     """Bounds coincide, always."""
+
+
+def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
+    """The state with these inputs, its members of the types that the compiled equations take."""
+    c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f = (np.ascontiguousarray(a, dtype=float) for a in s[:7])
+    return T2FnnState(c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f, float(s.q), x1, x2)
 
 
 def _offsets(n: int, spread: float) -> Array:

@@ -55,6 +55,13 @@ class Rates(NamedTuple):
     q: float
 
 
+class Limits(NamedTuple):
+    """Of the widths [unit of the input]."""
+
+    d_min: float
+    d_max: float
+
+
 @jit
 def sgn(tau_c: float, delta_s: float) -> float:
     """Smoothed sign of tau_c, in (-1, 1); both [rad]."""
@@ -64,7 +71,8 @@ def sgn(tau_c: float, delta_s: float) -> float:
 @jit
 def membership(x: float, c: Array, d: Array) -> Array:
     """Triangular membership of x in sets of centres c and widths d > 0."""
-    return np.maximum(1 - np.abs((x - c) / d), 0.0)  # [agrobots: tri1i_alt]
+    mu: Array = np.maximum(1 - np.abs((x - c) / d), 0.0)  # [agrobots: tri1i_alt]
+    return mu
 
 
 @jit
@@ -79,21 +87,23 @@ def normalised(W: Array) -> Array:
     total = W.sum()
     if total == 0:  # guard 5: no rule fires
         return np.zeros_like(W)
-    return W / total  # [agrobots: Rahib2_6]
+    share: Array = W / total  # [agrobots: Rahib2_6]
+    return share
 
 
 @jit
-def firing(s: T2FnnState) -> tuple[Array, Array]:
-    """Normalised lower and upper firing, each (I, J)."""
-    W_lower = strength(membership(s.x1, s.c1, s.d1_lower), membership(s.x2, s.c2, s.d2_lower))
-    W_upper = strength(membership(s.x1, s.c1, s.d1_upper), membership(s.x2, s.c2, s.d2_upper))
+def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
+    """Normalised lower and upper firing at the inputs, each (I, J)."""
+    W_lower = strength(membership(x1, s.c1, s.d1_lower), membership(x2, s.c2, s.d2_lower))
+    W_upper = strength(membership(x1, s.c1, s.d1_upper), membership(x2, s.c2, s.d2_upper))
     return normalised(W_lower), normalised(W_upper)
 
 
 @jit
 def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
     """tau_n [rad] from normalised firing."""
-    return q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
+    tau_n: float = q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
+    return tau_n
 
 
 @jit
@@ -128,21 +138,21 @@ def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: fl
 
 
 @jit
-def inference(s: T2FnnState) -> float:
-    """tau_n [rad] of the state at its inputs."""
-    W_lower, W_upper = firing(s)
+def inference(s: T2FnnState, x1: float, x2: float) -> float:
+    """tau_n [rad] at the inputs."""
+    W_lower, W_upper = firing(s, x1, x2)
     return output(W_lower, W_upper, s.f, s.q)
 
 
 @jit
-def laws(s: T2FnnState, alpha_sgn: float, floor: float) -> tuple[float, Rates]:
-    """tau_n [rad] of the state at its inputs, and the rates that alpha sgn(tau_c) [rad/s] gives."""
-    W_lower, W_upper = firing(s)
+def laws(s: T2FnnState, x1: float, x2: float, alpha_sgn: float, floor: float) -> tuple[float, Rates]:
+    """tau_n [rad] at the inputs, and the rates that alpha sgn(tau_c) [rad/s] gives there."""
+    W_lower, W_upper = firing(s, x1, x2)
     rates = Rates(
-        width_rates(s.x1, s.c1, s.d1_lower, alpha_sgn, floor),
-        width_rates(s.x1, s.c1, s.d1_upper, alpha_sgn, floor),
-        width_rates(s.x2, s.c2, s.d2_lower, alpha_sgn, floor),
-        width_rates(s.x2, s.c2, s.d2_upper, alpha_sgn, floor),
+        width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
+        width_rates(x1, s.c1, s.d1_upper, alpha_sgn, floor),
+        width_rates(x2, s.c2, s.d2_lower, alpha_sgn, floor),
+        width_rates(x2, s.c2, s.d2_upper, alpha_sgn, floor),
         f_rates(W_lower, W_upper, s.q, alpha_sgn, floor),
         q_rate(W_lower, W_upper, s.f, alpha_sgn, floor),
     )
@@ -167,32 +177,20 @@ def loses(x: float, c: Array, d: Array, new: Array) -> bool:
 
 
 @jit
-def learnt_family(
-    x: float, c: Array, lower: Array, upper: Array, new_lower: Array, new_upper: Array, d_min: float, d_max: float
+def learnt_widths(
+    x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, limits: Limits
 ) -> tuple[Array, Array]:
-    """Guard 3: the new widths of one input's sets where d_min <= lower <= upper <= d_max lets them.
+    """Guard 3: lower and upper widths of one input's sets after a step, d_min <= lower <= upper <= d_max.
 
-    A family of which one width would pass a limit rests as a whole: the tuning is off at the limit, as the paper
-    has it for q. Clipping that width alone would end the scaling that appendix A, and so Theorem 1, rests on.
+    A family of which one width would pass a limit rests as a whole: the tuning is off at the limit, as the
+    paper has it for q. Clipping that width alone would end the scaling on which appendix A rests Theorem 1.
     """
-    if loses(x, c, lower, new_lower) or new_lower.min() < d_min:
+    new_lower, new_upper = stepped(lower, lower_change), stepped(upper, upper_change)
+    if loses(x, c, lower, new_lower) or new_lower.min() < limits.d_min:
         new_lower = lower
-    if loses(x, c, upper, new_upper) or new_upper.max() > d_max:
+    if loses(x, c, upper, new_upper) or new_upper.max() > limits.d_max:
         new_upper = upper
     if np.any(new_lower > new_upper):
         new_lower, new_upper = lower, upper
-    new_upper = np.minimum(np.maximum(new_upper, d_min), d_max)  # for a state built outside the limits
-    return np.minimum(np.maximum(new_lower, d_min), new_upper), new_upper
-
-
-@jit
-def learnt_widths(
-    s: T2FnnState, rates: Rates, dt: float, d_min: float, d_max: float
-) -> tuple[Array, Array, Array, Array]:
-    """d1_lower, d1_upper, d2_lower and d2_upper after a step of dt [s]."""
-    new_1_lower, new_1_upper = stepped(s.d1_lower, dt * rates.d1_lower), stepped(s.d1_upper, dt * rates.d1_upper)
-    new_2_lower, new_2_upper = stepped(s.d2_lower, dt * rates.d2_lower), stepped(s.d2_upper, dt * rates.d2_upper)
-    return (
-        *learnt_family(s.x1, s.c1, s.d1_lower, s.d1_upper, new_1_lower, new_1_upper, d_min, d_max),
-        *learnt_family(s.x2, s.c2, s.d2_lower, s.d2_upper, new_2_lower, new_2_upper, d_min, d_max),
-    )
+    new_upper = np.minimum(np.maximum(new_upper, limits.d_min), limits.d_max)  # a state built outside
+    return np.minimum(np.maximum(new_lower, limits.d_min), new_upper), new_upper

@@ -1,8 +1,9 @@
 """Yaw controllers: yaw-rate error to steering reference.
 
-Error e = reference - measured yaw rate [rad/s], steering u = tau_c - tau_n [rad], left positive, clipped at the
-steering's limit. tau_c = k_P e + k_D de/dt is the conventional controller; tau_n learns beside it from tau_c
-(feedback-error learning; paper, section III-B). `pd_t2fnn` is the paper's, the rest are plant tests and null models.
+Error e = reference - measured yaw rate [rad/s], steering u = tau_c - tau_n [rad], left positive, clipped at
+the steering's limit. tau_c = k_P e + k_D de/dt is the conventional controller; tau_n learns beside it from
+tau_c (feedback-error learning; paper, section III-B). `pd_t2fnn` is the paper's; the others test plants or
+are null models.
 """
 
 from math import nan, radians
@@ -87,7 +88,7 @@ class IntegralState(NamedTuple):
 
 
 class PdIsgn(_Pd):
-    """PD plus the integral of its own sign: what a network whose firing never changes comes to, and the one to beat."""
+    """PD plus the integral of its own sign: what a network of constant firing does; the one to beat."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
     alpha: Positive = 0.05
@@ -135,7 +136,7 @@ class _PdNetwork(_Pd):
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, Command]:
-        """Command from the error [rad/s] after dt [s]; `steer_limit` [rad]. Its q is the one that tau_n came from."""
+        """Command, with the q behind its tau_n, from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
         e = yaw_rate_error
         slope, tau_c = self._conventional(state.slope, e, dt)
         network = state.network or self.network.init(e, slope.rate)

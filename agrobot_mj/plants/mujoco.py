@@ -60,7 +60,7 @@ class MujocoPlant:
         )
         self.data = mujoco.MjData(self.model)
         law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)
-        self.tyred = Tyred(native, law, ground, np.zeros((4, 2)), np.zeros((4, 5)))
+        self.tyred = Tyred(native, law, ground, np.zeros((4, 3)), np.zeros((4, 5)))
         self.oil = Oil(
             displacement=cylinder.displacement,
             steer_limit=tractor.steer_limit,

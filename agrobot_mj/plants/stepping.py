@@ -75,7 +75,7 @@ class Tyred(NamedTuple):
     tyres: TyreSet
     ground: Ground
     bristles: Array
-    """Shape (4, 2) [m]."""
+    """Shape (4, 3): longitudinal and lateral [m], twist [rad]."""
     report: Array
     """Shape (4, 5): see `tyres.patch`."""
 

@@ -6,7 +6,9 @@ from pydantic import Field
 
 from agrobot_mj.tyres.contact import Contact
 from agrobot_mj.tyres.linear import Linear
+from agrobot_mj.tyres.magic_formula import MagicFormula
+from agrobot_mj.tyres.soil import Soil
 
-Tyre = Annotated[Contact | Linear, Field(discriminator="kind")]
+Tyre = Annotated[Contact | Linear | MagicFormula | Soil, Field(discriminator="kind")]
 
-__all__ = ["Contact", "Linear", "Tyre"]
+__all__ = ["Contact", "Linear", "MagicFormula", "Soil", "Tyre"]

@@ -30,8 +30,8 @@ class Linear(Spec):
     """Relaxation length over free radius [-]. Estimate, after Karkee and Steward (2010)."""
     rolling_resistance: NonNegative = 0.0
     """Moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
-    bristle_damping_s: NonNegative = 0.005
-    """Damping of the carcass over its stiffness [s]. Estimate."""
+    bristle_damping_s: NonNegative = 0.02
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
 
     def coefficients(self) -> Array:
         """Slip stiffness and cornering stiffness of fl, fr, rl, rr, shape (4, 2)."""

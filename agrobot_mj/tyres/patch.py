@@ -45,6 +45,10 @@ class TyreSet(NamedTuple):
     """tau above [s]."""
     rolling_resistance: float
     """Moment over load and rolling radius [-]."""
+    patch_half_length: float
+    """Lever of the scrubbing moment; 0 for none [m]."""
+    trail: float
+    """Pneumatic trail at small slip; 0 for none [m]."""
 
 
 class Patch(NamedTuple):
@@ -68,6 +72,8 @@ class Patch(NamedTuple):
     """The same to the left: the lateral sliding velocity [m/s]."""
     spin: float
     """Angular velocity about the axle, forward rolling positive [rad/s]."""
+    turn: float
+    """Angular velocity about the ground's normal [rad/s]."""
 
 
 @jit
@@ -114,7 +120,7 @@ def find_patch(
     carrier = (rotation[0] - spin * axle[0], rotation[1] - spin * axle[1], rotation[2] - spin * axle[2])
     w = cross(carrier, arm)
     v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
-    return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin)
+    return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
 
 
 @jit
@@ -138,13 +144,17 @@ def add_wrench(
     wrench: Array,
     patch: Patch,
     axle: tuple[float, float, float],
-    f_x: float,
-    f_y: float,
-    load: float,
-    axle_torque: float,
+    at_patch: tuple[float, float, float],
+    besides: tuple[float, float, float],
 ) -> None:
-    """Write force and torque about the wheel's centre into `wrench` (6,), world."""
+    """Write force and torque about the wheel's centre into `wrench` (6,), world.
+
+    `at_patch`: forces forward, left and up the normal at the patch [N]; `besides`: a forward force on the centre [N], a
+    torque about the axle and a moment about the normal [N m].
+    """
     n, f, left = patch.n, patch.f, patch.l
+    f_x, f_y, load = at_patch
+    push, axle_torque, moment = besides
     force = (
         f_x * f[0] + f_y * left[0] + load * n[0],
         f_x * f[1] + f_y * left[1] + load * n[1],
@@ -152,5 +162,5 @@ def add_wrench(
     )
     torque = cross(patch.arm, force)
     for k in range(3):
-        wrench[k] = force[k]
-        wrench[3 + k] = torque[k] + axle_torque * axle[k]
+        wrench[k] = force[k] + push * f[k]
+        wrench[3 + k] = torque[k] + axle_torque * axle[k] + moment * n[k]

@@ -1,0 +1,65 @@
+# Needs python3 (3.11 or newer) and make; everything else goes into .venv, in the versions of requirements.lock.
+# Another interpreter: make demo PYTHON=python3.12 (remove .venv first if there is one).
+
+PYTHON ?= python3
+UV ?= uv
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+DEMO := runs/demo
+RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test slow check bench figures lock
+
+help: ## Show these verbs
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
+
+install: $(STAMP) ## Make .venv with the locked versions
+
+demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
+	@echo "Comparing four runs of 240 s each; this takes a minute or two."
+	@$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO)
+	@echo
+	@echo "Recording: $(RECORDING)"
+	@echo "Open it:   $(VENV)/bin/agrobot-mj view $(RECORDING)"
+
+test: $(STAMP) ## Run the tests
+	@$(PY) -m pytest -m "not slow" -n 2
+
+slow: $(STAMP) ## Run the long studies
+	@$(PY) -m pytest -m slow -n 2
+
+check: $(STAMP) ## Lint, format, types, lock files
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+	$(PY) scripts/check_lock.py
+
+bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
+	@$(PY) scripts/bench.py
+
+figures: $(STAMP) ## Draw the README's results again
+	@$(PY) scripts/make_figures.py
+
+lock: ## Resolve the dependencies anew (needs uv)
+	$(UV) lock
+	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
+
+# Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
+# fetched. A half-made .venv is begun anew.
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "agrobot_mj needs Python 3.11 or newer; $(PYTHON) is `$(PYTHON) --version 2>/dev/null || echo missing`." >&2; \
+		echo "Install one and name it: make $(or $(MAKECMDGOALS),install) PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments: its venv or ensurepip module is missing." >&2; \
+		echo "On Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@$(PY) -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@echo "Installing the locked versions into $(VENV); the first time this takes a minute or two."
+	@$(PY) -m pip install --quiet --require-hashes --only-binary :all: -r requirements.lock
+	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@

@@ -1,0 +1,79 @@
+"""Recordings for the Rerun viewer: the scene in 3D, every signal, and a layout that opens well arranged.
+
+`Recording` is a `simulate.Watcher`: it writes each 10 s of a run as soon as they are simulated, so that the file grows as
+the run goes and opens even if the process dies. Its one timeline is `sim_time`, in nanoseconds since the start. This
+package is the only importer of rerun.
+"""
+
+import uuid
+from pathlib import Path
+
+import rerun as rr
+
+from agrobot_mj import __version__
+from agrobot_mj.log import Log, Rows
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.recording.blueprint import blueprint
+from agrobot_mj.recording.info import summary, unfinished
+from agrobot_mj.recording.motion import Motion
+from agrobot_mj.recording.scene import send_scene
+from agrobot_mj.recording.signals import Signals
+from agrobot_mj.recording.states import States
+from agrobot_mj.recording.timeline import nanoseconds
+from agrobot_mj.scenario import Scenario
+
+__all__ = ["Recording"]
+
+APPLICATION = "agrobot_mj"
+
+
+class Recording:
+    """Follows a run into the file `path`, into a viewer opened beside it if `live`, or into both."""
+
+    def __init__(self, path: Path | None, live: bool = False) -> None:
+        self.path, self.live = path, live
+
+    def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
+        self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
+        self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
+        self._connect()
+        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
+        self.stream.send_property(
+            "scenario", rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
+        )
+        self._tell(unfinished(scenario))
+        send_scene(self.stream, scenario, scene, ground)
+        self.motion, self.signals, self.states = Motion(rows, scene, ground), Signals(rows), States(rows)
+
+    def advance(self, first: int) -> None:
+        """Write rows `first` to `rows.filled`."""
+        if self.rows.filled == first:
+            return
+        times = nanoseconds(self.rows.column("t", first))
+        for part in (self.motion, self.signals, self.states):
+            part.send(self.stream, times, first)
+        if first == 0:
+            self.stream.send_blueprint(blueprint(self.scenario, self.signals.shown))
+        self.stream.flush(timeout_sec=0)
+
+    def finish(self, log: Log) -> None:
+        """Write the outcome and the metrics, and close."""
+        numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
+        self.stream.send_property("metrics", rr.AnyValues(**numbers))
+        self._tell(summary(log))
+        self.stream.disconnect()
+
+    def _connect(self) -> None:
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if self.path is not None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.open("wb").close()  # rerun's own error is no OSError
+            sinks.append(rr.FileSink(str(self.path)))
+        if self.live:
+            rr.spawn(connect=False)
+            sinks.append(rr.GrpcSink())
+        self.stream.set_sinks(*sinks)
+
+    def _tell(self, text: str) -> None:
+        self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -1,0 +1,64 @@
+"""What a recording says in words: markdown about the scenario and, at the end, its outcome and metrics."""
+
+from typing import Any
+
+from agrobot_mj import __version__
+from agrobot_mj.log import Log
+from agrobot_mj.scenario import Scenario
+
+UNITS = {
+    **dict.fromkeys(("lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"), "m"),
+    **{"lateral_mse": "m2", "yaw_rate_error_rms": "rad/s", "wall_s": "s"},
+}
+"""Units of those metrics that have one."""
+
+
+def unfinished(scenario: Scenario) -> str:
+    """The text of a run that has not ended."""
+    return _page(scenario, "*Still running, or killed before its end.*")
+
+
+def summary(log: Log) -> str:
+    """The text of a finished run."""
+    end = f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time."
+    return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics)]))
+
+
+def _tick(log: Log) -> float:
+    t = log.column("t")
+    return float(t[1] - t[0]) if len(t) > 1 else 0.0
+
+
+def _page(scenario: Scenario, result: str) -> str:
+    s = scenario
+    what = f"`{s.name}`: plant **{s.plant.kind}**, controller **{s.controller.kind}**, seed {s.seed}"
+    return (
+        f"# {s.title or s.name}\n\n{what}\n\n{result}\n\n"
+        f"## Scenario\n\nagrobot_mj {__version__}, hash `{s.hash8}`\n\n```toml\n{s.to_toml()}```\n"
+    )
+
+
+def _metrics(metrics: dict[str, Any]) -> str:
+    rows = [(name, value, UNITS.get(name, "-")) for name, value in metrics.items() if isinstance(value, int | float)]
+    lines = [f"| {name} | {value:.6g} | {unit} |" for name, value, unit in rows]
+    return "\n".join(["## Metrics", "", "| metric | value | unit |", "|---|---|---|", *lines])
+
+
+def _turns(metrics: dict[str, Any]) -> str:
+    """One column a turn."""
+    turns, shares = metrics["per_turn"], metrics["nn_share"]
+    if not turns:
+        return ""
+    names = [name for name in turns[0] if name not in ("turn", "complete")]
+    lines = [f"| {name} | {_cells([turn[name] for turn in turns])} | {UNITS.get(name, '-')} |" for name in names]
+    heads = " | ".join(f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns)
+    return "\n".join(
+        [
+            *("## Turn by turn", "", f"| metric | {heads} | unit |", "|---" * (len(turns) + 2) + "|"),
+            *(*lines, f"| nn_share | {_cells(shares)} | - |"),
+        ]
+    )
+
+
+def _cells(values: list[float | None]) -> str:
+    return " | ".join("-" if value is None else f"{value:.6g}" for value in values)

@@ -1,0 +1,166 @@
+"""The plots of a recording: which signals, in which unit, name and colour.
+
+One entity `plots/<path>` holds the series of one plot, sent as columns: row by row would cost ten times as much. A row
+where a series has no value is left out, so a signal that may be absent has a plot to itself.
+"""
+
+from math import degrees, pi
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.log import WHEELS, Rows
+from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.signals import Array
+
+UNITS = {
+    **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
+    **{"deg": degrees(1), "deg/s": degrees(1)},
+}
+"""Factor from the SI unit of the log."""
+TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
+"""Sky blue, orange and grey, of the colour-blind-safe palette of Okabe and Ito, as are the others."""
+PD, NETWORK, BOUND = 0xD55E00FF, 0x3A9BDCFF, 0x8A8A8AFF
+WHEEL_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF)
+
+
+class Series(NamedTuple):
+    """One line of a plot."""
+
+    label: str
+    column: str
+    """Of the log, or of `derived`."""
+    colour: int
+    """0xRRGGBBAA."""
+    sign: float = 1.0
+
+
+class Plot(NamedTuple):
+    """The series of one entity, all in the same unit."""
+
+    path: str
+    title: str
+    unit: str
+    series: tuple[Series, ...]
+
+    @property
+    def entity(self) -> str:
+        """Where the plot is in the recording."""
+        return f"plots/{self.path}"
+
+    @property
+    def names(self) -> list[str]:
+        """Of the series, with unit."""
+        return [f"{series.label} [{self.unit}]" for series in self.series]
+
+
+def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: str) -> Plot:
+    series = Series("true", true, TRUE), Series("measured", measured, MEASURED), Series("reference", wanted, WANTED)
+    return Plot(path, title, unit, series)
+
+
+def _estimated(name: str, title: str, unit: str) -> Plot:
+    error = Series("estimate less truth", f"error_{name}", MEASURED)
+    bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
+    return Plot(f"estimator/{name}", title, unit, (*bounds, error))
+
+
+def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
+    series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
+    return Plot(f"tyres/{path}", title, unit, tuple(series))
+
+
+def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
+    return Plot(path, title, unit, (Series(label, column, colour),))
+
+
+_ERRORS = Series("longitudinal", "e_longitudinal", MEASURED), Series("lateral", "e_lateral", TRUE)
+_COMMAND = (
+    *(Series("total", "steer_ref", WANTED), Series("PD, tau_c", "tau_c", PD)),
+    Series("network, -tau_n", "tau_n", NETWORK, -1.0),
+)
+_ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "pitch", MEASURED)
+
+PLOTS = (
+    Plot("tracking/error", "Tracking error", "m", _ERRORS),
+    _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
+    _single("yaw_rate/error", "Yaw rate error", "deg/s", "reference less measured", "e_yaw_rate"),
+    Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
+    _single("control/q", "Network: share of the lower firing, q", "-", "q", "q", NETWORK),
+    _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
+    _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
+    _loop("speed/loop", "Speed", "m/s", "speed_ref", "speed_hat", "speed"),
+    _loop("speed/pedal", "Pedal", "-", "pedal_ref", "pedal_measured", "pedal"),
+    _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
+    _wheels("load", "Wheel load", "kN", "load"),
+    _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
+    _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
+    _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
+    _wheels("lateral_force", "Lateral force", "kN", "fy"),
+    _estimated("east", "East of R", "cm"),
+    _estimated("north", "North of R", "cm"),
+    _estimated("yaw", "Yaw", "deg"),
+    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
+    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality"),
+    Plot("attitude", "Attitude", "deg", _ATTITUDE),
+)
+"""Every plot, in the order of the tabs."""
+
+
+def derived(rows: Rows, first: int) -> dict[str, Array]:
+    """Signals that the log implies: errors of the estimate and their 3 sigma, from row `first` on, SI units."""
+
+    def of(name: str) -> Array:
+        return rows.column(name, first)
+
+    yaw = of("yaw_hat") - of("yaw")
+    return {
+        "error_east": of("rear_x_hat") - of("rear_x"),
+        "error_north": of("rear_y_hat") - of("rear_y"),
+        "error_yaw": pi - (pi - yaw) % (2 * pi),
+        "bound_east": 3 * np.sqrt(of("p_xx")),
+        "bound_north": 3 * np.sqrt(of("p_yy")),
+        "bound_yaw": 3 * np.sqrt(of("p_yaw")),
+    }
+
+
+def values(plot: Plot, table: dict[str, Array]) -> Array:
+    """The numbers of a plot in its unit, shape (rows, series)."""
+    scale = UNITS[plot.unit]
+    return np.stack([table[series.column] * (scale * series.sign) for series in plot.series], axis=1)
+
+
+class Signals:
+    """Sends the plots of a run, each with its style as soon as it has a value."""
+
+    def __init__(self, rows: Rows) -> None:
+        self.rows, self.shown = rows, list[Plot]()
+        known = {*rows.columns, *derived(rows, 0)}
+        self.plots = [plot for plot in PLOTS if all(series.column in known for series in plot.series)]
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """Rows `first` to `rows.filled` at `times` (n,)."""
+        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
+        column = rr.TimeColumn(TIMELINE, duration=times)
+        for plot in self.plots:
+            numbers = values(plot, table)
+            there = np.isfinite(numbers).all(axis=1)
+            if not there.any():
+                continue
+            if plot not in self.shown:
+                self.shown.append(plot)
+                stream.log(plot.entity, _style(plot), static=True)
+            when = column if there.all() else rr.TimeColumn(TIMELINE, duration=times[there])
+            scalars = rr.Scalars.columns(scalars=numbers[there].ravel())
+            stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
+
+
+def _style(plot: Plot) -> rr.SeriesLines:
+    """Names and colours; spikes survive zooming out."""
+    return rr.SeriesLines(
+        names=plot.names,
+        colors=[series.colour for series in plot.series],
+        widths=[1.5] * len(plot.series),
+        aggregation_policy=rr.components.AggregationPolicy.MinMax,
+    )

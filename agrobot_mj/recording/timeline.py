@@ -1,0 +1,13 @@
+"""The one timeline of a recording: `sim_time`, since the start of the run."""
+
+import numpy as np
+
+from agrobot_mj.signals import Array
+
+TIMELINE = "sim_time"
+Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
+
+
+def nanoseconds(t: Array) -> Times:
+    """Seconds (n,) as whole nanoseconds, so that equal times are equal."""
+    return np.rint(t * 1e9).astype("timedelta64[ns]")

@@ -1,0 +1,133 @@
+"""Pacejka's Magic Formula for firm ground: lateral and longitudinal, load dependent, combined slip [Pacejka2012].
+
+In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip and
+stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
+mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). Zero camber, no ply steer or conicity.
+
+Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves,
+whose forces are shared by the slip's direction. So (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes
+its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
+"""
+
+from math import atan, hypot, pi, sin, tan
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import brentq
+
+from agrobot_mj.compiled import jit
+from agrobot_mj.signals import Array
+from agrobot_mj.spec import NonNegative, Positive, Spec
+
+BREAKAWAY_SPEED = 0.1
+"""Rolling faster than this the bristles follow the slip past the peak; at rest they break away there [m/s]. Estimate."""
+LEAST_SHARE = 0.2
+"""Grip and stiffness keep at least this share of their value at the reference load [-]. Estimate."""
+
+
+class Curve(Spec):
+    """One direction of the Magic Formula."""
+
+    mu: Positive = 0.75
+    """Peak force over load at the reference load [-]. Estimate (0.6-0.8 in the field)."""
+    mu_load: float = -0.08
+    """Relative change of mu for a doubled load [-]. Estimate."""
+    stiffness_per_load: Positive = 5.5
+    """Slip stiffness over load at the reference load, k [1/rad or 1]. Estimate, see docs/models.md."""
+    stiffness_load: float = -0.25
+    """Relative change of k for a doubled load [-]. Estimate."""
+    shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
+    """C [-]. Pacejka: about 1.3 laterally, 1.65 longitudinally."""
+    curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
+    """E, at most 1 [-]. Estimate."""
+
+    @property
+    def peak(self) -> float:
+        """Normalised slip s K / D at the peak of the curve [-]."""
+        C, E = self.shape, self.curvature
+        if C <= 1.0:
+            return 10.0
+        goal = tan(pi / (2 * C))
+        return C * float(brentq(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4))
+
+    def row(self) -> list[float]:
+        """As the kernel takes it."""
+        return [self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature]
+
+
+class AxleTyre(Spec):
+    """Both directions of the tyres of one axle."""
+
+    reference_load_n: Positive
+    """F_z0 [N]."""
+    lateral: Curve = Curve()
+    """Over the slip angle [rad]."""
+    longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
+    """Over the slip ratio [-]."""
+
+    def row(self) -> list[float]:
+        """Coefficients of one tyre, shape (14,)."""
+        peak = min(self.lateral.peak, self.longitudinal.peak)
+        return [self.reference_load_n, *self.longitudinal.row(), *self.lateral.row(), peak]
+
+
+class MagicFormula(Spec):
+    """The default tyre: a small agricultural tyre on firm ground."""
+
+    kind: Literal["magic_formula"] = "magic_formula"
+    front: AxleTyre = AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3))
+    """Front tyres; the stiffness gives the bicycle's at the static load."""
+    rear: AxleTyre = AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6))
+    """Rear tyres; the stiffness gives the bicycle's at the static load."""
+    relaxation_radii: Positive = 1.5
+    """Relaxation length over free radius [-]. Estimate, after Karkee and Steward (2010)."""
+    rolling_resistance: NonNegative = 0.05
+    """Moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
+    bristle_damping_s: NonNegative = 0.02
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    patch_half_length_m: NonNegative = 0.08
+    """Half the contact length, lever of the scrubbing moment; 0 leaves it out [m]. Estimate."""
+    trail_m: NonNegative = 0.03
+    """Pneumatic trail at small slip, lever of the aligning moment; 0 leaves it out [m]. Estimate."""
+
+    def coefficients(self) -> Array:
+        """Of fl, fr, rl, rr, shape (4, 14)."""
+        front, rear = self.front.row(), self.rear.row()
+        return np.array([front, front, rear, rear])
+
+
+@jit
+def pure_force(s: float, F_z: float, df: float, curve: Array) -> float:
+    """F0 [N] at slip `s` under the load `F_z` [N]; `curve` is a `Curve.row`."""
+    D, K = peak_and_stiffness(F_z, df, curve)
+    C, E = curve[4], curve[5]
+    x = K / (C * D) * s
+    return D * sin(C * atan(x - E * (x - atan(x))))
+
+
+@jit
+def peak_and_stiffness(F_z: float, df: float, curve: Array) -> tuple[float, float]:
+    """D [N] and K [N per unit slip]."""
+    D = F_z * curve[0] * max(1.0 + curve[1] * df, LEAST_SHARE)
+    K = F_z * curve[2] * max(1.0 + curve[3] * df, LEAST_SHARE)
+    return D, K
+
+
+@jit
+def magic_force(
+    coefficients: Array, slip_x: float, slip_y: float, load: float, v_roll: float
+) -> tuple[float, float, float]:
+    """Forces [N] against the slips [-], and the share of the bristle that the grip can hold."""
+    df = (load - coefficients[0]) / coefficients[0]
+    along, across = coefficients[1:7], coefficients[7:13]
+    D_x, K_x = peak_and_stiffness(load, df, along)
+    D_y, K_y = peak_and_stiffness(load, df, across)
+    n_x, n_y = slip_x * K_x / D_x, atan(slip_y) * K_y / D_y
+    rho = hypot(n_x, n_y)
+    if rho < 1e-12:
+        return 0.0, 0.0, 1.0
+    F_x = -n_x / rho * pure_force(rho * D_x / K_x, load, df, along)
+    F_y = -n_y / rho * pure_force(rho * D_y / K_y, load, df, across)
+    limit = coefficients[13] * (1.0 + v_roll / BREAKAWAY_SPEED)
+    return F_x, F_y, min(1.0, limit / rho)

@@ -1,0 +1,63 @@
+"""Random states of the network, and the printed laws once more, straight from the paper, for the tests."""
+
+import numpy as np
+
+from agrobot_mj.control.t2fnn import Rates, T2FnnState
+
+
+def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
+    """Sets scattered about the origin; some contain it, some do not."""
+    I, J = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
+    d1_lower, d2_lower = rng.uniform(0.3, 1.2, I), rng.uniform(0.3, 1.2, J)
+    return T2FnnState(
+        c1=rng.uniform(-0.8, 0.8, I),
+        c2=rng.uniform(-0.8, 0.8, J),
+        d1_lower=d1_lower,
+        d1_upper=d1_lower + rng.uniform(0, 0.6, I),
+        d2_lower=d2_lower,
+        d2_upper=d2_lower + rng.uniform(0, 0.6, J),
+        f=rng.normal(size=(I, J)),
+        q=rng.uniform(0.01, 0.99),
+    )
+
+
+def plain_firing(s: T2FnnState, x1: float, x2: float) -> tuple[np.ndarray, np.ndarray]:
+    """Normalised lower and upper firing in scalar steps; zeros where no rule fires."""
+    shares = []
+    for d1, d2 in ((s.d1_lower, s.d2_lower), (s.d1_upper, s.d2_upper)):
+        W = np.zeros(s.f.shape)
+        for i, j in np.ndindex(W.shape):
+            mu_1 = 1 - abs((x1 - s.c1[i]) / d1[i]) if abs(x1 - s.c1[i]) < d1[i] else 0
+            mu_2 = 1 - abs((x2 - s.c2[j]) / d2[j]) if abs(x2 - s.c2[j]) < d2[j] else 0
+            W[i, j] = mu_1 * mu_2
+        shares.append(W / W.sum() if W.sum() > 0 else W)
+    return shares[0], shares[1]
+
+
+def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float) -> Rates:
+    """Right-hand sides as the paper prints them, without any floor."""
+
+    def widths(x: float, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+        rates = np.zeros(len(d))
+        for i in range(len(d)):
+            mu = 1 - abs((x - c[i]) / d[i]) if abs(x - c[i]) < d[i] else 0
+            rates[i] = mu * (-alpha * d[i] ** 2) / (x - c[i]) * sign * np.sign((x - c[i]) / d[i])
+        return rates
+
+    W_lower, W_upper = plain_firing(s, x1, x2)
+    W = s.q * W_lower + (1 - s.q) * W_upper
+    return Rates(
+        widths(x1, s.c1, s.d1_lower),
+        widths(x1, s.c1, s.d1_upper),
+        widths(x2, s.c2, s.d2_lower),
+        widths(x2, s.c2, s.d2_upper),
+        -W * alpha * sign / (W.ravel() @ W.ravel()),
+        -alpha * sign / (s.f.ravel() @ (W_lower - W_upper).ravel()),
+    )
+
+
+def far_from_guards(s: T2FnnState, x1: float, x2: float) -> bool:
+    """Whether no denominator is near its floor and both bounds fire."""
+    W_lower, W_upper = plain_firing(s, x1, x2)
+    near = min(np.abs(x1 - s.c1).min(), np.abs(x2 - s.c2).min())
+    return bool(near > 0.01 and W_lower.any() and abs((s.f * (W_lower - W_upper)).sum()) > 0.01)

@@ -1,0 +1,128 @@
+from collections import deque
+from math import copysign, radians
+
+import numpy as np
+import pytest
+
+from agrobot_mj.control.pid import NEUTRAL_V, Pid, Slope, SpeedLoop, SteeringLoop, over_dead_band
+
+TICK = 0.05
+
+
+def _run(pid: Pid, errors: list[float], low: float = -10.0, high: float = 10.0) -> list[float]:
+    state, outputs = pid.init(), []
+    for error in errors:
+        state, output = pid.update(state, error, TICK, low, high)
+        outputs.append(output)
+    return outputs
+
+
+def test_terms_of_a_ramp() -> None:
+    errors = [0.1 * k for k in range(30)]
+    outputs = _run(Pid(kp=2.0, ki=0.5, kd=0.3, derivative_filter_s=0.0), errors)
+    integrals = 0.5 * TICK * np.cumsum(errors)
+    expected = [2 * e + i + 0.3 * 0.1 / TICK for e, i in zip(errors, integrals, strict=True)]
+    assert outputs[0] == 0
+    assert outputs[1:] == pytest.approx(expected[1:])
+
+
+def test_first_error_gives_no_derivative_kick() -> None:
+    assert _run(Pid(kp=0.0, kd=5.0), [3.0]) == [0.0]
+
+
+def test_derivative_filter_has_its_time_constant() -> None:
+    slope = Slope().after(0.0, 0.001, 0.2)
+    for k in range(200):
+        slope = slope.after(0.001 * (k + 1), 0.001, 0.2)
+    assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)
+
+
+def test_integral_rests_at_the_limit_and_leaves_it_at_once() -> None:
+    pid = Pid(kp=1.0, ki=1.0)
+    outputs = _run(pid, [5.0] * 400 + [-0.5], low=-1.0, high=1.0)
+    assert outputs[399] == 1.0
+    assert outputs[400] < 0
+
+
+def test_output_keeps_its_limits() -> None:
+    outputs = _run(Pid(kp=3.0, ki=5.0, kd=1.0), [4.0, -4.0] * 50, low=-0.2, high=0.7)
+    assert min(outputs) == -0.2
+    assert max(outputs) == 0.7
+
+
+def test_jump_over_the_dead_band_is_odd_and_continuous() -> None:
+    assert over_dead_band(0.9, 0.3, 1.0) == 0
+    assert over_dead_band(1.5, 0.3, 1.0) == pytest.approx(0.15)
+    assert over_dead_band(9.0, 0.3, 1.0) == pytest.approx(0.3)
+    errors = np.linspace(-4, 4, 8001)
+    jumps = np.array([over_dead_band(e, 0.3, 1.0) for e in errors])
+    assert jumps == pytest.approx(-jumps[::-1])
+    assert np.abs(np.diff(jumps)).max() < 0.001
+
+
+def _valve_rate(v: float, dead: float, gain: float, limit: float) -> float:
+    return copysign(min(max(abs(v) - dead, 0) * gain, limit), v)
+
+
+def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.ndarray:
+    """Steering angle [rad] every tick: delay and lag 0.1 s, dead band 0.4 V, 0.12 rad/s per V."""
+    dt, steer, spool, state = 0.005, 0.0, 0.0, loop.init()
+    queue, angles = deque([0.0] * round(0.1 / dt)), []
+    for _ in range(round(seconds / TICK)):
+        state, voltage = loop.update(state, target, steer, TICK)
+        assert 0 <= voltage <= 12
+        for _ in range(round(TICK / dt)):
+            queue.append(voltage - NEUTRAL_V)
+            spool += dt / 0.1 * (queue.popleft() - spool)
+            steer += dt * _valve_rate(spool, 0.4, 0.12, 0.48)
+        angles.append(steer)
+    return np.array(angles)
+
+
+@pytest.mark.parametrize("step_deg", [-30.0, -10.0, 2.0, 10.0, 30.0])
+def test_steering_step_is_crisp_and_damped(step_deg: float) -> None:
+    response = _steer_step(SteeringLoop(), radians(step_deg)) / radians(step_deg)
+    assert response.max() < 1.15
+    assert response[round(1.6 / TICK) :] == pytest.approx(1.0, abs=0.03 + 0.15 / abs(step_deg))
+    assert np.ptp(response[-40:]) * abs(step_deg) < 0.1
+
+
+def test_steering_leaves_small_errors_alone() -> None:
+    loop = SteeringLoop(pid=Pid(kp=0.0))
+    for error_deg, voltage in ((0.09, 6.0), (-0.09, 6.0), (1.0, 6.3), (-1.0, 5.7)):
+        assert loop.update(loop.init(), radians(error_deg), 0.0, TICK)[1] == pytest.approx(voltage)
+
+
+def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.ndarray, np.ndarray]:
+    """Speed [m/s] and pedal [-] every tick: dead band 0.3 V, 0.5 /s per V, full pedal 5 m/s, lag 0.4 s."""
+    dt, pedal, speed, state = 0.005, 0.0, 0.0, loop.init()
+    speeds, pedals = [], []
+    for _ in range(round(seconds / TICK)):
+        state, (pedal_ref, voltage) = loop.update(state, target, speed, pedal, TICK)
+        assert -1 <= pedal_ref <= 1
+        assert 0 <= voltage <= 12
+        for _ in range(round(TICK / dt)):
+            pedal += dt * _valve_rate(voltage - NEUTRAL_V, 0.3, 0.5, 1.5)
+            pedal = min(max(pedal, -1.0), 1.0)
+            speed += dt / 0.4 * (5.0 * pedal - speed)
+        speeds.append(speed)
+        pedals.append(pedal)
+    return np.array(speeds), np.array(pedals)
+
+
+@pytest.mark.parametrize("target", [-1.0, 0.5, 1.2, 3.0])
+@pytest.mark.parametrize(("feedforward_s_m", "overshoot"), [(0.0, 0.05), (0.2, 0.25)])
+def test_speed_settles_without_much_overshoot(target: float, feedforward_s_m: float, overshoot: float) -> None:
+    speeds, _ = _drive(SpeedLoop(feedforward_s_m=feedforward_s_m), target)
+    assert (speeds / target).max() < 1 + overshoot
+    assert speeds[round(5 / TICK) :] == pytest.approx(target, abs=0.05 * abs(target) + 0.03)
+    assert np.std(speeds[-100:]) < 0.01
+
+
+def test_speed_out_of_reach_does_not_wind_up() -> None:
+    loop = SpeedLoop()
+    state = loop.init()
+    for _ in range(1000):
+        state, (pedal_ref, _) = loop.update(state, 9.0, 5.0, 1.0, TICK)
+    assert pedal_ref == 1.0
+    assert loop.update(state, 2.0, 5.0, 1.0, TICK)[1][0] < 0.7

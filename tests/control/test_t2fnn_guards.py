@@ -1,0 +1,260 @@
+"""The six guards of the network, one by one, and all together under adversarial inputs."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from network_states import plain_firing, random_state
+from pydantic import ValidationError
+
+from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
+
+TICK = 0.05
+
+
+def _memberships(s: T2FnnState, x1: float, x2: float) -> np.ndarray:
+    """Of every lower and upper set, one row of numbers."""
+    pairs = ((x1, s.c1, s.d1_lower), (x1, s.c1, s.d1_upper), (x2, s.c2, s.d2_lower), (x2, s.c2, s.d2_upper))
+    return np.concatenate([1 - np.abs(x - c) / d for x, c, d in pairs])
+
+
+def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnState:
+    """One rule; x1 = 0 is `x_minus_c` right of its centre, x2 = 0 is 0.1 right of its own."""
+    return T2FnnState(
+        c1=np.array([-x_minus_c]),
+        c2=np.array([-0.1]),
+        d1_lower=np.array([lower]),
+        d1_upper=np.array([upper]),
+        d2_lower=np.array([0.5]),
+        d2_upper=np.array([0.8]),
+        f=np.array([[0.1]]),
+        q=0.5,
+    )
+
+
+# Guard 1
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
+@pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
+def test_first_input_lies_inside_every_set_and_on_no_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
+    state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
+    assert state.f.shape == size
+    assert _memberships(state, *x).min() > 0.05
+    assert min(np.abs(x[0] - state.c1).min(), np.abs(x[1] - state.c2).min()) > 0.02
+
+
+def test_widths_that_would_miss_the_first_input_are_refused() -> None:
+    with pytest.raises(ValidationError, match="width_lower_2"):
+        T2Fnn(width_lower_2=0.4)
+    with pytest.raises(ValidationError, match="width_upper_1"):
+        T2Fnn(width_upper_1=0.55)
+
+
+def test_why_a_network_outside_its_sets_would_be_dead_for_ever() -> None:
+    state = start = _single(5.0)
+    for k in range(100):
+        state, tau_n = T2Fnn().update(state, np.sin(k), np.cos(k), 1.0, TICK)
+        assert tau_n == 0
+    assert np.array_equal(state.f, start.f)
+
+
+# Guard 2
+
+
+@pytest.mark.parametrize("tau_c", [-0.3, 0.3])
+@pytest.mark.parametrize("x_minus_c", [1e-5, -1e-5, 0.0009, 0.0011, -0.0011])
+def test_width_denominator_is_floored_with_its_sign(x_minus_c: float, tau_c: float) -> None:
+    rate = T2Fnn(alpha=0.2).derivatives(_single(x_minus_c), 0.0, 0.0, tau_c).d1_lower[0]
+    magnitude = (1 - abs(x_minus_c) / 0.5) * 0.2 * 0.25 / max(abs(x_minus_c), 0.001) * 0.3 / 0.35
+    assert rate == pytest.approx(-np.sign(tau_c) * magnitude)
+
+
+def test_width_of_a_set_on_the_input_rests() -> None:
+    assert T2Fnn().derivatives(_single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
+
+
+@pytest.mark.parametrize("f_second", [0.1001, 0.0999, 0.1, 0.3, -0.3])
+def test_q_denominator_is_floored_with_its_sign(f_second: float) -> None:
+    state = _single(0.2)._replace(
+        c1=np.array([-0.2, -0.3]),
+        d1_lower=np.array([0.5, 0.5]),
+        d1_upper=np.array([0.8, 0.9]),
+        f=np.array([[0.1], [f_second]]),
+    )
+    W_lower, W_upper = plain_firing(state, 0.0, 0.0)
+    D = (state.f * (W_lower - W_upper)).sum()
+    floored = D if abs(D) >= 0.001 else (0.001 if D >= 0 else -0.001)
+    assert abs(D) < 0.0005 or abs(D) > 0.002
+    assert T2Fnn(alpha=0.2).derivatives(state, 0.0, 0.0, 0.95).q == pytest.approx(-0.2 * 0.95 / floored)
+
+
+def test_f_denominator_is_floored() -> None:
+    state = _single(0.6)._replace(q=0.99)  # only the upper sets fire, with a share of 0.01: W W = 1e-4
+    rate = T2Fnn(alpha=0.2).derivatives(state, 0.0, 0.0, 0.95).f[0, 0]
+    assert rate == pytest.approx(-0.01 * 0.2 * 0.95 / 0.001)
+
+
+# Guard 3
+
+
+@pytest.mark.parametrize("tau_c", [-1.0, 1.0])
+@pytest.mark.parametrize("x_minus_c", [1e-9, -1e-4, 0.003, 0.2, 0.49])
+@pytest.mark.parametrize("alpha", [0.05, 5.0, 500.0])
+def test_large_steps_keep_limits_order_and_the_input(alpha: float, x_minus_c: float, tau_c: float) -> None:
+    network, state = T2Fnn(alpha=alpha), _single(x_minus_c)
+    for _ in range(300):
+        state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
+        for lower, upper in ((state.d1_lower, state.d1_upper), (state.d2_lower, state.d2_upper)):
+            assert network.d_min <= lower[0] <= upper[0] <= network.d_max
+        assert _memberships(state, 0.0, 0.0).min() > 0
+
+
+@pytest.mark.parametrize("tau_c", [-1.0, 1.0])
+def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float) -> None:
+    network = T2Fnn(d_max=2.0, alpha=0.5)
+    state = start = network.init(0.0, 0.0)
+    for _ in range(2000):
+        state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
+    resting, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
+    assert np.array_equal(resting.d1_upper, state.d1_upper)
+    assert not np.allclose(state.d1_upper, start.d1_upper, rtol=0.05)
+    for a, b in zip(plain_firing(start, 0.0, 0.0), plain_firing(state, 0.0, 0.0), strict=True):
+        assert a == pytest.approx(b, rel=0.05)
+    back, _ = network.update(state, 0.0, 0.0, -tau_c, TICK)
+    assert not np.array_equal(back.d1_upper, state.d1_upper)
+
+
+def test_widths_built_outside_the_limits_are_brought_back() -> None:
+    state, _ = T2Fnn().update(_single(0.1, lower=500.0, upper=300.0), 0.0, 0.0, 0.1, TICK)
+    assert state.d1_lower[0] == state.d1_upper[0] == 100.0
+
+
+# Guard 4
+
+
+@pytest.mark.parametrize(("q", "sign", "moves"), [(1.0, -1, False), (1.0, 1, True), (0.0, 1, False), (0.0, -1, True)])
+def test_q_stays_at_its_limit_until_an_update_points_inside(q: float, sign: int, moves: bool) -> None:
+    rng = np.random.default_rng(3)
+    state = random_state(rng, (2, 2))._replace(q=q)
+    while abs(T2Fnn().derivatives(state, 0.0, 0.0, 1.0).q) > 2:
+        state = random_state(rng, (2, 2))._replace(q=q)
+    inward = -np.sign(T2Fnn().derivatives(state, 0.0, 0.0, 1.0).q)  # tau_c of this sign raises q
+    new, _ = T2Fnn().update(state, 0.0, 0.0, -sign * inward, TICK)
+    assert (new.q != q) == moves
+    assert 0 <= new.q <= 1
+
+
+def test_an_update_of_q_that_would_leave_is_dropped_not_clipped() -> None:
+    state = _single(0.2)._replace(q=0.9)  # one rule: denominator 0, floored, so that q would jump
+    for tau_c in (-1.0, 1.0):
+        assert T2Fnn(alpha=5.0).update(state, 0.0, 0.0, tau_c, TICK)[0].q == 0.9
+
+
+def test_initial_consequents_are_small_and_give_q_a_denominator() -> None:
+    state = T2Fnn(f_init=0.02).init(0.0, 0.0)
+    W_lower, W_upper = plain_firing(state, 0.0, 0.0)
+    assert np.abs(state.f) == pytest.approx(0.02)
+    assert (state.f * (W_lower - W_upper)).sum() == pytest.approx(0.02 * np.abs(W_lower - W_upper).sum())
+    assert np.abs(W_lower - W_upper).sum() > 0.1
+
+
+# Guard 5
+
+
+def test_no_rule_fires_and_nothing_breaks() -> None:
+    state = _single(3.0)
+    rates = T2Fnn().derivatives(state, 0.0, 0.0, 1.0)
+    assert T2Fnn().infer(state, 0.0, 0.0) == 0
+    assert not rates.f.any()
+    assert not rates.d1_upper.any()
+    assert np.isfinite(rates.q)
+
+
+# Guard 6
+
+
+def test_learning_can_be_held_while_centres_follow() -> None:
+    network = T2Fnn()
+    state = network.init(0.1, 0.2)
+    held, tau_held = network.update(state, 0.4, 0.1, 0.3, TICK, learn=False)
+    learnt, tau_learnt = network.update(state, 0.4, 0.1, 0.3, TICK)
+    assert tau_held == tau_learnt
+    assert np.array_equal(held.c1, learnt.c1)
+    assert held.q == state.q
+    assert all(np.array_equal(a, b) for a, b in zip(held[2:7], state[2:7], strict=True))
+    assert not np.array_equal(learnt.f, state.f)
+
+
+# All together
+
+
+def _pattern(name: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """n triples (x1, x2, tau_c)."""
+    scale = 10 ** rng.uniform(-6, 3, size=3)
+    if name == "constant":
+        return np.tile(scale, (n, 1))
+    if name == "zero":
+        return np.zeros((n, 3))
+    if name == "huge":
+        return rng.choice([-np.inf, -1e300, -1e9, 1e9, 1e300, np.inf], size=(n, 3))
+    if name == "flipping":
+        return scale * (-1.0) ** np.arange(n)[:, None]
+    return scale * rng.normal(size=(n, 3))
+
+
+def _start(network: T2Fnn, outside: bool, rng: np.random.Generator) -> T2FnnState:
+    """From scratch, or scattered sets, some or all of which miss the input."""
+    if not outside:
+        return network.init(*rng.normal(size=2))
+    state = random_state(rng)
+    if isinstance(network, T1Fnn):
+        state = state._replace(d1_lower=state.d1_upper, d2_lower=state.d2_upper)
+    return state._replace(c1=state.c1 + rng.choice([0.0, 1.0, 50.0]), q=float(rng.integers(2)))
+
+
+NETWORKS = st.builds(
+    lambda cls, **kwargs: cls(**kwargs),
+    st.sampled_from([T2Fnn, T2Fnn, T1Fnn]),
+    alpha=st.sampled_from([1e-3, 0.05, 1.0, 30.0, 1e4]),
+    delta_s=st.sampled_from([1e-9, 0.05]),
+    rules_1=st.integers(1, 4),
+    rules_2=st.integers(1, 4),
+    centres=st.sampled_from(["follow", "fixed"]),
+    d_max=st.sampled_from([1.0, 100.0]),
+)
+PATTERNS = st.lists(
+    st.sampled_from(["constant", "zero", "huge", "flipping", "noise"]), min_size=5, max_size=5
+)
+
+
+def _survives(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
+    """1,000 ticks without NaN or broken bound."""
+    rng = np.random.default_rng(seed)
+    state = _start(network, outside, rng)
+    for x1, x2, tau_c in np.concatenate([_pattern(name, 200, rng) for name in patterns]).tolist():
+        state, tau_n = network.update(state, x1, x2, tau_c, TICK)
+        widths = np.concatenate(state[2:6])
+        assert np.isfinite(tau_n)
+        assert np.isfinite(state.c1).all()
+        assert np.isfinite(state.c2).all()
+        assert np.isfinite(state.f).all()
+        assert network.d_min <= widths.min() <= widths.max() <= network.d_max
+        assert (state.d1_lower <= state.d1_upper).all()
+        assert (state.d2_lower <= state.d2_upper).all()
+        assert 0 <= state.q <= 1
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
+def test_survives_adversarial_inputs(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
+    _survives(network, outside, patterns, seed)
+
+
+@pytest.mark.slow
+@settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
+def test_survives_a_million_adversarial_ticks(
+    network: T2Fnn, outside: bool, patterns: list[str], seed: int
+) -> None:
+    _survives(network, outside, patterns, seed)

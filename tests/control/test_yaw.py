@@ -1,0 +1,108 @@
+from math import nan, radians
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from agrobot_mj.control import Controller, OpenLoop, Pd, PdIsgn, PdT1fnn, PdT2fnn
+from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
+from agrobot_mj.signals import Command
+from agrobot_mj.spec import every
+
+TICK, LIMIT = 0.05, radians(45)
+
+
+def _run(controller, errors, limit: float = LIMIT) -> tuple[object, list[Command]]:
+    state, commands = controller.init(), []
+    for k, e in enumerate(errors):
+        state, command = controller.update(state, k * TICK, e, TICK, limit)
+        commands.append(command)
+    return state, commands
+
+
+def _errors(n: int = 400) -> list[float]:
+    return list(0.5 * np.sin(0.3 * np.arange(n)) + np.random.default_rng(1).normal(0.2, 0.2, n))
+
+
+@pytest.mark.parametrize("kind", every(Controller))
+def test_every_controller_commands_the_clipped_difference(kind) -> None:
+    _, commands = _run(kind(), _errors(), limit=0.1)
+    for c in commands:
+        wanted = c.tau_c - c.tau_n if kind is not OpenLoop else radians(5.0) * (c is not commands[0])
+        assert abs(c.steer) <= 0.1
+        assert kind is OpenLoop or c.steer == pytest.approx(np.clip(wanted, -0.1, 0.1), abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", every(Controller))
+def test_every_controller_is_known_by_its_kind(kind) -> None:
+    assert TypeAdapter(Controller).validate_python({"kind": kind().kind}) == kind()
+
+
+@pytest.mark.parametrize("kind", every(Controller))
+def test_every_controller_keeps_its_state_outside(kind) -> None:
+    controller = kind()
+    assert str(_run(controller, _errors(50))) == str(_run(controller, _errors(50)))
+
+
+def test_open_loop_steps_at_its_time() -> None:
+    _, commands = _run(OpenLoop(steer_deg=-3.0, at_s=1.0), [9.0] * 30)
+    assert [c.steer for c in commands] == [0.0] * 20 + [radians(-3.0)] * 10
+    assert commands[0].tau_c == commands[0].tau_n == 0
+    assert _run(OpenLoop(steer_deg=60.0, at_s=0.0), [0.0], limit=0.2)[1][0].steer == 0.2
+
+
+def test_pd_terms() -> None:
+    _, commands = _run(Pd(kp=0.7, kd=0.1, derivative_filter_s=0.0), [0.0, 0.02, 0.04, 0.04])
+    assert [c.steer for c in commands] == pytest.approx([0.0, 0.014 + 0.04, 0.028 + 0.04, 0.028])
+    assert commands[0].q is nan
+    assert commands[-1].tau_n == 0
+
+
+def test_isgn_integrates_the_smoothed_sign() -> None:
+    _, commands = _run(PdIsgn(kp=0.5, alpha=0.2, delta_s=0.05), [0.1] * 11)
+    assert commands[0].tau_n == 0
+    assert commands[10].tau_n == pytest.approx(-0.2 * 0.5 * 0.05 / (0.05 + 0.05) * 10 * TICK * 2 / 2 * 1.0)
+    assert commands[10].steer > commands[0].steer > 0
+
+
+def test_t1fnn_with_frozen_widths_is_isgn() -> None:
+    _, network = _run(PdT1fnn(network=T1Fnn(adapt_widths=False)), _errors())
+    _, integral = _run(PdIsgn(), _errors())
+    start = network[0].tau_n
+    assert [c.tau_n - start for c in network] == pytest.approx([c.tau_n for c in integral], abs=1e-12)
+    assert max(abs(c.tau_n) for c in integral) > 0.05
+
+
+def test_t2fnn_takes_over_in_the_right_direction() -> None:
+    _, commands = _run(PdT2fnn(), [0.1] * 200)
+    assert commands[-1].steer > commands[0].steer > 0
+    assert commands[-1].tau_n < 0
+    assert commands[0].q == PdT2fnn().network.q_init
+
+
+def test_network_starts_at_the_first_error_and_follows() -> None:
+    controller = PdT2fnn(kd=0.1)
+    state, _ = controller.update(controller.init(), 0.0, 0.7, TICK, LIMIT)
+    assert (state.network.x1, state.network.x2) == (0.7, 0.0)
+    assert state.network.c1 == pytest.approx(controller.network.init(0.7, 0.0).c1)
+    later, _ = controller.update(state, TICK, 0.8, TICK, LIMIT)
+    assert later.network.x2 == later.slope.rate > 0
+    assert later.network.c1 - state.network.c1 == pytest.approx([0.1] * 3)
+
+
+@pytest.mark.parametrize("kind", [PdT2fnn, PdT1fnn])
+def test_anti_windup_holds_learning_while_the_command_saturates(kind) -> None:
+    _, free = _run(kind(), [2.0] * 100, limit=0.3)
+    state, held = _run(kind(anti_windup=True), [2.0] * 100, limit=0.3)
+    assert abs(free[-1].tau_n) > 0.1
+    assert held[-1].tau_n == held[2].tau_n
+    _, again = _run(kind(anti_windup=True), [2.0] * 50 + [0.1] * 50, limit=0.3)
+    assert abs(again[-1].tau_n - again[50].tau_n) > 0.01
+    assert state.saturated
+
+
+def test_type_1_stays_type_1() -> None:
+    with pytest.raises(ValidationError):
+        PdT1fnn.model_validate({"network": {"type_1": False}})
+    assert PdT1fnn.model_validate({"network": {"alpha": 0.1}}).network.type_1
+    assert not T2Fnn().type_1

@@ -1,0 +1,125 @@
+"""The height grid: exact on planes, bilinear between nodes, continuous across cells, flat beyond its border."""
+
+from math import cos, hypot, radians, sin, tan
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
+
+from agrobot_mj.spec import every
+from agrobot_mj.terrain import Flat, Ground, Slope, Terrain, height_and_gradient
+from agrobot_mj.terrain.grid import plane
+
+unhurried = settings(deadline=None)  # the first call compiles
+ROUGH = Ground(-3.0, 2.0, 0.7, np.random.default_rng(5).normal(size=(6, 9)))
+"""Six rows (north), nine columns (east): not square, not centred, so that swapped axes show."""
+
+
+def within(ground, margin=0.0):
+    """Strategy of points on a grid, `margin` away from its border."""
+    x_min, x_max, y_min, y_max = ground.extent
+    return st.tuples(
+        st.floats(x_min + margin, x_max - margin, allow_subnormal=False),
+        st.floats(y_min + margin, y_max - margin, allow_subnormal=False),
+    )
+
+
+@unhurried
+@given(grade=st.tuples(st.floats(-1, 1), st.floats(-1, 1)), point=within(plane(0, 0, 40)))
+def test_a_plane_is_exact_everywhere(grade, point):
+    got = height_and_gradient(plane(*grade, 40.0), *point)
+    assert got == pytest.approx((grade[0] * point[0] + grade[1] * point[1], *grade), abs=1e-11)
+
+
+@pytest.mark.parametrize("grade_deg", [0.0, 10.0, 44.0])
+@pytest.mark.parametrize("direction_deg", [0.0, 90.0, 200.0])
+def test_a_slope_rises_by_its_grade_towards_its_direction(grade_deg, direction_deg):
+    ground = Slope(grade_deg=grade_deg, direction_deg=direction_deg).ground()
+    up = cos(radians(direction_deg)), sin(radians(direction_deg))
+    height, dx, dy = height_and_gradient(ground, 7.0 * up[0], 7.0 * up[1])
+    assert height == pytest.approx(7.0 * tan(radians(grade_deg)), abs=1e-9)
+    assert hypot(dx, dy) == pytest.approx(tan(radians(grade_deg)), abs=1e-12)
+    assert (dx * up[0] + dy * up[1]) == pytest.approx(tan(radians(grade_deg)), abs=1e-12)
+    across, _, _ = height_and_gradient(ground, -7.0 * up[1], 7.0 * up[0])
+    assert across == pytest.approx(0.0, abs=1e-9)
+
+
+@unhurried
+@given(within(ROUGH))
+def test_heights_equal_scipys_bilinear_interpolation(point):
+    rows, columns = ROUGH.heights.shape
+    x = ROUGH.x0 + ROUGH.spacing * np.arange(columns)
+    y = ROUGH.y0 + ROUGH.spacing * np.arange(rows)
+    oracle = RegularGridInterpolator((y, x), ROUGH.heights, bounds_error=False, fill_value=None)
+    assert height_and_gradient(ROUGH, *point)[0] == pytest.approx(float(oracle(point[::-1])), abs=1e-9)
+
+
+@unhurried
+@given(
+    cell=st.tuples(st.integers(0, 7), st.integers(0, 4)),
+    inside=st.tuples(st.floats(0.01, 0.99), st.floats(0.01, 0.99)),
+)
+def test_the_gradient_is_that_of_the_heights(cell, inside):
+    x = ROUGH.x0 + ROUGH.spacing * (cell[0] + inside[0])
+    y = ROUGH.y0 + ROUGH.spacing * (cell[1] + inside[1])
+    e = 1e-4
+    across = [height_and_gradient(ROUGH, x + s * e, y)[0] for s in (1, -1)]
+    along = [height_and_gradient(ROUGH, x, y + s * e)[0] for s in (1, -1)]
+    differences = (across[0] - across[1]) / (2 * e), (along[0] - along[1]) / (2 * e)
+    assert height_and_gradient(ROUGH, x, y)[1:] == pytest.approx(differences, abs=1e-8)
+
+
+@unhurried
+@given(point=within(ROUGH), step=st.tuples(st.floats(-1e-6, 1e-6), st.floats(-1e-6, 1e-6)))
+def test_heights_are_continuous_across_cells(point, step):
+    steepest = 2 * np.ptp(ROUGH.heights) / ROUGH.spacing
+    here = height_and_gradient(ROUGH, *point)[0]
+    there = height_and_gradient(ROUGH, point[0] + step[0], point[1] + step[1])[0]
+    assert abs(there - here) <= steepest * (abs(step[0]) + abs(step[1])) + 1e-12
+
+
+def test_nodes_have_their_own_heights():
+    rows, columns = ROUGH.heights.shape
+    for j in range(rows):
+        for i in range(columns):
+            x, y = ROUGH.x0 + i * ROUGH.spacing, ROUGH.y0 + j * ROUGH.spacing
+            assert height_and_gradient(ROUGH, x, y)[0] == pytest.approx(ROUGH.heights[j, i], abs=1e-12)
+
+
+@pytest.mark.parametrize(("x", "y"), [(-1e4, 3.1), (1e4, 3.1), (-1.2, -1e4), (-1.2, 1e4), (1e4, -1e4)])
+def test_outside_the_border_heights_go_on(x, y):
+    x_min, x_max, y_min, y_max = ROUGH.extent
+    border = height_and_gradient(ROUGH, min(max(x, x_min), x_max), min(max(y, y_min), y_max))[0]
+    assert height_and_gradient(ROUGH, x, y)[0] == pytest.approx(border, abs=1e-12)
+    assert not ROUGH.covers(x, y)
+
+
+def test_the_extent_and_what_it_covers():
+    assert ROUGH.extent == pytest.approx((-3.0, 2.6, 2.0, 5.5))
+    assert ROUGH.covers(-3.0, 2.0)
+    assert ROUGH.covers(2.5, 5.4)
+    assert not ROUGH.covers(2.7, 3.0)
+    assert not ROUGH.covers(0.0, 5.6)
+
+
+def test_only_an_untwisted_cell_is_a_plane():
+    assert plane(0.3, -0.2, 10.0).is_plane
+    assert not Ground(0.0, 0.0, 1.0, np.array([[0.0, 0.0], [0.0, 0.1]])).is_plane
+    assert not ROUGH.is_plane
+
+
+@pytest.mark.parametrize("terrain", every(Terrain))
+def test_every_terrain_makes_a_grid_about_the_origin(terrain):
+    ground = terrain().ground()
+    assert ground.covers(0.0, 0.0)
+    assert min(ground.heights.shape) >= 2
+    assert ground.heights.flags["C_CONTIGUOUS"]
+    assert np.isfinite(ground.heights).all()
+    x_min, x_max, y_min, y_max = terrain(half_size_m=12.0).ground().extent
+    assert (x_min, x_max, y_min, y_max) == pytest.approx((-12.0, 12.0, -12.0, 12.0))
+
+
+def test_level_ground_is_level():
+    assert not Flat().ground().heights.any()

@@ -1,0 +1,81 @@
+"""The linear law: slope, symmetry, no limit, and the same cornering stiffness as the bicycle's."""
+
+from math import radians, tan
+
+import numpy as np
+import pytest
+
+from agrobot_mj.plants import Bicycle
+from agrobot_mj.spec import every
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.linear import linear_force
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y
+
+TRACTOR, FLAT = TractorParameters(), Flat().ground()
+
+
+def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
+    """(forward, lateral) force of wheel 0..3 after it has settled at 1 cm of deflection."""
+    tyres = tyre_set(tyre, TRACTOR)
+    radius = float(tyres.radius[wheel])
+    spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)
+    bristle, wrench, report = np.zeros(2), np.zeros(6), np.zeros(5)
+    for _ in range(5):
+        wheel_step(
+            tyres,
+            wheel,
+            FLAT,
+            (0.0, 0.0, radius - 0.01),
+            (0.0, 1.0, 0.0),
+            (speed, side_slip * speed, 0.0),
+            (0.0, spin, 0.0),
+            100.0,
+            bristle,
+            wrench,
+            report,
+        )
+    return report[FORCE_X], report[FORCE_Y]
+
+
+@pytest.mark.parametrize(("wheel", "stiffness"), [(0, 7_400.0), (1, 7_400.0), (2, 15_000.0), (3, 15_000.0)])
+@pytest.mark.parametrize("angle_deg", [-8.0, -0.1, 0.1, 2.0, 8.0])
+@pytest.mark.parametrize("speed", [0.5, 4.0])
+def test_the_side_force_is_cornering_stiffness_times_slip(wheel, stiffness, angle_deg, speed):
+    slip = tan(radians(angle_deg))
+    f_x, f_y = steady(wheel, side_slip=slip, speed=speed)
+    assert f_y == pytest.approx(-stiffness * slip, rel=1e-9)
+    assert f_x == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("wheel", "stiffness"), [(0, 15_000.0), (2, 25_000.0)])
+@pytest.mark.parametrize("slip", [-0.2, -0.01, 0.01, 0.2, 0.8])
+def test_a_wheel_that_turns_faster_than_it_travels_pushes_forward(wheel, stiffness, slip):
+    assert steady(wheel, slip_ratio=slip)[0] == pytest.approx(stiffness * slip, rel=1e-9)
+
+
+def test_the_force_has_no_limit_and_the_directions_do_not_mix():
+    coefficients = np.array([2.0, 3.0])
+    assert linear_force(coefficients, 0.5, -4.0) == (-1.0, 12.0, 1.0)
+    big, small = (linear_force(coefficients, s, s) for s in (1e6, 1.0))
+    assert big[:2] == pytest.approx(tuple(1e6 * f for f in small[:2]))
+
+
+def test_the_four_tyres_are_the_bicycles_two_axles():
+    C = Linear().coefficients()[:, 1]
+    bicycle = Bicycle()
+    assert C[:2].sum() == pytest.approx(bicycle.front_cornering_stiffness_n_rad)
+    assert C[2:].sum() == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
+
+
+def test_tyres_have_the_tractors_sizes():
+    tyres = tyre_set(Linear(relaxation_radii=2.0), TRACTOR)
+    assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
+    assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))
+    assert tyres.stiffness.tolist() == [TRACTOR.front_tyre_stiffness_n_m] * 2 + [TRACTOR.rear_tyre_stiffness_n_m] * 2
+
+
+def test_the_union_knows_its_members():
+    assert every(Tyre) == [Contact, Linear]
