@@ -1,5 +1,55 @@
-"""How scalar kernels are compiled: cached on disk, without the GIL; plain Python under `NUMBA_DISABLE_JIT=1`."""
+"""How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`.
 
-from numba import njit
+Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
+folder named after the content of the whole package, where a stale kernel cannot be found.
+"""
 
-jit = njit(cache=True, nogil=True)
+import hashlib
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from numba import config, njit
+from platformdirs import user_cache_path
+
+F = TypeVar("F", bound=Callable[..., object])
+KEPT = 4
+"""Caches of as many versions of the package stay on disk."""
+
+
+def _content() -> str:
+    """Hex digest of every source file of the package."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache() -> Path | None:
+    """The folder for compiled kernels, or None where nothing can be written."""
+    home = user_cache_path("agrobot_mj") / "kernels"
+    folder = home / _content()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "used").touch()
+        others = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+    except OSError:
+        return None
+    for old in others[KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+CACHE = None if config.DISABLE_JIT else _cache()
+
+
+def jit(function: F) -> F:
+    """Compile `function` on its first call."""
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = str(CACHE or "")
+        compiled: F = njit(cache=CACHE is not None, nogil=True)(function)
+    finally:
+        config.CACHE_DIR = before
+    return compiled

@@ -31,7 +31,17 @@ class Driveline(Spec):
     pump_time_constant_s: Positive = 0.30
     """Displacement lag of the hydrostat [s]. Estimate."""
     torque_limit_n_m: Positive = 3000.0
-    """Relief valve, sum over both rear wheels [N m]. Estimate: above the grip on firm ground."""
+    """Relief valve, sum over the driven wheels, driving and braking [N m]. Estimate: above the grip on firm ground."""
+    power_limit_kw: Positive = 14.0
+    """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 % efficiency."""
+    connected: bool = True
+    """False: the range gear is in neutral and the wheels roll freely."""
+    differential_lock: bool = False
+    """Both rear wheels turn alike."""
+    front_wheel_drive: bool = False
+    """Mechanical drive of the front axle, through an open front differential."""
+    front_lead: Positive = 1.02
+    """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
     stiffness_n_m_rad: Positive = 6.0e4
     """Trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""
     damping_n_m_s_rad: NonNegative = 400.0

@@ -24,8 +24,9 @@ COLUMNS = (
     *("e_longitudinal", "e_lateral", "speed_ref", "yaw_rate_ref", "e_yaw_rate", "tau_c", "tau_n", "q"),
     *("steer_ref", "steer", "steer_measured", "steer_saturated", "valve_voltage"),
     *("pedal_ref", "pedal", "pedal_measured", "pedal_voltage"),
+    *("valve_flow", "steer_pressure", "drive_torque"),
 )
-"""Columns of every plant, in the order of `simulate.row`."""
+"""Columns of every plant, in the order of `simulate.row`; the last three are `RunningPlant.actuation`."""
 WHEEL_COLUMNS = tuple(
     f"{quantity}_{wheel}" for quantity in ("load", "slip_angle", "slip_ratio", "fx", "fy") for wheel in WHEELS
 )

@@ -118,7 +118,7 @@ def row(
     drive: Drive,
     limit: float,
 ) -> tuple[float, ...]:
-    """One row in the order of `log.COLUMNS`."""
+    """One row in the order of `log.COLUMNS`, less the plant's own three."""
     t, p, fix = truth, estimate.covariance, measured.fix
     e_longitudinal, e_lateral = to_heading(reference.yaw, reference.x - t.x, reference.y - t.y)
     dx, dy = t.rear_x - estimate.rear_x, t.rear_y - estimate.rear_y
@@ -155,7 +155,7 @@ def run(
     began, told, outcome = time.perf_counter(), 0, "completed"
     for k in range(ticks):
         drive, values = loop.tick()
-        rows.append(values, plant.wheels(), plant.poses())
+        rows.append(values + plant.actuation(), plant.wheels(), plant.poses())
         trouble = _trouble(plant, values) or ("aborted" if should_stop() else None)
         if trouble:
             outcome = trouble

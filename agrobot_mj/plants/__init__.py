@@ -29,6 +29,9 @@ class RunningPlant(Protocol):
     def wheels(self) -> Array:
         """What the four wheels report, or an empty array."""
 
+    def actuation(self) -> tuple[float, float, float]:
+        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
+
     def trouble(self) -> str | None:
         """An outcome that ends the run, or None."""
 

@@ -7,7 +7,7 @@ steady state at once, since its time constants go with the speed. Valves and dri
 a rigid cylinder and no wheel slip.
 """
 
-from math import cos, cosh, exp, sin, sinh, sqrt
+from math import cos, cosh, exp, nan, sin, sinh, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.compiled import jit
 from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_law, drive_step
 from agrobot_mj.geometry import from_heading, wrap
-from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, valve_law, valve_step
+from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, static_flow, valve_law, valve_step
 from agrobot_mj.plants.scene import Ghost
 from agrobot_mj.signals import Array, Drive, Reference, Truth
 from agrobot_mj.spec import Positive, Spec
@@ -246,6 +246,10 @@ class BicyclePlant:
     def wheels(self) -> Array:
         """No wheels: an empty array."""
         return np.empty(0)
+
+    def actuation(self) -> tuple[float, float, float]:
+        """Oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
+        return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: always None but for leaving the field."""

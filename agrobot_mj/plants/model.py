@@ -130,6 +130,19 @@ def _set_actuators(
         actuator.forcerange = [-torque, torque]
         actuator.ctrlrange = [-1e3, 1e3]
     steering.actrange = [-limit, limit]
+    _set_differentials(spec, tractor, driveline)
+
+
+def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, driveline: Driveline) -> None:
+    spec.equality("differential_lock").active = driveline.differential_lock
+    front = spec.equality("front_wheel_drive")
+    front.active = driveline.front_wheel_drive
+    data = np.array(front.data)
+    data[1] = driveline.front_lead * tractor.rear_wheel_radius_m / tractor.front_wheel_radius_m
+    front.data = data
+    if not driveline.connected:
+        drive = spec.actuator("drive")
+        drive.gainprm[0], drive.biasprm[:3] = 0.0, [0, 0, 0]
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:

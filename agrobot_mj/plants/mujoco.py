@@ -8,7 +8,7 @@ import numpy as np
 
 from agrobot_mj.driveline import Driveline, drive_law
 from agrobot_mj.geometry import to_heading, wrap
-from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, valve_law
+from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, static_flow, valve_law
 from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
 from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
@@ -30,7 +30,7 @@ class Mujoco(Spec):
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = Linear()
     """Law of the tyres, `plant.tyre.kind`."""
-    settle_s: NonNegative = 1.0
+    settle_s: NonNegative = 3.0
     """Time to come to rest on the tyres before the run starts [s]."""
 
 
@@ -67,7 +67,9 @@ class MujocoPlant:
             steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
             steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
             drive_radius=tractor.rear_wheel_radius_m,
-            drive_windup=driveline.torque_limit_n_m / driveline.stiffness_n_m_rad,
+            drive_torque=driveline.torque_limit_n_m,
+            drive_power=1e3 * driveline.power_limit_kw,
+            drive_stiffness=driveline.stiffness_n_m_rad,
             drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
         )
         self.valve, self.valve_memory = valve_law(valve, physics_dt)
@@ -145,6 +147,12 @@ class MujocoPlant:
         if self.tyred.native:
             self._read_contacts()
         return self.tyred.report.T.ravel()
+
+    def actuation(self) -> tuple[float, float, float]:
+        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
+        flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
+        steering, drive = self.data.actuator_force.tolist()
+        return flow, steering / self.oil.displacement, drive
 
     def _read_contacts(self) -> None:
         """Fill the report from MuJoCo's contact sensors and the wheels' own motion."""

@@ -61,8 +61,12 @@ class Oil(NamedTuple):
     """Damping over stiffness [s]."""
     drive_radius: float
     """Rim speed over wheel speed [m]."""
-    drive_windup: float
-    """Relief torque over stiffness [rad]."""
+    drive_torque: float
+    """Relief torque of the hydrostat [N m]."""
+    drive_power: float
+    """Power limit, driving [W]."""
+    drive_stiffness: float
+    """[N m/rad]."""
     drive_lead: float
     """Damping over stiffness [s]."""
 
@@ -117,8 +121,12 @@ def relieve(v: Views, oil: Oil) -> None:
     low, high = angle - oil.steer_windup, angle + oil.steer_windup
     v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
-    wheel += oil.drive_lead * 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
-    v.act[DRIVE] = min(max(v.act[DRIVE], wheel - oil.drive_windup), wheel + oil.drive_windup)
+    speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
+    wheel += oil.drive_lead * speed
+    powered = min(oil.drive_torque, oil.drive_power / max(abs(speed), 1e-3))
+    ahead = (powered if speed >= 0.0 else oil.drive_torque) / oil.drive_stiffness
+    behind = (powered if speed <= 0.0 else oil.drive_torque) / oil.drive_stiffness
+    v.act[DRIVE] = min(max(v.act[DRIVE], wheel - behind), wheel + ahead)
 
 
 @jit

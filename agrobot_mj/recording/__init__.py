@@ -1,8 +1,7 @@
 """Recordings for the Rerun viewer: the scene in 3D, every signal, and a layout that opens well arranged.
 
-`Recording` is a `simulate.Watcher`: it writes each 10 s of a run as soon as they are simulated, so that the file grows as
-the run goes and opens even if the process dies. Its one timeline is `sim_time`, in nanoseconds since the start. This
-package is the only importer of rerun.
+`Recording` is a `simulate.Watcher`: it writes each 10 s of a run as soon as they are simulated, so that the file
+grows as the run goes and opens even if the process dies. This package is the only importer of rerun.
 """
 
 import uuid
@@ -20,7 +19,7 @@ from agrobot_mj.recording.scene import send_scene
 from agrobot_mj.recording.signals import Signals
 from agrobot_mj.recording.states import States
 from agrobot_mj.recording.timeline import nanoseconds
-from agrobot_mj.scenario import Scenario
+from agrobot_mj.scenario import TICK_S, Scenario
 
 __all__ = ["Recording"]
 
@@ -36,11 +35,16 @@ class Recording:
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
-        self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
+        self.stream = rr.RecordingStream(
+            APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}"
+        )
         self._connect()
-        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
+        self.stream.send_recording_name(
+            f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})"
+        )
         self.stream.send_property(
-            "scenario", rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
+            "scenario",
+            rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
         )
         self._tell(unfinished(scenario))
         send_scene(self.stream, scenario, scene, ground)
@@ -54,14 +58,16 @@ class Recording:
         for part in (self.motion, self.signals, self.states):
             part.send(self.stream, times, first)
         if first == 0:
-            self.stream.send_blueprint(blueprint(self.scenario, self.signals.shown))
+            self._lay_out(self.scenario.ticks * TICK_S)
         self.stream.flush(timeout_sec=0)
 
     def finish(self, log: Log) -> None:
         """Write the outcome and the metrics, and close."""
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
-        self.stream.send_property("metrics", rr.AnyValues(**numbers))
+        self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         self._tell(summary(log))
+        if self.rows.filled < self.scenario.ticks:
+            self._lay_out(self.rows.filled * TICK_S)
         self.stream.disconnect()
 
     def _connect(self) -> None:
@@ -74,6 +80,9 @@ class Recording:
             rr.spawn(connect=False)
             sinks.append(rr.GrpcSink())
         self.stream.set_sinks(*sinks)
+
+    def _lay_out(self, end_s: float) -> None:
+        self.stream.send_blueprint(blueprint(self.scenario, self.signals.shown, end_s))
 
     def _tell(self, text: str) -> None:
         self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

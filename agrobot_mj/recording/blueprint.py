@@ -1,4 +1,4 @@
-"""The layout of a recording: tabs as an engineer thinks, the whole run on each time axis, a camera that follows."""
+"""The layout of a recording: tabs as an engineer thinks, whole runs on the axes, a camera that follows."""
 
 from collections.abc import Sequence
 
@@ -13,48 +13,69 @@ from agrobot_mj.scenario import Scenario
 
 FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""
-WHOLE_RUN = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 SKY = 0xB9CDDBFF
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
-DRIVE = ("tracking/error", "yaw_rate/loop", "control/command", "steering/angle", "speed/loop")
+LEGEND = rrb.PlotLegend(rrb.Corner2D.RightTop)
+DRIVE = ("tracking/error", "yaw_rate/loop", "control/command")
 TABS = {
     "Control": (
-        *("yaw_rate/loop", "yaw_rate/error", "control/command", "control/q", "steering/angle", "steering/valve"),
+        *(
+            "yaw_rate/loop",
+            "yaw_rate/error",
+            "control/command",
+            "control/q",
+            "steering/angle",
+            "steering/valve",
+        ),
         *("speed/loop", "speed/pedal", "speed/valve"),
     ),
     "Tyres": (
-        *("tyres/load", "tyres/slip_angle", "tyres/slip_ratio", "tyres/longitudinal_force", "tyres/lateral_force"),
+        *(
+            "tyres/load",
+            "tyres/slip_angle",
+            "tyres/slip_ratio",
+            "tyres/longitudinal_force",
+            "tyres/lateral_force",
+        ),
         "attitude",
     ),
-    "Estimator": ("estimator/east", "estimator/north", "estimator/yaw", "estimator/nees", "estimator/quality"),
+    "Estimator": (
+        "estimator/east",
+        "estimator/north",
+        "estimator/yaw",
+        "estimator/speed",
+        "estimator/nees",
+        "estimator/quality",
+    ),
 }
-"""Plots of each tab; a tab without any of its own is left out."""
-FOLLOW_FROM = (-4.5, -3.5, 2.6)
+"""Plots of each tab; a tab whose first plot does not exist is left out."""
+FOLLOW_FROM = (-4.0, -3.2, 2.4)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
-FIELD_OF_VIEW = 0.75
-"""Least ratio of what the overview shows to its height above the ground. Estimate."""
+VIEWED = (2.2, 0.85)
+"""Width and height of what the overview shows over its height above the ground. Measured in the viewer."""
+LEGEND_ROOM = 1.3
+"""Time axis over the run, so that the legends hide no line."""
 
 
-def blueprint(scenario: Scenario, plots: Sequence[Plot]) -> rrb.Blueprint:
-    """The layout for a run that shows `plots`."""
-    paths = {plot.path for plot in plots}
-    titles = {plot.path: plot.title for plot in plots}
-    tabs = [
-        rrb.Grid(*(_plot(path, titles[path]) for path in members if path in paths), name=name)
-        for name, members in TABS.items()
-        if any(path in paths and path not in DRIVE for path in members)
-    ]
-    scenes = rrb.Vertical(_follow(scenario), rrb.Horizontal(_overview(scenario), _states(), column_shares=[3, 2]), row_shares=[3, 2])
-    drive = rrb.Horizontal(
-        scenes,
-        rrb.Vertical(*(_plot(path, titles[path]) for path in DRIVE if path in paths)),
-        column_shares=[3, 2],
-        name="Drive",
-    )
+def blueprint(plots: Sequence[Plot], places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
+    """The layout for `plots` of a run to `end_s` [s] over `places` (n, 2) [m], from the first of them at `yaw` [rad]."""
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
+    shown = {plot.path: plot for plot in plots}
+
+    def views(paths: Sequence[str]) -> list[rrb.View]:
+        return [_plot(shown[path], axis) for path in paths if path in shown]
+
+    states = rrb.StateTimelineView(origin="states", name="States", time_view=axis)
+    scenes = rrb.Vertical(_follow(places[0], yaw), _overview(places), row_shares=[3, 2])
+    beside = rrb.Vertical(*views(DRIVE), states, row_shares=[*(3.0 for _ in views(DRIVE)), 1.5])
     return rrb.Blueprint(
-        rrb.Tabs(drive, *tabs, rrb.TextDocumentView(origin="info", name="Info")),
+        rrb.Tabs(
+            rrb.Horizontal(scenes, beside, column_shares=[3, 2], name="Drive"),
+            *(rrb.Grid(*views(paths), name=tab) for tab, paths in TABS.items() if paths[0] in shown),
+            rrb.TextDocumentView(origin="info", name="Info"),
+        ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -62,30 +83,25 @@ def blueprint(scenario: Scenario, plots: Sequence[Plot]) -> rrb.Blueprint:
     )
 
 
-def _plot(path: str, title: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"plots/{path}",
-        name=title,
-        axis_x=rrb.TimeAxis(view_range=WHOLE_RUN),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
-    )
+def _seconds(t: float) -> rr.TimeRangeBoundary:
+    return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def _follow(scenario: Scenario) -> rrb.Spatial3DView:
-    start = scenario.path.at(0.0)
-    east, north = from_heading(start.yaw, *FOLLOW_FROM[:2])
+def _plot(plot: Plot, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=plot.entity, name=plot.title, axis_x=axis, plot_legend=LEGEND)
+
+
+def _follow(start: Array, yaw: float) -> rrb.Spatial3DView:
+    offset = from_heading(yaw, *FOLLOW_FROM[:2])
     eye = rrb.EyeControls3D(
-        position=(start.x + east, start.y + north, FOLLOW_FROM[2]),
-        look_target=(start.x, start.y, 0.6),
-        tracking_entity=FOLLOWED,
+        position=(*(start + offset), FOLLOW_FROM[2]), look_target=(*start, 0.6), tracking_entity=FOLLOWED
     )
     return _view(eye, "Tractor")
 
 
-def _overview(scenario: Scenario) -> rrb.Spatial3DView:
-    points = reference_points(scenario)
-    low, high = points.min(axis=0), points.max(axis=0)
-    (x, y), height = (low + high) / 2, 20.0 + (high - low).max() / FIELD_OF_VIEW
+def _overview(places: Array) -> rrb.Spatial3DView:
+    low, high = places.min(axis=0), places.max(axis=0)
+    (x, y), height = (low + high) / 2, 8.0 + ((high - low) / VIEWED).max()
     eye = rrb.EyeControls3D(position=(x, y - 0.01 * height, height), look_target=(x, y, 0.0))
     return _view(eye, "From above")
 
@@ -99,7 +115,3 @@ def _view(eye: rrb.EyeControls3D, name: str) -> rrb.Spatial3DView:
         background=rrb.Background(color=SKY),
         overrides={f"world/tracks/{track}": SO_FAR for track in ("true", "estimated", "gnss")},
     )
-
-
-def _states() -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(origin="states", name="States")

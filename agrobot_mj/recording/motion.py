@@ -1,7 +1,9 @@
 """What moves: the pose of each body, and the tracks that grow behind the tractor.
 
-Tracks are sent in short pieces, each at the time at which it ends; the layout shows all pieces up to the present.
+Tracks are sent in short pieces, each at the time at which it ends; the layout shows those up to the present.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -13,14 +15,38 @@ from agrobot_mj.recording.timeline import TIMELINE, Times
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
 
+Ends = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
-TRACKS = {"true": (("x", "y"), 0x56B4E9FF), "estimated": (("x_hat", "y_hat"), 0xE69F00FF)}
-"""Columns and colour of each track of the CG."""
-TRACK_RADIUS_M = 0.04
-GNSS_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
+FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
 """By quality: none, float, fix."""
-GNSS_RADIUS_M = 0.035
+FIX_LIFT_M, FIX_RADIUS_M = 0.02, 0.02
+"""Below the tracks; the radius is the sigma of the paper's receiver."""
+
+
+class Track(NamedTuple):
+    """A line that grows."""
+
+    name: str
+    x: str
+    """Column of the log."""
+    y: str
+    colour: int
+    lift_m: float
+    width: float
+    """Half of it on the screen [pixels]."""
+
+    @property
+    def entity(self) -> str:
+        """Where the track is in the recording."""
+        return f"world/tracks/{self.name}"
+
+
+TRACKS = (
+    Track("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
+    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.06, 0.75),
+)
+"""Of the CG."""
 
 
 class Motion:
@@ -38,33 +64,35 @@ class Motion:
             stream.send_columns(f"world/bodies/{body}", [column], columns)
         ends = piece_ends(len(times))
         column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
-        for name, (axes, colour) in TRACKS.items():
-            strips = self._strips(axes, first, ends)
-            stream.send_columns(f"world/tracks/{name}", [column], rr.LineStrips3D.columns(strips=strips))
+        for track in TRACKS:
+            strips = self._strips(track, first, ends)
+            stream.send_columns(track.entity, [column], rr.LineStrips3D.columns(strips=strips))
             if first == 0:
-                style = rr.LineStrips3D.from_fields(colors=colour, radii=TRACK_RADIUS_M)
-                stream.log(f"world/tracks/{name}", style, static=True)
+                style = rr.LineStrips3D.from_fields(
+                    colors=track.colour, radii=rr.Radius.ui_points(track.width)
+                )
+                stream.log(track.entity, style, static=True)
         self._send_fixes(stream, column, first, ends)
 
-    def _strips(self, axes: tuple[str, str], first: int, ends: Array) -> list[Array]:
+    def _strips(self, track: Track, first: int, ends: Ends) -> list[Array]:
         """The pieces that end before the rows `first + ends`, each joined to the one before."""
         before = min(first, 1)
-        x, y = (self.rows.column(name, first - before) for name in axes)
-        points = on_ground(self.ground, np.column_stack([x, y]))
-        starts = np.concatenate([[0], ends[:-1] + before - 1])
+        x, y = self.rows.column(track.x, first - before), self.rows.column(track.y, first - before)
+        points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
+        starts = np.append(0, ends[:-1] + before - 1)
         return [points[start : end + before] for start, end in zip(starts, ends, strict=True)]
 
-    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Array) -> None:
+    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Ends) -> None:
         x, y, quality = (self.rows.column(name, first) for name in ("gnss_x", "gnss_y", "gnss_quality"))
         there = np.isfinite(x)
-        points = on_ground(self.ground, np.column_stack([x, y])[there])
-        counts = np.diff(np.concatenate([[0], np.cumsum(there)[ends - 1]]))
-        columns = rr.Points3D.columns(positions=points, colors=GNSS_COLOURS[quality[there].astype(int)])
+        points = on_ground(self.ground, np.column_stack([x, y])[there], FIX_LIFT_M)
+        columns = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
+        counts = np.diff(np.append(0, np.cumsum(there)[ends - 1]))
         stream.send_columns("world/tracks/gnss", [column], columns.partition(counts))
         if first == 0:
-            stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=GNSS_RADIUS_M), static=True)
+            stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
 
 
-def piece_ends(count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def piece_ends(count: int) -> Ends:
     """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)

@@ -23,9 +23,10 @@ MOST_SQUARES = 400
 """Along a side of the ground; squares grow on larger ones."""
 FIELD = np.array([[96, 112, 66], [104, 120, 73]], dtype=np.uint8)
 """The two greens of the ground."""
-LIFT_M = 0.03
-"""How far above the ground lines are drawn, so that it does not hide them [m]."""
-PATH_COLOUR, PATH_RADIUS_M = 0xE8E8E8FF, 0.05
+PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
+"""Lines are lifted above the ground, each to its own height, so that none hides in it or in another [m]."""
+PATH_WIDTH = rr.Radius.ui_points(2.0)
+"""Widths are those on the screen, so that lines are visible from near and far."""
 PATH_POINTS = 4000
 
 
@@ -34,7 +35,7 @@ def send_scene(stream: rr.RecordingStream, scenario: Scenario, scene: Scene, gro
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     points = reference_points(scenario)
     stream.log("world/ground", ground_mesh(ground, points), static=True)
-    line = rr.LineStrips3D([on_ground(ground, points)], colors=PATH_COLOUR, radii=PATH_RADIUS_M)
+    line = rr.LineStrips3D([on_ground(ground, points, PATH_LIFT_M)], colors=PATH_COLOUR, radii=PATH_WIDTH)
     stream.log("world/path", line, static=True)
     for body in scene.bodies:
         for kind, shape in shapes([geom for geom in scene.geoms if geom.body == body]).items():
@@ -56,12 +57,13 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
     s, t, h = a - i, b - j, ground.heights
     low = (1 - s) * h[j, i] + s * h[j, i + 1]
     high = (1 - s) * h[j + 1, i] + s * h[j + 1, i + 1]
-    return (1 - t) * low + t * high
+    height: Array = (1 - t) * low + t * high
+    return height
 
 
-def on_ground(ground: Ground, points: Array) -> Array:
-    """Points (n, 2) laid on the ground, shape (n, 3) [m]."""
-    return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + LIFT_M])
+def on_ground(ground: Ground, points: Array, lift: float) -> Array:
+    """Points (n, 2) laid `lift` above the ground, shape (n, 3) [m]."""
+    return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + lift])
 
 
 def ground_mesh(ground: Ground, points: Array) -> rr.Mesh3D:
@@ -78,7 +80,7 @@ def ground_mesh(ground: Ground, points: Array) -> rr.Mesh3D:
     first = 4 * np.arange(nx * ny, dtype=np.uint32)[:, None]
     return rr.Mesh3D(
         vertex_positions=quads.reshape(-1, 3),
-        triangle_indices=np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]),
+        triangle_indices=(first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3),
         vertex_colors=np.repeat(colours.reshape(-1, 3), 4, axis=0),
     )
 

@@ -1,7 +1,7 @@
 """The plots of a recording: which signals, in which unit, name and colour.
 
-One entity `plots/<path>` holds the series of one plot, sent as columns: row by row would cost ten times as much. A row
-where a series has no value is left out, so a signal that may be absent has a plot to itself.
+One entity `plots/<path>` holds the series of one plot, sent as columns: row by row costs ten times as much.
+A row where a series has no value is left out, so a signal that may be absent has a plot to itself.
 """
 
 from math import degrees, pi
@@ -56,12 +56,12 @@ class Plot(NamedTuple):
 
 
 def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: str) -> Plot:
-    series = Series("true", true, TRUE), Series("measured", measured, MEASURED), Series("reference", wanted, WANTED)
-    return Plot(path, title, unit, series)
+    reference, sensed = Series("reference", wanted, WANTED), Series("measured", measured, MEASURED)
+    return Plot(path, title, unit, (reference, sensed, Series("true", true, TRUE)))
 
 
 def _estimated(name: str, title: str, unit: str) -> Plot:
-    error = Series("estimate less truth", f"error_{name}", MEASURED)
+    error = Series("error", f"error_{name}", MEASURED)
     bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
     return Plot(f"estimator/{name}", title, unit, (*bounds, error))
 
@@ -77,15 +77,15 @@ def _single(path: str, title: str, unit: str, label: str, column: str, colour: i
 
 _ERRORS = Series("longitudinal", "e_longitudinal", MEASURED), Series("lateral", "e_lateral", TRUE)
 _COMMAND = (
-    *(Series("total", "steer_ref", WANTED), Series("PD, tau_c", "tau_c", PD)),
-    Series("network, -tau_n", "tau_n", NETWORK, -1.0),
+    *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
+    Series("network -tau_n", "tau_n", NETWORK, -1.0),
 )
 _ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "pitch", MEASURED)
 
 PLOTS = (
     Plot("tracking/error", "Tracking error", "m", _ERRORS),
     _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
-    _single("yaw_rate/error", "Yaw rate error", "deg/s", "reference less measured", "e_yaw_rate"),
+    _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
     Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
     _single("control/q", "Network: share of the lower firing, q", "-", "q", "q", NETWORK),
     _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
@@ -98,10 +98,12 @@ PLOTS = (
     _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
     _wheels("lateral_force", "Lateral force", "kN", "fy"),
-    _estimated("east", "East of R", "cm"),
-    _estimated("north", "North of R", "cm"),
-    _estimated("yaw", "Yaw", "deg"),
-    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
+    _estimated("east", "East of R: estimate less truth", "cm"),
+    _estimated("north", "North of R: estimate less truth", "cm"),
+    _estimated("yaw", "Yaw: estimate less truth", "deg"),
+    _single(
+        "estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"
+    ),
     _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality"),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
@@ -109,7 +111,7 @@ PLOTS = (
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Signals that the log implies: errors of the estimate and their 3 sigma, from row `first` on, SI units."""
+    """What the log implies, from row `first` on: errors of the estimate and their 3 sigma, SI units."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)
@@ -118,6 +120,7 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
     return {
         "error_east": of("rear_x_hat") - of("rear_x"),
         "error_north": of("rear_y_hat") - of("rear_y"),
+        "error_speed": of("speed_hat") - of("speed"),
         "error_yaw": pi - (pi - yaw) % (2 * pi),
         "bound_east": 3 * np.sqrt(of("p_xx")),
         "bound_north": 3 * np.sqrt(of("p_yy")),
@@ -141,7 +144,9 @@ class Signals:
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
+        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(
+            self.rows, first
+        )
         column = rr.TimeColumn(TIMELINE, duration=times)
         for plot in self.plots:
             numbers = values(plot, table)
@@ -153,14 +158,16 @@ class Signals:
                 stream.log(plot.entity, _style(plot), static=True)
             when = column if there.all() else rr.TimeColumn(TIMELINE, duration=times[there])
             scalars = rr.Scalars.columns(scalars=numbers[there].ravel())
-            stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
+            stream.send_columns(
+                plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series)))
+            )
 
 
 def _style(plot: Plot) -> rr.SeriesLines:
     """Names and colours; spikes survive zooming out."""
     return rr.SeriesLines(
         names=plot.names,
-        colors=[series.colour for series in plot.series],
+        colors=np.array([series.colour for series in plot.series], dtype=np.uint32),
         widths=[1.5] * len(plot.series),
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
     )

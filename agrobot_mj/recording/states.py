@@ -52,4 +52,4 @@ class States:
 
 
 def _style(lane: Lane) -> rr.StateConfiguration:
-    return rr.StateConfiguration(values=lane.labels, colors=lane.colours)
+    return rr.StateConfiguration(values=lane.labels, colors=np.array(lane.colours, dtype=np.uint32))

@@ -33,6 +33,8 @@ GRIP = 0.75
 """Friction under a scrubbing patch [-]. Estimate (0.6-0.8 in the field)."""
 TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
+ROLLING = 0.2
+"""The carcass' own damping fades over this speed: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
 STILL = 0.02
 """Soil resistance builds up over this speed [m/s]."""
 
@@ -132,7 +134,7 @@ def wheel_step(
     sigma_x, sigma_y = tyres.relaxation[i, 0], tyres.relaxation[i, 1]
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
-    tau = tyres.bristle_damping / dt
+    tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
     c = tyres.coefficients[i]

@@ -7,16 +7,16 @@ from agrobot_mj.control.t2fnn import Rates, T2FnnState
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
     """Sets scattered about the origin; some contain it, some do not."""
-    I, J = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
-    d1_lower, d2_lower = rng.uniform(0.3, 1.2, I), rng.uniform(0.3, 1.2, J)
+    n1, n2 = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
+    d1_lower, d2_lower = rng.uniform(0.3, 1.2, n1), rng.uniform(0.3, 1.2, n2)
     return T2FnnState(
-        c1=rng.uniform(-0.8, 0.8, I),
-        c2=rng.uniform(-0.8, 0.8, J),
+        c1=rng.uniform(-0.8, 0.8, n1),
+        c2=rng.uniform(-0.8, 0.8, n2),
         d1_lower=d1_lower,
-        d1_upper=d1_lower + rng.uniform(0, 0.6, I),
+        d1_upper=d1_lower + rng.uniform(0, 0.6, n1),
         d2_lower=d2_lower,
-        d2_upper=d2_lower + rng.uniform(0, 0.6, J),
-        f=rng.normal(size=(I, J)),
+        d2_upper=d2_lower + rng.uniform(0, 0.6, n2),
+        f=rng.normal(size=(n1, n2)),
         q=rng.uniform(0.01, 0.99),
     )
 

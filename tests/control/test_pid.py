@@ -112,7 +112,9 @@ def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.nd
 
 @pytest.mark.parametrize("target", [-1.0, 0.5, 1.2, 3.0])
 @pytest.mark.parametrize(("feedforward_s_m", "overshoot"), [(0.0, 0.05), (0.2, 0.25)])
-def test_speed_settles_without_much_overshoot(target: float, feedforward_s_m: float, overshoot: float) -> None:
+def test_speed_settles_without_much_overshoot(
+    target: float, feedforward_s_m: float, overshoot: float
+) -> None:
     speeds, _ = _drive(SpeedLoop(feedforward_s_m=feedforward_s_m), target)
     assert (speeds / target).max() < 1 + overshoot
     assert speeds[round(5 / TICK) :] == pytest.approx(target, abs=0.05 * abs(target) + 0.03)

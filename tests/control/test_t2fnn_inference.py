@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from network_states import plain_firing, random_state
-from pyit2fls import IT2FS, IT2TSK, BMM_algorithm, product_t_norm, max_s_norm, tri_mf
+from pyit2fls import IT2FS, IT2TSK, BMM_algorithm, max_s_norm, product_t_norm, tri_mf
 
 from agrobot_mj.control.t2fnn import T2Fnn, T2FnnState
 
@@ -70,7 +70,7 @@ def test_equal_bounds_are_a_type_1_network() -> None:
     state = network.init(0.2, -0.1)
     for _ in range(500):
         x1, x2, tau_c = rng.normal(size=3)
-        state, tau_n = network.update(state, x1, x2, tau_c, 0.05)
+        state, _ = network.update(state, x1, x2, tau_c, 0.05)
         mu_1 = np.maximum(1 - np.abs(x1 - state.c1) / state.d1_upper, 0)
         mu_2 = np.maximum(1 - np.abs(x2 - state.c2) / state.d2_upper, 0)
         plain = (mu_1 @ state.f @ mu_2) / (mu_1.sum() * mu_2.sum())

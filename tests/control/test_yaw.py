@@ -25,12 +25,17 @@ def _errors(n: int = 400) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", every(Controller))
-def test_every_controller_commands_the_clipped_difference(kind) -> None:
-    _, commands = _run(kind(), _errors(), limit=0.1)
-    for c in commands:
-        wanted = c.tau_c - c.tau_n if kind is not OpenLoop else radians(5.0) * (c is not commands[0])
-        assert abs(c.steer) <= 0.1
-        assert kind is OpenLoop or c.steer == pytest.approx(np.clip(wanted, -0.1, 0.1), abs=1e-15)
+def test_every_controller_keeps_the_steering_limit(kind) -> None:
+    _, commands = _run(kind(), _errors(), limit=0.05)
+    assert max(abs(c.steer) for c in commands) == 0.05
+
+
+@pytest.mark.parametrize("kind", [kind for kind in every(Controller) if kind is not OpenLoop])
+def test_every_closed_loop_commands_the_difference(kind) -> None:
+    _, commands = _run(kind(), _errors())
+    wanted = [np.clip(c.tau_c - c.tau_n, -LIMIT, LIMIT) for c in commands]
+    assert [c.steer for c in commands] == pytest.approx(wanted, abs=1e-15)
+    assert [c.tau_c for c in commands] == pytest.approx([0.5 * e for e in _errors()])
 
 
 @pytest.mark.parametrize("kind", every(Controller))
@@ -61,7 +66,7 @@ def test_pd_terms() -> None:
 def test_isgn_integrates_the_smoothed_sign() -> None:
     _, commands = _run(PdIsgn(kp=0.5, alpha=0.2, delta_s=0.05), [0.1] * 11)
     assert commands[0].tau_n == 0
-    assert commands[10].tau_n == pytest.approx(-0.2 * 0.5 * 0.05 / (0.05 + 0.05) * 10 * TICK * 2 / 2 * 1.0)
+    assert commands[10].tau_n == pytest.approx(-0.2 * 0.05 / (0.05 + 0.05) * 10 * TICK)
     assert commands[10].steer > commands[0].steer > 0
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from agrobot_mj.plants import Bicycle
-from agrobot_mj.spec import every
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tractor import TractorParameters
-from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.linear import linear_force
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y
@@ -22,7 +21,7 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
     tyres = tyre_set(tyre, TRACTOR)
     radius = float(tyres.radius[wheel])
     spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)
-    bristle, wrench, report = np.zeros(2), np.zeros(6), np.zeros(5)
+    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(5)
     for _ in range(5):
         wheel_step(
             tyres,
@@ -75,7 +74,3 @@ def test_tyres_have_the_tractors_sizes():
     assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
     assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))
     assert tyres.stiffness.tolist() == [TRACTOR.front_tyre_stiffness_n_m] * 2 + [TRACTOR.rear_tyre_stiffness_n_m] * 2
-
-
-def test_the_union_knows_its_members():
-    assert every(Tyre) == [Contact, Linear]

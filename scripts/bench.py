@@ -1,0 +1,203 @@
+"""What a closed-loop run costs beside bare MuJoCo, what recording adds, and where a tick spends its time.
+
+All in one process, compiled code warm. What is compared alternates, and a ratio is the median over the
+repetitions of that of neighbours, so that a machine that is busy or changes its clock slows both. Times are
+for information; only the ratios mean something from one machine to the next.
+"""
+
+import argparse
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+
+from agrobot_mj import load_scenario, simulate
+from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.log import Rows
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.recording import Recording
+from agrobot_mj.scenario import Scenario
+
+AIM_RATIO, AIM_RECORDING = 2.0, 0.15
+"""The project's aims: closed loop over bare step, and what recording adds [-]."""
+HELD_STEPS = 500
+"""The bare model then goes on from its first state again: held tyre forces balance it for a while only."""
+MOVING_S = 12.0
+"""Simulated time after which the tractor drives at its speed [s]."""
+
+
+class BareModel:
+    """The run's own model and a moving tractor in it, held up by the tyre forces of one moment."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        loop = simulate.Loop(scenario)
+        if not isinstance(loop.plant, MujocoPlant):
+            raise TypeError("the bare step is that of a MuJoCo plant")
+        for _ in range(round(MOVING_S / simulate.TICK_S)):
+            drive, _ = loop.tick()
+            loop.truth = loop.plant.advance(drive)
+        self.model, self.data = loop.plant.model, loop.plant.data
+        self.kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        self.start = np.empty(mujoco.mj_stateSize(self.model, self.kind))
+        mujoco.mj_getState(self.model, self.data, self.start, self.kind)
+
+    def seconds(self, steps: int, batched: bool = False) -> float:
+        """Time of `steps` steps, one call a step or one for all of a batch [s]."""
+        model, data, step = self.model, self.data, mujoco.mj_step
+        spent = 0.0
+        while steps > 0:
+            count = min(steps, HELD_STEPS)
+            mujoco.mj_setState(model, data, self.start, self.kind)
+            began = time.perf_counter()
+            if batched:
+                step(model, data, nstep=count)
+            else:
+                for _ in range(count):
+                    step(model, data)
+            spent += time.perf_counter() - began
+            steps -= count
+        return spent
+
+
+class Cost(NamedTuple):
+    """Medians over the repetitions."""
+
+    run_over_bare: float
+    """A run without recording over as many calls of mj_step [-]."""
+    run_over_batched: float
+    """The same over mj_step(nstep=...) [-]."""
+    recording_share: float
+    """What recording adds to a run [-]."""
+    run_s: float
+    """Fastest run without recording [s]."""
+    bare_s: float
+    """Fastest bare stepping, a call a step [s]."""
+
+
+def steps_of(scenario: Scenario) -> int:
+    """Physics steps of the whole run, settling included."""
+    settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.physics_dt_s)
+    return (scenario.ticks - 1) * scenario.steps_per_tick + settle
+
+
+def seconds_of(work: Callable[[], Any]) -> float:
+    """How long `work` takes [s]."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def compare_costs(scenario: Scenario, repeats: int) -> Cost:
+    """Alternate bare steps, a run, and a recorded run; the first round warms up and does not count."""
+    bare, steps = BareModel(scenario), steps_of(scenario)
+    rounds = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "run.rrd"
+        for _ in range(repeats + 1):
+            one_by_one, batched = bare.seconds(steps), bare.seconds(steps, batched=True)
+            plain = seconds_of(lambda: simulate.run(scenario))
+            recorded = seconds_of(lambda: simulate.run(scenario, (Recording(file),)))
+            rounds.append((one_by_one, batched, plain, recorded))
+            file.unlink()
+    kept = rounds[1:]
+    return Cost(
+        run_over_bare=median(plain / one for one, _, plain, _ in kept),
+        run_over_batched=median(plain / batched for _, batched, plain, _ in kept),
+        recording_share=median(recorded / plain - 1 for _, _, plain, recorded in kept),
+        run_s=min(plain for _, _, plain, _ in kept),
+        bare_s=min(one for one, _, _, _ in kept),
+    )
+
+
+@contextmanager
+def stopwatches(scenario: Scenario) -> Iterator[dict[str, float]]:
+    """Time every part of a tick while the block runs: name of the part to seconds."""
+    spent: dict[str, float] = defaultdict(float)
+
+    def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            began = time.perf_counter()
+            result = function(*arguments)
+            spent[part] += time.perf_counter() - began
+            return result
+
+        return call
+
+    plant = MujocoPlant if scenario.plant.kind == "mujoco" else simulate.BicyclePlant
+    places: list[tuple[str, Any, str]] = [
+        ("plant", plant, "advance"),
+        ("sensors", type(scenario.sensors), "measure"),
+        ("estimator", type(scenario.estimator), "update"),
+        ("guidance and control", type(scenario.path), "at"),
+        ("guidance and control", type(scenario.guidance), "references"),
+        ("guidance and control", type(scenario.controller), "update"),
+        ("guidance and control", SpeedLoop, "update"),
+        ("guidance and control", SteeringLoop, "update"),
+        ("log", simulate, "row"),
+        ("log", plant, "wheels"),
+        ("log", plant, "poses"),
+        ("log", plant, "actuation"),
+        ("log", Rows, "append"),
+    ]
+    with ExitStack() as stack:
+        for part, owner, name in places:
+            stack.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
+        yield spent
+
+
+def tick_parts(scenario: Scenario, repeats: int) -> dict[str, float]:
+    """Least time a tick of each part and of what is left of the loop [s]."""
+    rounds = []
+    for _ in range(repeats + 1):
+        with stopwatches(scenario) as spent:
+            loop_s = simulate.run(scenario).wall_s
+        rounds.append({**spent, "the rest": loop_s - sum(spent.values())})
+    order = ("plant", "sensors", "estimator", "guidance and control", "log", "the rest")
+    return {part: min(each[part] for each in rounds[1:]) / scenario.ticks for part in order}
+
+
+def report(scenario: Scenario, cost: Cost, parts: dict[str, float]) -> str:
+    """The measurements as text."""
+    steps, simulated = steps_of(scenario), scenario.ticks * simulate.TICK_S
+    total = sum(parts.values())
+    return "\n".join(
+        [
+            f"{scenario.name}, {scenario.controller.kind} on {scenario.plant.kind}: "
+            f"{simulated:.0f} s simulated in {steps} steps of {scenario.physics_dt_s * 1e3:g} ms",
+            "",
+            f"{'closed-loop run / bare mj_step':34}{cost.run_over_bare:6.2f}   aim: at most {AIM_RATIO}",
+            f"{'  or over mj_step(nstep=...)':34}{cost.run_over_batched:6.2f}",
+            f"{'recording adds':34}{cost.recording_share:6.1%}   aim: at most {AIM_RECORDING:.0%}",
+            "",
+            f"a run takes {cost.run_s:.2f} s ({simulated / cost.run_s:.0f} times real time)",
+            f"a step takes {cost.run_s / steps * 1e6:.1f} us, bare {cost.bare_s / steps * 1e6:.1f} us",
+            "",
+            "one tick of 50 ms                    us   share",
+            *(f"  {part:30}{time_s * 1e6:7.0f} {time_s / total:7.1%}" for part, time_s in parts.items()),
+            f"  {'sum':30}{total * 1e6:7.0f}",
+        ]
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenario", default="figure_eight")
+    parser.add_argument("--duration", type=float, help="simulated time [s]; the scenario's own when left out")
+    parser.add_argument("--repeats", type=int, default=7)
+    arguments = parser.parse_args()
+    overrides = {} if arguments.duration is None else {"duration_s": arguments.duration}
+    scenario = load_scenario(arguments.scenario, overrides)
+    cost = compare_costs(scenario, arguments.repeats)
+    print(report(scenario, cost, tick_parts(scenario, min(3, arguments.repeats))))
+
+
+if __name__ == "__main__":
+    main()
