@@ -32,7 +32,12 @@ class Case(NamedTuple):
 def cases(scenario: Scenario, controllers: Sequence[str], plants: Sequence[str], seeds: int) -> list[Case]:
     """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`."""
     return [
-        Case(plant, controller, seed, scenario.changed({"plant.kind": plant, "controller.kind": controller, "seed": seed}))
+        Case(
+            plant,
+            controller,
+            seed,
+            scenario.changed({"plant.kind": plant, "controller.kind": controller, "seed": seed}),
+        )
         for plant in plants
         for controller in controllers
         for seed in range(scenario.seed, scenario.seed + seeds)

@@ -33,7 +33,7 @@ class Driveline(Spec):
     torque_limit_n_m: Positive = 3000.0
     """Relief valve, sum over the driven wheels, driving and braking [N m]. Estimate: above the grip on firm ground."""
     power_limit_kw: Positive = 14.0
-    """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 % efficiency."""
+    """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 %."""
     connected: bool = True
     """False: the range gear is in neutral and the wheels roll freely."""
     differential_lock: bool = False
@@ -98,4 +98,4 @@ def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
     memory.pedal[0] = min(max(memory.pedal[0] + rate * law.dt, -1.0), 1.0)
     target = memory.pedal[0] * law.full_speed
     memory.speed[0] = target + law.lag * (memory.speed[0] - target)
-    return memory.speed[0]
+    return float(memory.speed[0])

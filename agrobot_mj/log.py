@@ -1,7 +1,7 @@
 """The record of a run: one row a tick.
 
-`Rows` is filled while the run goes; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value that
-does not exist (no fix, no network) is NaN here and null in the table.
+`Rows` is filled while the run goes; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
+that does not exist (no fix, no network) is NaN here and null in the table.
 """
 
 from dataclasses import dataclass, field

@@ -168,8 +168,7 @@ def resolve(data: dict[str, Any], source: str) -> Scenario:
     try:
         return Scenario.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
-        text = explain(error, source, data, Scenario)
-        raise ScenarioError(text.replace("\n", f"\n{source}: ").replace(f"{source}: {source}: ", f"{source}: ")) from None
+        raise ScenarioError(explain(error, source, data, Scenario)) from None
 
 
 def _find(source: str | FilePath) -> FilePath:

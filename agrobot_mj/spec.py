@@ -12,7 +12,9 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 class Spec(BaseModel):
     """Frozen data with units in its key names; a misspelt key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:

@@ -1,4 +1,4 @@
-"""What a run leaves on disk: `signals.parquet`, `metrics.json`, `scenario.toml`. Each file appears whole or not at all."""
+"""What a run leaves on disk: `signals.parquet`, `metrics.json`, `scenario.toml`; each appears whole or not at all."""
 
 import json
 import os

@@ -35,7 +35,7 @@ def beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
 
 def four_ticks(**columns: Any) -> FakeLog:
     """Two turns of one second each, two ticks in each."""
-    circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2)
+    circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
     return FakeLog(circle, [0.0, 1.0, 1.5, 2.0], **columns)
 
 

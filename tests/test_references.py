@@ -12,7 +12,12 @@ ENTRY = re.compile(r"@(\w+)\{(\w+),\n(.*?)\n\}", re.DOTALL)
 def readable() -> list[Path]:
     """Everything that may cite: the package, models, scenarios, documentation."""
     found = [ROOT / "README.md"]
-    for folder, pattern in (("agrobot_mj", "*.py"), ("models", "*.xml"), ("scenarios", "*.toml"), ("docs", "*.md")):
+    for folder, pattern in (
+        ("agrobot_mj", "*.py"),
+        ("models", "*.xml"),
+        ("scenarios", "*.toml"),
+        ("docs", "*.md"),
+    ):
         found += sorted((ROOT / folder).rglob(pattern))
     return found
 

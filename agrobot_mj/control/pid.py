@@ -99,8 +99,9 @@ class SpeedLoop(Spec):
     """Speed [m/s] to pedal reference [-]. Estimate."""
     inner: Pid = Pid(kp=10.0)
     """Pedal [-] to voltage [V]. Estimate."""
-    feedforward_s_m: NonNegative = 0.0
-    """Pedal per speed reference [s/m]; 0 as in the paper, 0.2 fits a pedal of 5 m/s."""
+    feedforward_s_m: NonNegative = 0.2
+    """Pedal per speed reference [s/m]: 0.2 is a pedal of 5 m/s. Estimate. Without it the outer PID needs gains that
+    make the speed swing on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
     """Jump over the valve's dead band [V]. Estimate, below the band itself."""
     tolerance: Positive = 0.005

@@ -17,7 +17,7 @@ While centres follow, the width laws leave the normalised firing as it is (appen
 an integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unfloored.
 """
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -41,7 +41,7 @@ __all__ = ["Rates", "T1Fnn", "T2Fnn", "T2FnnState"]
 class T2Fnn(Spec):
     """The network and its learning laws; the paper prints only delta_s and the floor."""
 
-    alpha: Positive = 0.05
+    alpha: Positive = 0.02
     """Learning rate; Theorem 1 asks for more than the rate of the rest of the loop [rad/s]. Estimate."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
@@ -75,8 +75,8 @@ class T2Fnn(Spec):
     """Whether the widths learn (paper)."""
     adapt_q: bool = True
     """Whether q learns (paper)."""
-    type_1: bool = False
-    """Whether the lower bounds coincide with the upper ones; q has no effect then and rests."""
+    type_1: ClassVar[bool] = False
+    """Lower bounds coincide with the upper ones and q, then without effect, rests."""
     floor: Positive = 0.001
     """Least magnitude of a denominator [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
@@ -164,8 +164,8 @@ class T2Fnn(Spec):
 class T1Fnn(T2Fnn):
     """The same network with bounds that coincide: a type-1 fuzzy neural network."""
 
-    type_1: Literal[True] = True
-    """Bounds coincide, always."""
+    type_1: ClassVar[bool] = True
+    """Bounds coincide."""
 
 
 def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:

@@ -91,7 +91,7 @@ class PdIsgn(_Pd):
     """PD plus the integral of its own sign: what a network of constant firing does; the one to beat."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
-    alpha: Positive = 0.05
+    alpha: Positive = 0.02
     """Rate of the integral [rad/s]. Estimate, that of `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""

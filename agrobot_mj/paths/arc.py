@@ -1,4 +1,4 @@
-"""What every path is made of: pieces of constant curvature travelled at constant speed.
+"""What every path is made of: pieces of constant curvature, travelled at constant speed after a ramp from rest.
 
 Lengths in metres along the path; curvature in 1/m, left positive; yaw from east, counter-clockwise.
 """
@@ -12,6 +12,9 @@ from agrobot_mj.geometry import wrap
 from agrobot_mj.signals import Reference
 
 Speed = Annotated[float, Field(gt=0, le=5)]
+Ramp = Annotated[float, Field(ge=0, le=60)]
+RAMP_S = 4.0
+"""Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Estimate: what a driver takes."""
 
 
 class Pose(NamedTuple):
@@ -31,6 +34,20 @@ def advance(start: Pose, curvature: float, distance: float) -> Pose:
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
     direction = start.yaw + half_turn
     return Pose(start.x + chord * cos(direction), start.y + chord * sin(direction), start.yaw + 2 * half_turn)
+
+
+def progress(t: float, ramp: float) -> tuple[float, float]:
+    """Time at full speed [s] that the way until `t` [s] stands for, and the share of full speed [-], when the speed
+    rises evenly from rest over `ramp` [s]."""
+    if t >= ramp:
+        return t - ramp / 2, 1.0
+    return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
+
+
+def turns(duration: float, count: int, ramp: float) -> tuple[tuple[float, float], ...]:
+    """(start, end) of `count` turns that take `duration` [s] each at full speed; the ramp lengthens the first."""
+    ends = [ramp / 2 + k * duration for k in range(count + 1)]
+    return tuple(zip([0.0, *ends[1:-1]], ends[1:], strict=True))
 
 
 def reference(pose: Pose, curvature: float, speed: float) -> Reference:

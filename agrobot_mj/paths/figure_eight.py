@@ -15,7 +15,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.paths.arc import Pose, Speed, advance, reference
+from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference, turns
 from agrobot_mj.signals import Reference
 from agrobot_mj.spec import Positive, Spec
 
@@ -51,23 +51,25 @@ class FigureEight(Spec):
     """Length of each straight, from arc to arc [m]; estimate: 119.7 s a turn with the other defaults."""
     speed_m_s: Speed = 1.2
     """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+    ramp_s: Ramp = RAMP_S
+    """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """How often to go round [-]; paper."""
 
     @property
     def turn_s(self) -> float:
-        """Time of one turn [s]."""
+        """Time of one turn at full speed [s]."""
         return _pieces(self.radius_m, self.straight_m)[1] / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
         """Time of all turns [s]."""
-        return self.turns * self.turn_s
+        return self.ramp_s / 2 + self.turns * self.turn_s
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """(start, end) of each turn [s]."""
-        return tuple((k * self.turn_s, (k + 1) * self.turn_s) for k in range(self.turns))
+        return turns(self.turn_s, self.turns, self.ramp_s)
 
     @property
     def max_curvature(self) -> float:
@@ -77,6 +79,7 @@ class FigureEight(Spec):
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the 8 goes on."""
         pieces, length = _pieces(self.radius_m, self.straight_m)
-        distance = (self.speed_m_s * t) % length
+        moved, share = progress(t, self.ramp_s)
+        distance = (self.speed_m_s * moved) % length
         start, pose, curvature = next(piece for piece in pieces if piece.start <= distance)
-        return reference(advance(pose, curvature, distance - start), curvature, self.speed_m_s)
+        return reference(advance(pose, curvature, distance - start), curvature, share * self.speed_m_s)

@@ -1,4 +1,4 @@
-"""A straight line at constant speed.
+"""A straight line at constant speed after a ramp.
 
 It has an end for the sake of a natural duration; the reference goes straight on beyond both ends.
 """
@@ -6,7 +6,7 @@ It has an end for the sake of a natural duration; the reference goes straight on
 from math import radians
 from typing import Literal
 
-from agrobot_mj.paths.arc import Pose, Speed, advance, reference
+from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference
 from agrobot_mj.signals import Reference
 from agrobot_mj.spec import Positive, Spec
 
@@ -17,6 +17,8 @@ class Line(Spec):
     kind: Literal["line"] = "line"
     speed_m_s: Speed = 1.2
     """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+    ramp_s: Ramp = RAMP_S
+    """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
     length_m: Positive = 144.0
     """Length [m]; estimate: as long as one turn of the default figure 8."""
     heading_deg: float = 0.0
@@ -29,7 +31,7 @@ class Line(Spec):
     @property
     def duration_s(self) -> float:
         """Time from the start to the end [s]."""
-        return self.length_m / self.speed_m_s
+        return self.ramp_s / 2 + self.length_m / self.speed_m_s
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
@@ -44,4 +46,5 @@ class Line(Spec):
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the line has no end in space."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
-        return reference(advance(start, 0.0, self.speed_m_s * t), 0.0, self.speed_m_s)
+        moved, share = progress(t, self.ramp_s)
+        return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, share * self.speed_m_s)

@@ -1,7 +1,7 @@
 """MuJoCo's C functions, callable from compiled kernels.
 
-A whole tick of physics runs inside one compiled loop: `mj_step1`, the tyres, `mj_step2`, without going back to Python in
-between. Models and data pass as addresses. Under `NUMBA_DISABLE_JIT=1` the same functions come from ctypes.
+A whole tick of physics runs inside one compiled loop: `mj_step1`, the tyres, `mj_step2`, without going back to Python
+in between. Models and data pass as addresses. Under `NUMBA_DISABLE_JIT=1` the same functions come from ctypes.
 """
 
 import ctypes

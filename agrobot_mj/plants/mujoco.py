@@ -132,8 +132,8 @@ class MujocoPlant:
             pedal=float(self.drive_memory.pedal[0]),
             rear_x=float(q[0]),
             rear_y=float(q[1]),
-            antenna=tuple(motion[3:6]),
-            antenna_velocity=tuple(motion[9:12]),
+            antenna=(motion[3], motion[4], motion[5]),
+            antenna_velocity=(motion[9], motion[10], motion[11]),
             steer_samples=self.samples[0],
             pedal_samples=self.samples[1],
         )

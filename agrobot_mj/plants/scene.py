@@ -69,7 +69,7 @@ def _geom(model: mujoco.MjModel, i: int) -> Geom:
         size=tuple(geom.size.tolist()),
         pos=tuple(geom.pos.tolist()),
         quat=tuple(geom.quat.tolist()),
-        rgba=tuple(float(v) for v in rgba),
+        rgba=tuple(rgba.tolist()),
     )
 
 

@@ -1,12 +1,13 @@
 """Recordings for the Rerun viewer: the scene in 3D, every signal, and a layout that opens well arranged.
 
-`Recording` is a `simulate.Watcher`: it writes each 10 s of a run as soon as they are simulated, so that the file
-grows as the run goes and opens even if the process dies. This package is the only importer of rerun.
+`Recording` is a `simulate.Watcher`: it writes each 10 s of a run as soon as they are simulated, so that the
+file grows as the run goes and opens even if the process dies. This package is the only importer of rerun.
 """
 
 import uuid
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 
 from agrobot_mj import __version__
@@ -15,10 +16,11 @@ from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import blueprint
 from agrobot_mj.recording.info import summary, unfinished
 from agrobot_mj.recording.motion import Motion
-from agrobot_mj.recording.scene import send_scene
+from agrobot_mj.recording.scene import reference_line, send_scene
 from agrobot_mj.recording.signals import Signals
 from agrobot_mj.recording.states import States
 from agrobot_mj.recording.timeline import nanoseconds
+from agrobot_mj.recording.viewer import URL, open_viewer
 from agrobot_mj.scenario import TICK_S, Scenario
 
 __all__ = ["Recording"]
@@ -47,7 +49,8 @@ class Recording:
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
         )
         self._tell(unfinished(scenario))
-        send_scene(self.stream, scenario, scene, ground)
+        self.reference = reference_line(scenario, ground)
+        send_scene(self.stream, scene, ground, self.reference)
         self.motion, self.signals, self.states = Motion(rows, scene, ground), Signals(rows), States(rows)
 
     def advance(self, first: int) -> None:
@@ -66,7 +69,7 @@ class Recording:
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         self._tell(summary(log))
-        if self.rows.filled < self.scenario.ticks:
+        if self.rows.filled:
             self._lay_out(self.rows.filled * TICK_S)
         self.stream.disconnect()
 
@@ -76,13 +79,16 @@ class Recording:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("wb").close()  # rerun's own error is no OSError
             sinks.append(rr.FileSink(str(self.path)))
-        if self.live:
-            rr.spawn(connect=False)
-            sinks.append(rr.GrpcSink())
-        self.stream.set_sinks(*sinks)
+        if self.live and open_viewer():
+            sinks.append(rr.GrpcSink(URL))
+        if sinks:
+            self.stream.set_sinks(*sinks)
 
     def _lay_out(self, end_s: float) -> None:
-        self.stream.send_blueprint(blueprint(self.scenario, self.signals.shown, end_s))
+        """Arrange what there is so far; the last layout is the one that opens."""
+        driven = self.rows.poses[: self.rows.filled, 0, :3]
+        places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
+        self.stream.send_blueprint(blueprint(self.signals.shown, places, self.rows.column("yaw")[0], end_s))
 
     def _tell(self, text: str) -> None:
         self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -6,7 +6,9 @@ Tracks are sent in short pieces, each at the time at which it ends; the layout s
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
+from rerun.components import LineStrip3DBatch
 
 from agrobot_mj.log import Rows
 from agrobot_mj.plants.scene import Scene
@@ -20,7 +22,7 @@ PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
 """By quality: none, float, fix."""
-FIX_LIFT_M, FIX_RADIUS_M = 0.02, 0.02
+FIX_LIFT_M, FIX_RADIUS_M = 0.015, 0.02
 """Below the tracks; the radius is the sigma of the paper's receiver."""
 
 
@@ -43,10 +45,10 @@ class Track(NamedTuple):
 
 
 TRACKS = (
-    Track("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
-    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.06, 0.75),
+    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.025, 1.25),
+    Track("true", "x", "y", 0x56B4E9FF, 0.035, 1.5),
 )
-"""Of the CG."""
+"""Of the CG; where both agree the true one shows."""
 
 
 class Motion:
@@ -65,8 +67,8 @@ class Motion:
         ends = piece_ends(len(times))
         column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
         for track in TRACKS:
-            strips = self._strips(track, first, ends)
-            stream.send_columns(track.entity, [column], rr.LineStrips3D.columns(strips=strips))
+            pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
+            stream.send_columns(track.entity, [column], pieces)
             if first == 0:
                 style = rr.LineStrips3D.from_fields(
                     colors=track.colour, radii=rr.Radius.ui_points(track.width)
@@ -74,13 +76,12 @@ class Motion:
                 stream.log(track.entity, style, static=True)
         self._send_fixes(stream, column, first, ends)
 
-    def _strips(self, track: Track, first: int, ends: Ends) -> list[Array]:
+    def _strips(self, track: Track, first: int, ends: Ends) -> pa.Array:
         """The pieces that end before the rows `first + ends`, each joined to the one before."""
         before = min(first, 1)
         x, y = self.rows.column(track.x, first - before), self.rows.column(track.y, first - before)
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
-        starts = np.append(0, ends[:-1] + before - 1)
-        return [points[start : end + before] for start, end in zip(starts, ends, strict=True)]
+        return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
 
     def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Ends) -> None:
         x, y, quality = (self.rows.column(name, first) for name in ("gnss_x", "gnss_y", "gnss_quality"))
@@ -96,3 +97,13 @@ class Motion:
 def piece_ends(count: int) -> Ends:
     """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
+
+
+def strips(points: Array, starts: Ends, ends: Ends) -> pa.Array:
+    """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
+    kind = LineStrip3DBatch._ARROW_DATATYPE
+    rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
+    vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=kind.value_type)
+    return pa.ListArray.from_arrays(
+        np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=kind
+    )

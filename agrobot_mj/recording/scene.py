@@ -25,27 +25,25 @@ FIELD = np.array([[96, 112, 66], [104, 120, 73]], dtype=np.uint8)
 """The two greens of the ground."""
 PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
 """Lines are lifted above the ground, each to its own height, so that none hides in it or in another [m]."""
-PATH_WIDTH = rr.Radius.ui_points(2.0)
+PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Widths are those on the screen, so that lines are visible from near and far."""
-PATH_POINTS = 4000
+PATH_POINTS = 2000
 
 
-def send_scene(stream: rr.RecordingStream, scenario: Scenario, scene: Scene, ground: Ground) -> None:
-    """Log everything static."""
+def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
+    """Log everything static; `reference` is what `reference_line` returns."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    points = reference_points(scenario)
-    stream.log("world/ground", ground_mesh(ground, points), static=True)
-    line = rr.LineStrips3D([on_ground(ground, points, PATH_LIFT_M)], colors=PATH_COLOUR, radii=PATH_WIDTH)
-    stream.log("world/path", line, static=True)
+    stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
+    stream.log("world/path", rr.LineStrips3D([reference], colors=PATH_COLOUR, radii=PATH_WIDTH), static=True)
     for body in scene.bodies:
         for kind, shape in shapes([geom for geom in scene.geoms if geom.body == body]).items():
             stream.log(f"world/bodies/{body}/{kind}", shape, static=True)
 
 
-def reference_points(scenario: Scenario) -> Array:
-    """The reference over the whole run, shape (n, 2) [m]."""
-    ticks = scenario.ticks
-    return sample(scenario.path, np.linspace(0.0, ticks * TICK_S, min(ticks, PATH_POINTS) + 1))
+def reference_line(scenario: Scenario, ground: Ground) -> Array:
+    """The reference over the whole run, shape (n, 3) [m]."""
+    times = np.linspace(0.0, scenario.ticks * TICK_S, min(scenario.ticks, PATH_POINTS) + 1)
+    return on_ground(ground, sample(scenario.path, times), PATH_LIFT_M)
 
 
 def heights(ground: Ground, x: Array, y: Array) -> Array:

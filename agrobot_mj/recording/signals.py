@@ -101,6 +101,7 @@ PLOTS = (
     _estimated("east", "East of R: estimate less truth", "cm"),
     _estimated("north", "North of R: estimate less truth", "cm"),
     _estimated("yaw", "Yaw: estimate less truth", "deg"),
+    _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
     _single(
         "estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"
     ),

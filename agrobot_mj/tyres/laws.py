@@ -1,6 +1,6 @@
 """From a tyre's configuration to the compiled kernel, and one wheel's step under any law."""
 
-from math import atan, copysign, exp
+from math import atan, copysign, exp, tanh
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def force(
 def drag(law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float) -> float:
     """Force of the ground's own resistance on the wheel's centre, forward [N]: of soil only."""
     if law == SOIL:
-        share = v_x / (abs(v_x) + STILL)
+        share = tanh(v_x / STILL)
         return -share * resistance(coefficients, load, deflection, drive_slip(slip_x))
     return 0.0
 
@@ -97,7 +97,7 @@ def scrub(tyres: TyreSet, i: int, patch: Patch, load: float, dt: float, bristle:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
     bristle[2] = min(max(twist, -SLIDE), SLIDE)
-    return -2.0 / 3.0 * GRIP * load * a * bristle[2] / SLIDE
+    return float(-2.0 / 3.0 * GRIP * load * a * bristle[2] / SLIDE)
 
 
 @jit

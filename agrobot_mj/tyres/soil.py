@@ -63,7 +63,7 @@ class Soil(Spec):
 def mobility_number(coefficients: Array, W: float, delta: float) -> float:
     """B_n [-]."""
     CI, b, d, h = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
-    return CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d)
+    return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
 @jit

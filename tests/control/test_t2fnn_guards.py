@@ -112,9 +112,10 @@ def test_large_steps_keep_limits_order_and_the_input(alpha: float, x_minus_c: fl
         assert _memberships(state, 0.0, 0.0).min() > 0
 
 
+@pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float) -> None:
-    network = T2Fnn(d_max=2.0, alpha=0.5)
+def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float, d_min: float) -> None:
+    network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
@@ -130,6 +131,13 @@ def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float) -> None:
 def test_widths_built_outside_the_limits_are_brought_back() -> None:
     state, _ = T2Fnn().update(_single(0.1, lower=500.0, upper=300.0), 0.0, 0.0, 0.1, TICK)
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
+
+
+def test_an_upper_set_alone_keeps_the_input() -> None:
+    state = _single(0.6, lower=0.3)
+    for _ in range(300):
+        state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
+        assert _memberships(state, 0.0, 0.0)[1] > 0
 
 
 # Guard 4

@@ -3,7 +3,7 @@ import pytest
 from network_states import plain_firing, random_state
 from pyit2fls import IT2FS, IT2TSK, BMM_algorithm, max_s_norm, product_t_norm, tri_mf
 
-from agrobot_mj.control.t2fnn import T2Fnn, T2FnnState
+from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
 
 
 def _peer_output(s: T2FnnState, x1: float, x2: float) -> float:
@@ -66,7 +66,7 @@ def test_integers_lists_and_strided_arrays_are_welcome() -> None:
 
 
 def test_equal_bounds_are_a_type_1_network() -> None:
-    network, rng = T2Fnn(type_1=True, rules_1=4, rules_2=2, alpha=0.5), np.random.default_rng(3)
+    network, rng = T1Fnn(rules_1=4, rules_2=2, alpha=0.5), np.random.default_rng(3)
     state = network.init(0.2, -0.1)
     for _ in range(500):
         x1, x2, tau_c = rng.normal(size=3)

@@ -87,6 +87,9 @@ def test_t2fnn_takes_over_in_the_right_direction() -> None:
 
 def test_network_starts_at_the_first_error_and_follows() -> None:
     controller = PdT2fnn(kd=0.1)
+    fixed = PdT2fnn(network=T2Fnn(centres="fixed"))
+    started, _ = fixed.update(fixed.init(), 0.0, 0.7, TICK, LIMIT)
+    assert np.array_equal(started.network.c1, fixed.network.init(0.7, 0.0).c1)
     state, _ = controller.update(controller.init(), 0.0, 0.7, TICK, LIMIT)
     assert (state.network.x1, state.network.x2) == (0.7, 0.0)
     assert state.network.c1 == pytest.approx(controller.network.init(0.7, 0.0).c1)
@@ -95,10 +98,22 @@ def test_network_starts_at_the_first_error_and_follows() -> None:
     assert later.network.c1 - state.network.c1 == pytest.approx([0.1] * 3)
 
 
+def test_command_tells_output_and_q_of_the_network_before_it_learns() -> None:
+    controller, shares = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
+    state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
+    for k, e in enumerate(_errors()):
+        before = state.network
+        state, command = controller.update(state, k * TICK, e, TICK, LIMIT)
+        assert command.tau_n == pytest.approx(controller.network.infer(before, before.x1, before.x2))
+        assert command.q == before.q
+        shares.add(command.q)
+    assert len(shares) > 10
+
+
 @pytest.mark.parametrize("kind", [PdT2fnn, PdT1fnn])
 def test_anti_windup_holds_learning_while_the_command_saturates(kind) -> None:
-    _, free = _run(kind(), [2.0] * 100, limit=0.3)
-    state, held = _run(kind(anti_windup=True), [2.0] * 100, limit=0.3)
+    _, free = _run(kind(), [2.0] * 300, limit=0.3)
+    state, held = _run(kind(anti_windup=True), [2.0] * 300, limit=0.3)
     assert abs(free[-1].tau_n) > 0.1
     assert held[-1].tau_n == held[2].tau_n
     _, again = _run(kind(anti_windup=True), [2.0] * 50 + [0.1] * 50, limit=0.3)

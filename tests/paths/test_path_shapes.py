@@ -9,14 +9,14 @@ from agrobot_mj.paths import Circle, FigureEight, Line, sample
 
 
 def test_the_line_reaches_its_end() -> None:
-    line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5)
+    line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5, ramp_s=0)
     assert line.duration_s == 20
     assert line.at(20)[:4] == pytest.approx((1, 32, 0, 1.5))
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1), ("right", -1)])
 def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
-    circle = Circle(radius_m=7, direction=direction)
+    circle = Circle(radius_m=7, direction=direction, ramp_s=0)
     points = sample(circle, np.linspace(0, circle.duration_s, 100))
     assert np.hypot(points[:, 0], points[:, 1] - side * 7) == pytest.approx(7)
     assert circle.at(0)[:4] == pytest.approx((0, 0, 1.2, 0))
@@ -25,7 +25,7 @@ def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
 
 
 def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
-    eight = FigureEight()
+    eight = FigureEight(ramp_s=0)
     arc = 2 * pi - 2 * atan(14 / 10)
     assert eight.turns_s[0][1] == pytest.approx((2 * 28 + 2 * 10 * arc) / 1.2)
     assert eight.turns_s[0][1] == pytest.approx(119.7, abs=0.05)
@@ -33,7 +33,7 @@ def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
 
 
 def test_the_8_starts_at_the_crossing_and_crosses_it_again_half_a_turn_later() -> None:
-    eight = FigureEight()
+    eight = FigureEight(ramp_s=0)
     start, half_way = eight.at(0), eight.at(eight.turn_s / 2)
     assert start[:2] == pytest.approx((0, 0))
     assert half_way[:2] == pytest.approx((0, 0), abs=1e-12)
@@ -56,3 +56,11 @@ def test_the_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
     xs, ys = sample(eight, np.linspace(0, eight.turn_s, 5001)).T
     assert (xs.max(), xs.min()) == pytest.approx((centre + 10, -centre - 10), abs=1e-3)
     assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)
+
+
+def test_a_ramp_costs_half_its_time_once() -> None:
+    at_once, ramped = FigureEight(ramp_s=0), FigureEight(ramp_s=6)
+    assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
+    assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))
+    assert ramped.turns_s[1][1] - ramped.turns_s[1][0] == pytest.approx(at_once.turn_s)
+    assert ramped.at(50)[:4] == pytest.approx(at_once.at(47)[:4])

@@ -1,0 +1,36 @@
+"""The Rerun viewer beside a live run: started on loopback, or the one that is there already."""
+
+import socket
+import subprocess
+import sys
+import time
+
+PORT = 9876
+"""Where viewers listen by default."""
+URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
+COMMAND = (
+    *(sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(PORT)),
+    *("--hide-welcome-screen", "--expect-data-soon"),
+)
+PATIENCE_S = 15.0
+"""How long a viewer may take to start [s]."""
+
+
+def open_viewer() -> bool:
+    """Start a viewer that outlives the run and wait until it listens; False, said on stderr, if it does not."""
+    viewer = subprocess.Popen(COMMAND, stdout=subprocess.DEVNULL, start_new_session=True)
+    deadline = time.monotonic() + PATIENCE_S
+    while not _listens():
+        if viewer.poll() is not None or time.monotonic() > deadline:
+            print("no Rerun viewer came up: the run goes on without one", file=sys.stderr)
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def _listens() -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", PORT), timeout=1.0).close()
+    except OSError:
+        return False
+    return True

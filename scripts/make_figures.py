@@ -1,0 +1,51 @@
+"""The README's results: run the comparison, and write its table and its figure of the lateral error."""
+
+import argparse
+import json
+import re
+import shutil
+from pathlib import Path
+
+from agrobot_mj import load_scenario
+from agrobot_mj.compare import cases, compare
+from agrobot_mj.progress import task
+from agrobot_mj.report import table
+
+ROOT = Path(__file__).parent.parent
+README, IMAGE = ROOT / "README.md", ROOT / "docs" / "images" / "lateral_error.png"
+CONTROLLERS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
+PLANTS = ("bicycle", "mujoco")
+RESULTS = re.compile(r"(<!-- results -->\n).*?(\n<!-- end of results -->)", re.DOTALL)
+
+
+def run(folder: Path) -> None:
+    """All cases of the README's table, into `folder`."""
+    todo = cases(load_scenario("figure_eight"), CONTROLLERS, PLANTS, seeds=1)
+    with task(f"{len(todo)} runs", len(todo)) as advance:
+        compare(todo, folder, rrd=False, done=lambda _: advance())
+
+
+def publish(folder: Path) -> str:
+    """Table into the README, figure into docs/images; returns the table."""
+    text = table(json.loads((folder / "comparison.json").read_text(encoding="utf-8")))
+    before = README.read_text(encoding="utf-8")
+    if not RESULTS.search(before):
+        raise SystemExit("README.md: its <!-- results --> block is gone")
+    README.write_text(RESULTS.sub(lambda place: place[1] + text + place[2], before), encoding="utf-8")
+    IMAGE.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder / "lateral_error.png", IMAGE)
+    return text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--results", type=Path, help="folder of a finished comparison; runs one when left out")
+    folder = parser.parse_args().results
+    if folder is None:
+        folder = ROOT / "runs" / "readme"
+        run(folder)
+    print(publish(folder))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,268 @@
+"""The command line as a user meets it: what it prints, which files it leaves, how it ends.
+
+In process where that is the same thing; one test starts the real command.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import __version__, cli, simulate
+from agrobot_mj.scenario import load_scenario, scenario_files
+
+FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
+QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """Every test runs in an empty folder of its own."""
+    folder = tmp_path / "cwd"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """(exit status, stdout, stderr) of a command line."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        code = leaving.value.code
+        output = capsys.readouterr()
+        return (0 if code is None else code), output.out, output.err
+
+    return run
+
+
+def names(folder):
+    return {path.name for path in Path(folder).iterdir()}
+
+
+# --- list, version, help ------------------------------------------------------------------------------------------
+
+
+def test_list_prints_a_line_a_scenario(call):
+    status, out, err = call("list")
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines] == list(scenario_files())
+    assert all(load_scenario(line.split()[0]).title in line for line in lines)
+
+
+def test_version_and_help(call):
+    assert call("--version")[:2] == (0, f"{__version__}\n")
+    status, out, _ = call("--help")
+    assert status == 0
+    assert all(command in out for command in ("list", "run", "compare", "view"))
+
+
+def test_the_command_itself_works_from_any_folder(elsewhere):
+    command = [sys.executable, "-m", "agrobot_mj", "list"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "figure_eight" in done.stdout
+
+
+# --- run ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_leaves_its_files_and_says_how_it_went(call, elsewhere):
+    status, out, err = call("run", "straight_line", *QUICK)
+    assert (status, err) == (0, "")
+    scenario = load_scenario("straight_line", {"duration_s": 2, "plant.kind": "bicycle"})
+    folder = elsewhere / "runs" / f"straight_line-{scenario.hash8}"
+    assert names(folder) == FILES
+    assert out.count("\n") == 1
+    assert "completed" in out
+    assert str(folder.relative_to(elsewhere)) in out
+    assert json.loads((folder / "metrics.json").read_text())["outcome"] == "completed"
+    assert pq.read_table(folder / "signals.parquet").num_rows == 40
+    assert load_scenario(folder / "scenario.toml") == scenario
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_the_scenario_that_a_run_wrote_gives_the_same_signals(call, plant):
+    changes = ("--set", f"plant.kind={plant}", "--set", "seed=11", "--set", "tractor.mass_kg=741.3")
+    assert call("run", "circle", "--no-rrd", "--set", "duration_s=2", *changes, "--out", "first")[0] == 0
+    assert call("run", "first/scenario.toml", "--no-rrd", "--out", "second")[0] == 0
+    assert Path("first/signals.parquet").read_bytes() == Path("second/signals.parquet").read_bytes()
+    assert Path("first/scenario.toml").read_bytes() == Path("second/scenario.toml").read_bytes()
+
+
+def test_a_recording_changes_no_signal_and_lies_beside_the_other_files(call):
+    for out, more in (("with", ()), ("without", ("--no-rrd",))):
+        assert call("run", "circle", "--set", "duration_s=2", "--out", out, *more)[0] == 0
+    assert names("with") == FILES | {"run.rrd"}
+    assert Path("with/run.rrd").stat().st_size > 10_000
+    assert Path("with/signals.parquet").read_bytes() == Path("without/signals.parquet").read_bytes()
+
+
+def test_running_again_into_the_same_folder_replaces_the_files(call):
+    call("run", "circle", *QUICK, "--out", "here")
+    call("run", "circle", *QUICK, "--set", "duration_s=1", "--out", "here")
+    assert names("here") == FILES
+    assert pq.read_table("here/signals.parquet").num_rows == 20
+
+
+def test_values_of_overrides_are_toml_or_bare_words(call):
+    sets = ("--set", "path.kind=circle", "--set", 'path.direction="right"', "--set", "path.radius_m = 6", "--set", "title=a = b")
+    assert call("run", "straight_line", *QUICK, *sets, "--out", "out")[0] == 0
+    scenario = load_scenario("out/scenario.toml")
+    assert (scenario.path.kind, scenario.path.direction, scenario.path.radius_m) == ("circle", "right", 6.0)
+    assert scenario.title == "a = b"
+
+
+def test_another_plant_for_a_scenario_with_tyres(call):
+    assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
+
+
+# --- runs that end otherwise --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcome", "sets"),
+    [
+        ("left_terrain", ["terrain.half_size_m=2", "plant.kind=bicycle"]),
+        ("rolled_over", ["terrain.kind=slope", "terrain.grade_deg=44.0", "plant.settle_s=0.0"]),
+    ],
+)
+def test_a_run_that_ends_otherwise_leaves_its_files_and_status_1(call, outcome, sets):
+    options = [word for text in sets for word in ("--set", text)]
+    status, out, err = call("run", "straight_line", "--no-rrd", "--set", "duration_s=20", *options, "--out", "out")
+    assert status == 1
+    assert outcome in err
+    assert "Traceback" not in err + out
+    assert names("out") == FILES
+    assert json.loads(Path("out/metrics.json").read_text())["outcome"] == outcome
+    assert 1 <= pq.read_table("out/signals.parquet").num_rows < 400
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_a_run_as_aborted_with_its_files(call, monkeypatch, number):
+    def not_handled(*_):
+        raise AssertionError("the run did not take the signal")
+
+    before = signal.signal(number, not_handled)
+    tick, seen = simulate.Loop.tick, []
+
+    def tick_with_signal(loop):
+        seen.append(1)
+        if len(seen) == 12:
+            os.kill(os.getpid(), number)
+        return tick(loop)
+
+    monkeypatch.setattr(simulate.Loop, "tick", tick_with_signal)
+    try:
+        status, _, err = call("run", "straight_line", "--no-rrd", "--set", "duration_s=60", "--out", "out")
+        assert signal.getsignal(number) is not_handled  # put back
+    finally:
+        signal.signal(number, before)
+    assert status == 1
+    assert "aborted" in err
+    assert names("out") == FILES
+    assert json.loads(Path("out/metrics.json").read_text())["outcome"] == "aborted"
+    assert 12 <= pq.read_table("out/signals.parquet").num_rows <= 13
+
+
+# --- bad input ----------------------------------------------------------------------------------------------------
+
+
+BAD = [
+    (["run", "figure_eigth"], "did you mean 'figure_eight'"),
+    (["run", "missing.toml"], "missing.toml: no such file"),
+    (["run", "."], "folder"),
+    (["run", "broken.toml"], "broken.toml: not valid TOML"),
+    (["run", "wrong.toml"], "wrong.toml: terrain.grade_deg: must be below 45"),
+    (["run", "circle", "--set", "sead=3"], "sead: unknown key; did you mean 'seed'?"),
+    (["run", "circle", "--set", "path.radius_m=wide"], "path.radius_m: must be a number"),
+    (["run", "circle", "--set", "path.radius_m=nan"], "path.radius_m: must be a finite number"),
+    (["run", "circle", "--set", "path.radius_m=-inf"], "path.radius_m: must be"),
+    (["run", "circle", "--set", "physics_dt_s=0.003"], "physics_dt_s: 0.003 does not divide the 0.05 s tick; try "),
+    (["run", "circle", "--set", "plant.kind=bicycle", "--set", "terrain.kind=slope"], "terrain.kind: "),
+    (["run", "circle", "--set", "plant.tyre.kind=liner"], "plant.tyre.kind: unknown kind 'liner'; did you mean 'linear'?"),
+    (["run", "circle", "--set", "seed"], "key=value"),
+    (["run", "circle", "--set", "=3"], "key=value"),
+    (["run", "circle", "--set", "seed.x=3"], "seed is not a table"),
+    (["run", "circle", "--set", "tractor.mass_kg=100"], "tractor.mass_kg"),
+    (["run", "circle", "--set", "tractor.mass_kg=1e300"], "tractor"),
+    (["run", "circle", "--out", "broken.toml"], "broken.toml: is a file"),
+    (["run", "circle", "--out", "broken.toml/x", *QUICK], "Not a directory"),
+    (["run", "circle", "--out", "/proc/nowhere/x", *QUICK], "/proc/nowhere"),
+    (["run", "circle", "--frobnicate"], "--frobnicate"),
+    (["run"], "SCENARIO"),
+    (["fly"], "fly"),
+    (["compare", "circle", "--controllers", "pd,pdd"], "controller.kind: unknown kind 'pdd'"),
+    (["compare", "circle", "--controllers", ","], "--controllers"),
+    (["compare", "circle", "--plants", "bicicle"], "did you mean 'bicycle'"),
+    (["compare", "circle", "--seeds", "0"], "--seeds"),
+    (["compare", "nothing"], "unknown scenario 'nothing'"),
+    (["view", "missing.rrd"], "missing.rrd: no such file"),
+    (["view", "broken.toml"], "not a Rerun recording"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD, ids=[" ".join(arguments)[:50] for arguments, _ in BAD])
+def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments, message):
+    (elsewhere / "broken.toml").write_text("a = = 3")
+    (elsewhere / "wrong.toml").write_text('[terrain]\nkind = "slope"\ngrade_deg = 80\n')
+    status, out, err = call(*arguments)
+    assert status == 2
+    assert message in err
+    assert out == ""
+    assert "Traceback" not in err
+    assert "Warning" not in err
+    assert names(elsewhere) == {"broken.toml", "wrong.toml"}
+
+
+def test_an_out_folder_that_cannot_be_made_is_told_before_the_run(call, monkeypatch, elsewhere):
+    (elsewhere / "file").write_text("")
+    monkeypatch.setattr(simulate.Loop, "tick", lambda loop: pytest.fail("ran all the same"))
+    assert call("run", "circle", "--no-rrd", "--out", "file/inside")[0] == 2
+
+
+# --- compare ------------------------------------------------------------------------------------------------------
+
+
+def test_a_comparison_of_one_run_has_its_folder_rows_and_figures(call):
+    arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "duration_s=3", "--out", "cmp")
+    status, out, err = call("compare", "circle", *arguments)
+    assert (status, err) == (0, "")
+    assert names("cmp/bicycle-pd-s1") == FILES
+    (row,) = json.loads(Path("cmp/comparison.json").read_text())
+    assert (row["plant"], row["controller"], row["seed"], row["outcome"]) == ("bicycle", "pd", 1, "completed")
+    assert row["lateral_mse"] == json.loads(Path("cmp/bicycle-pd-s1/metrics.json").read_text())["lateral_mse"]
+    assert len(list(Path("cmp").glob("*.png"))) >= 5
+    assert "bicycle" in out
+    assert "pd" in out
+
+
+def test_a_comparison_with_a_failed_run_ends_with_status_1(call):
+    arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "terrain.half_size_m=2.0")
+    status, _, _ = call("compare", "straight_line", *arguments, "--out", "cmp")
+    assert status == 1
+    assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
+
+
+def test_comparing_in_parallel_gives_the_runs_of_their_own(call):
+    arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd")
+    assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
+    rows = json.loads(Path("cmp/comparison.json").read_text())
+    cases = [("mujoco", controller, seed) for controller in ("pd", "pd_t1fnn") for seed in (1, 2)]
+    assert [(row["plant"], row["controller"], row["seed"]) for row in rows] == cases
+    assert len({row["lateral_mse"] for row in rows}) == 4
+    folders = {path.name for path in Path("cmp").iterdir() if path.is_dir()}
+    assert folders == {f"{plant}-{controller}-s{seed}" for plant, controller, seed in cases}
+    alone = ("--set", "seed=2", "--set", "controller.kind=pd", "--set", "duration_s=1", "--no-rrd", "--out", "alone")
+    assert call("run", "circle", *alone)[0] == 0
+    assert Path("alone/signals.parquet").read_bytes() == Path("cmp/mujoco-pd-s2/signals.parquet").read_bytes()

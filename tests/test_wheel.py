@@ -1,0 +1,64 @@
+"""The built wheel, installed away from the checkout, brings its models and scenarios and runs one by name."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+def call(*command: str, cwd: Path, site: Path | None = None) -> str:
+    """Standard output of a command that succeeds; `site` comes before all other packages."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    if site is not None:
+        environment["PYTHONPATH"] = str(site)
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    call(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), ".", cwd=ROOT)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the wheel is installed, alone; its dependencies come from the tests' own environment."""
+    pytest.importorskip("pip")
+    folder = tmp_path_factory.mktemp("site")
+    options = ("--quiet", "--no-deps", "--no-index", "--target", str(folder))
+    call(sys.executable, "-m", "pip", "install", *options, str(wheel), cwd=folder)
+    return folder
+
+
+def test_the_wheel_holds_every_model_and_scenario(wheel: Path):
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    for folder in ("models", "scenarios"):
+        files = [path for path in (ROOT / folder).rglob("*") if path.is_file()]
+        assert files
+        assert {f"agrobot_mj/{path.relative_to(ROOT)}" for path in files} <= inside
+    assert "agrobot_mj/py.typed" in inside
+    assert not [name for name in inside if name.startswith(("tests", "scripts", "docs"))]
+
+
+def test_it_lists_its_scenarios_away_from_the_checkout(site: Path, tmp_path: Path):
+    origin = call(sys.executable, "-c", "import agrobot_mj; print(agrobot_mj.__file__)", cwd=tmp_path, site=site)
+    assert Path(origin.strip()).is_relative_to(site)
+    listed = call(sys.executable, str(site / "bin" / "agrobot-mj"), "list", cwd=tmp_path, site=site)
+    names = [line.split()[0] for line in listed.splitlines()]
+    assert names == sorted(path.stem for path in (ROOT / "scenarios").glob("*.toml"))
+
+
+def test_it_runs_a_scenario_by_name(site: Path, tmp_path: Path):
+    options = ("--set", "duration_s=1", "--no-rrd", "--out", "here")
+    call(sys.executable, "-m", "agrobot_mj", "run", "figure_eight", *options, cwd=tmp_path, site=site)
+    written = {path.name for path in (tmp_path / "here").iterdir()}
+    assert {"signals.parquet", "metrics.json", "scenario.toml"} <= written
