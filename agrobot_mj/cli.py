@@ -6,6 +6,7 @@ Exit status: 0 completed; 1 the run ended otherwise; 2 bad input, told in one me
 import signal
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -176,5 +177,10 @@ def _folder(out: Path | None, default: str) -> Path:
     folder = out if out is not None else Path("runs") / default
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        tempfile.TemporaryDirectory(dir=there).cleanup()
+    except OSError as error:
+        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
     return folder
 

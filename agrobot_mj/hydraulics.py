@@ -10,9 +10,10 @@ it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate an
 """
 
 from math import exp, pi
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
@@ -29,7 +30,7 @@ LITRE_PER_MINUTE = 1e-3 / 60
 class Valve(Spec):
     """The electro-hydraulic proportional valve and its pump."""
 
-    delay_s: NonNegative = 0.10
+    delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     """Transport delay, rounded to physics steps [s]. Estimate."""
     time_constant_s: Positive = 0.10
     """Spool lag [s]. Estimate."""

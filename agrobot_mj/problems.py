@@ -15,10 +15,10 @@ class ScenarioError(ValueError):
 
 
 _TEXTS = {
-    "greater_than": "must be above {gt}, got {input}",
-    "greater_than_equal": "must be at least {ge}, got {input}",
-    "less_than": "must be below {lt}, got {input}",
-    "less_than_equal": "must be at most {le}, got {input}",
+    "greater_than": "must be above {gt:g}, got {input}",
+    "greater_than_equal": "must be at least {ge:g}, got {input}",
+    "less_than": "must be below {lt:g}, got {input}",
+    "less_than_equal": "must be at most {le:g}, got {input}",
     "finite_number": "must be a finite number, got {input}",
     "float_type": "must be a number, got {input!r}",
     "int_type": "must be a whole number, got {input!r}",
@@ -28,7 +28,7 @@ _TEXTS = {
     "list_type": "must be a list, got {input!r}",
     "literal_error": "must be one of {expected}, got {input!r}",
     "model_type": "must be a table, got {input!r}",
-    "model_attributes_type": "must be a table, got {input!r}",
+    "dict_type": "must be a table, got {input!r}",
     "missing": "is missing",
 }
 

@@ -34,7 +34,9 @@ from agrobot_mj.tractor import TractorParameters
 TICK_S = 0.05
 """Sampling period of sensors and controllers [s]. Paper, T_s."""
 LONGEST_S = 24 * 3600.0
-"""[s]."""
+"""Longest run that a log in memory can hold [s]."""
+DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
+"""Steps in a tick whose length is a short decimal."""
 
 
 class Steering(Spec):
@@ -61,7 +63,7 @@ class Scenario(Spec):
     """All randomness follows from it."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
     """[s]. The path's own when left out."""
-    physics_dt_s: Annotated[float, Field(gt=0, le=0.01)] = 0.002
+    physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.01)] = 0.002
     """Physics step; must divide the 0.05 s tick [s]."""
     tractor: TractorParameters = TractorParameters()
     plant: Plant = Mujoco()
@@ -100,7 +102,7 @@ class Scenario(Spec):
 
     def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
         """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
-        data = self.model_dump(mode="json", exclude_none=True)
+        data = _said(self)
         for key, value in overrides.items():
             _override(data, key, value)
         return resolve(data, self.name or "scenario")
@@ -116,10 +118,11 @@ class Scenario(Spec):
 def _misfits(s: Scenario) -> list[str]:
     """What is wrong between keys that are right by themselves."""
     found = []
-    steps = round(TICK_S / s.physics_dt_s)
-    if steps < 1 or abs(steps * s.physics_dt_s - TICK_S) > 1e-9:
-        better = TICK_S / max(1, int(TICK_S / s.physics_dt_s) + 1)
-        found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:.6g}")
+    if abs(s.steps_per_tick * s.physics_dt_s - TICK_S) > 1e-9:
+        better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.physics_dt_s)
+        found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:g}")
+    if s.ticks > LONGEST_S / TICK_S:
+        found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
     if s.plant.kind == "bicycle" and s.terrain.kind != "flat":
         found.append(
             f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
@@ -156,6 +159,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    _fill(data, Scenario())
     for key, value in (overrides or {}).items():
         _override(data, key, value)
     data.setdefault("name", path.stem)
@@ -164,7 +168,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:
     """A scenario from plain data; `source` names it in messages. Raises `ScenarioError`."""
-    _fill_kinds(data, Scenario)
+    _fill(data, Scenario())
     try:
         return Scenario.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
@@ -183,6 +187,12 @@ def _find(source: str | FilePath) -> FilePath:
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise ScenarioError(f"{path}: no such file")
     raise ScenarioError(f"unknown scenario {str(source)!r}{suggestion(str(source), list(files))} (see agrobot-mj list)")
+
+
+def _said(spec: Spec) -> dict[str, Any]:
+    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
+    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
+    return {key: _said(value) if isinstance(value, Spec) else value for key, value in fields.items() if value is not None}
 
 
 def _override(data: dict[str, Any], dotted: str, value: Any) -> None:
@@ -214,14 +224,18 @@ def _fields_of(tables: list[str], kind: str) -> set[str]:
     return set(models[kind].model_fields) if kind in models else set()
 
 
-def _fill_kinds(data: dict[str, Any], model: type[Spec]) -> None:
-    """Give each table of a union that names no kind the default's."""
-    for name, field in model.model_fields.items():
-        default, table = field.default, data.get(name)
-        if not isinstance(default, Spec) or not isinstance(table, dict):
-            continue
-        kind = getattr(default, "kind", None)
-        if kind is not None:
-            table.setdefault("kind", kind)
-        if kind is None or table["kind"] == kind:
-            _fill_kinds(table, type(default))
+def _fill(table: dict[str, Any], default: Spec) -> None:
+    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
+    for name, field in type(default).model_fields.items():
+        value, given = getattr(default, name), table.get(name)
+        if isinstance(given, dict) and isinstance(value, Spec):
+            kind = getattr(value, "kind", None)
+            if given.setdefault("kind", kind) is None:
+                del given["kind"]
+            kinds = members(field.annotation)
+            if kind is None or given.get("kind") == kind:
+                _fill(given, value)
+            elif isinstance(given["kind"], str) and given["kind"] in kinds:
+                _fill(given, kinds[given["kind"]]())
+        elif name not in table and name in default.model_fields_set:
+            table[name] = _said(value) if isinstance(value, Spec) else value

@@ -4,8 +4,10 @@ from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+HUGE = 1e9
+"""No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
+Positive = Annotated[float, Field(gt=0, le=HUGE)]
+NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

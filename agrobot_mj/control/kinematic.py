@@ -2,7 +2,7 @@
 
 ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref
 [rad/s], left positive. The law inverts the motion of a point l_r before a rear axle that rolls without slip.
-Source: the paper, section III-A, after Martins et al. (2008).
+Source: the paper, section III-A, after [Martins2008].
 """
 
 from math import cos, sin, tanh

@@ -95,9 +95,9 @@ class SpeedState(NamedTuple):
 class SpeedLoop(Spec):
     """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B)."""
 
-    outer: Pid = Pid(kp=0.25, ki=0.25)
+    outer: Pid = Pid(kp=0.02, ki=0.04)
     """Speed [m/s] to pedal reference [-]. Estimate."""
-    inner: Pid = Pid(kp=10.0)
+    inner: Pid = Pid(kp=6.0)
     """Pedal [-] to voltage [V]. Estimate."""
     feedforward_s_m: NonNegative = 0.2
     """Pedal per speed reference [s/m]: 0.2 is a pedal of 5 m/s. Estimate. Without it the outer PID needs gains that

@@ -1,10 +1,11 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 from math import atan2, cos, hypot, isfinite, radians
-from typing import Literal
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
 from agrobot_mj.driveline import Driveline, drive_law
 from agrobot_mj.geometry import to_heading, wrap
@@ -13,7 +14,7 @@ from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
 from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
 from agrobot_mj.signals import Array, Drive, Reference, Truth
-from agrobot_mj.spec import NonNegative, Spec
+from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear, Tyre
@@ -30,7 +31,7 @@ class Mujoco(Spec):
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = Linear()
     """Law of the tyres, `plant.tyre.kind`."""
-    settle_s: NonNegative = 3.0
+    settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
     """Time to come to rest on the tyres before the run starts [s]."""
 
 

@@ -37,13 +37,9 @@ class Recording:
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
-        self.stream = rr.RecordingStream(
-            APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}"
-        )
+        self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self._connect()
-        self.stream.send_recording_name(
-            f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})"
-        )
+        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),

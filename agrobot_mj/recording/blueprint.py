@@ -54,11 +54,7 @@ def blueprint(plots: Sequence[Plot], places: Array, yaw: float, end_s: float) ->
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(scenes, beside, column_shares=[3, 2], name="Drive"),
-            *(
-                rrb.Grid(*views(starts), grid_columns=3, name=tab)
-                for tab, starts in TABS.items()
-                if views(starts[:1])
-            ),
+            *(rrb.Grid(*views(starts), grid_columns=3, name=tab) for tab, starts in TABS.items() if views(starts[:1])),
             rrb.TextDocumentView(origin="info", name="Info"),
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),

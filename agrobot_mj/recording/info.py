@@ -39,11 +39,7 @@ def _page(scenario: Scenario, result: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any]) -> str:
-    rows = [
-        (name, value, UNITS.get(name, "-"))
-        for name, value in metrics.items()
-        if isinstance(value, int | float)
-    ]
+    rows = [(name, value, UNITS.get(name, "-")) for name, value in metrics.items() if isinstance(value, int | float)]
     lines = [f"| {name} | {value:.6g} | {unit} |" for name, value, unit in rows]
     return "\n".join(["## Metrics", "", "| metric | value | unit |", "|---|---|---|", *lines])
 
@@ -54,9 +50,7 @@ def _turns(metrics: dict[str, Any]) -> str:
     if not turns:
         return ""
     names = [name for name in turns[0] if name not in ("turn", "complete")]
-    lines = [
-        f"| {name} | {_cells([turn[name] for turn in turns])} | {UNITS.get(name, '-')} |" for name in names
-    ]
+    lines = [f"| {name} | {_cells([turn[name] for turn in turns])} | {UNITS.get(name, '-')} |" for name in names]
     heads = " | ".join(f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns)
     return "\n".join(
         [

@@ -25,6 +25,8 @@ FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
 FIX_LIFT_M, FIX_RADIUS_M = 0.015, 0.02
 """Below the tracks; the radius is the sigma of the paper's receiver."""
 
+STRIPS = LineStrip3DBatch([]).as_arrow_array().type
+
 
 class Track(NamedTuple):
     """A line that grows."""
@@ -58,10 +60,13 @@ class Motion:
         self.rows, self.scene, self.ground = rows, scene, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows `first` to `rows.filled` at `times` (n,)."""
+        """Rows `first` to `rows.filled` at `times` (n,), as far as the tractor is anywhere."""
+        times = times[: self._sound(first)]
+        if not times.size:
+            return
         column = rr.TimeColumn(TIMELINE, duration=times)
         for i, body in enumerate(self.scene.bodies):
-            pose = self.rows.poses[first : self.rows.filled, i]
+            pose = self.rows.poses[first : first + len(times), i]
             columns = rr.Transform3D.columns(translation=pose[:, :3], quaternion=pose[:, [4, 5, 6, 3]])
             stream.send_columns(f"world/bodies/{body}", [column], columns)
         ends = piece_ends(len(times))
@@ -70,26 +75,32 @@ class Motion:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
             stream.send_columns(track.entity, [column], pieces)
             if first == 0:
-                style = rr.LineStrips3D.from_fields(
-                    colors=track.colour, radii=rr.Radius.ui_points(track.width)
-                )
+                style = rr.LineStrips3D.from_fields(colors=track.colour, radii=rr.Radius.ui_points(track.width))
                 stream.log(track.entity, style, static=True)
         self._send_fixes(stream, column, first, ends)
+
+    def _sound(self, first: int) -> int:
+        """How many rows from `first` on come before the first without a position, where a run breaks off."""
+        tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
+        poses = self.rows.poses[first : self.rows.filled].reshape(len(tracks[0]), -1)
+        broken = np.flatnonzero(~np.isfinite(np.column_stack([*tracks, poses])).all(axis=1))
+        return int(broken[0]) if broken.size else len(poses)
 
     def _strips(self, track: Track, first: int, ends: Ends) -> pa.Array:
         """The pieces that end before the rows `first + ends`, each joined to the one before."""
         before = min(first, 1)
-        x, y = self.rows.column(track.x, first - before), self.rows.column(track.y, first - before)
+        x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
         return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
 
     def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Ends) -> None:
-        x, y, quality = (self.rows.column(name, first) for name in ("gnss_x", "gnss_y", "gnss_quality"))
+        columns = ("gnss_x", "gnss_y", "gnss_quality")
+        x, y, quality = (self.rows.column(name, first)[: ends[-1]] for name in columns)
         there = np.isfinite(x)
         points = on_ground(self.ground, np.column_stack([x, y])[there], FIX_LIFT_M)
-        columns = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
+        fixes = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
         counts = np.diff(np.append(0, np.cumsum(there)[ends - 1]))
-        stream.send_columns("world/tracks/gnss", [column], columns.partition(counts))
+        stream.send_columns("world/tracks/gnss", [column], fixes.partition(counts))
         if first == 0:
             stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
 
@@ -101,9 +112,6 @@ def piece_ends(count: int) -> Ends:
 
 def strips(points: Array, starts: Ends, ends: Ends) -> pa.Array:
     """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
-    kind = LineStrip3DBatch._ARROW_DATATYPE
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
-    vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=kind.value_type)
-    return pa.ListArray.from_arrays(
-        np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=kind
-    )
+    vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
+    return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

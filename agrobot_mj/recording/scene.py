@@ -19,7 +19,7 @@ MARGIN_M = 60.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
 CHECK_M = 2.0
 """Side of the squares of the ground, which make motion visible [m]."""
-MOST_SQUARES = 400
+MOST_SQUARES = 200
 """Along a side of the ground; squares grow on larger ones."""
 FIELD = np.array([[96, 112, 66], [104, 120, 73]], dtype=np.uint8)
 """The two greens of the ground."""

@@ -102,9 +102,7 @@ PLOTS = (
     _estimated("north", "North of R: estimate less truth", "cm"),
     _estimated("yaw", "Yaw: estimate less truth", "deg"),
     _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
-    _single(
-        "estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"
-    ),
+    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
     _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality"),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
@@ -124,7 +122,7 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
         "error_speed": of("speed_hat") - of("speed"),
         "error_yaw": pi - (pi - yaw) % (2 * pi),
         "bound_east": 3 * np.sqrt(of("p_xx")),
-        "bound_north": 3 * np.sqrt(of("p_yy")),
+        "bound_north": 3 * np.sqrt(of("p_xx")),
         "bound_yaw": 3 * np.sqrt(of("p_yaw")),
     }
 
@@ -145,9 +143,7 @@ class Signals:
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(
-            self.rows, first
-        )
+        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
         column = rr.TimeColumn(TIMELINE, duration=times)
         for plot in self.plots:
             numbers = values(plot, table)
@@ -159,9 +155,7 @@ class Signals:
                 stream.log(plot.entity, _style(plot), static=True)
             when = column if there.all() else rr.TimeColumn(TIMELINE, duration=times[there])
             scalars = rr.Scalars.columns(scalars=numbers[there].ravel())
-            stream.send_columns(
-                plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series)))
-            )
+            stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
 
 
 def _style(plot: Plot) -> rr.SeriesLines:

@@ -18,7 +18,8 @@ PATIENCE_S = 15.0
 
 def open_viewer() -> bool:
     """Start a viewer that outlives the run and wait until it listens; False, said on stderr, if it does not."""
-    viewer = subprocess.Popen(COMMAND, stdout=subprocess.DEVNULL, start_new_session=True)
+    quiet = subprocess.DEVNULL  # else a pipe from the run would stay open as long as the viewer
+    viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S
     while not _listens():
         if viewer.poll() is not None or time.monotonic() > deadline:

@@ -1,7 +1,7 @@
 """A tyre test rig: one wheel of the tractor on level ground, at prescribed speed, slip angle, slip ratio and load.
 
-The forces come from the kernel that the tractor drives on (`wheel`), or, for `contact`, from MuJoCo (`towed`). `rig_command`
-sweeps a tyre and leaves `curves.parquet` (see `sweep`) and figures.
+The forces come from the kernel that the tractor drives on (`wheel`), or, for `contact`, from MuJoCo (`towed`).
+`rig_command` sweeps a tyre and leaves `curves.parquet` (see `sweep`) and figures.
 """
 
 from pathlib import Path

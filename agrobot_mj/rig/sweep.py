@@ -1,16 +1,17 @@
 """What the rig measures of a tyre, as one table.
 
-Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (of `step`
-only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
+Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (of
+`step` only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
 
     lateral        slip angle swept, wheel rolling freely, at every load and at every speed
     longitudinal   slip ratio swept, likewise
     combined       slip ratio swept at several slip angles, and slip angle swept far
-    step           reading over the distance after a step in slip angle, at every speed
-    contact        `lateral` of MuJoCo's own contact at every speed, front axle, for comparison
+    step           reading over the distance after a step in slip angle, at every speed, if the tyre relaxes
+    contact        small slip angles on MuJoCo's own contact at every speed, front axle, for comparison
 """
 
 from collections.abc import Iterable, Iterator
+from math import radians
 
 import numpy as np
 import pyarrow as pa
@@ -28,19 +29,21 @@ SPEED_M_S = 1.0
 LOADS = (0.5, 1.0, 1.5, 2.0)
 """Shares of the static load [-]."""
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
-"""Slip angles, both ways; close at zero for the sake of `contact` [deg]."""
+"""Slip angles, both ways; finer towards zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
 """Slip ratios, both ways [-]."""
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)
 """Slip angles under which the slip ratio is swept [deg]."""
 FAR_DEG, FAR_RATIO = 60.0, 0.9
 """How far `combined` goes [deg], [-]."""
+CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
+"""Slip angles of `contact`, both ways [deg]."""
 STEP_DEG = 1.0
 """Step in slip angle, where tyres still answer in proportion [deg]."""
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
 """How far a step is followed [relaxation lengths], and rows of each."""
-COLUMNS = ("test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m")
-COLUMNS += ("fx_n", "fy_n", "mz_n_m", "grounded")
+COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
+COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
 """Of the table."""
 
 Row = tuple[str | float | None, ...]
@@ -58,11 +61,11 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
         static = static_load(tractor, wheel)
         tests = _tests(bench(tyre, tractor, wheel), static)
         rows += [(test, tyre.kind, axle, *numbers) for test, *numbers in tests]
-    own = bench(Contact(), tractor)
-    across = lateral(SPEEDS_M_S, [static_load(tractor, FRONT)])
-    rows += [("contact", "contact", "front", *numbers) for numbers in _steady(own, across)]
+    contact = tyre if isinstance(tyre, Contact) else Contact()
+    creep = lateral(SPEEDS_M_S, [static_load(tractor, FRONT)], CREEP_DEG)
+    rows += [("contact", "contact", "front", *numbers) for numbers in _steady(Towed(contact, tractor), creep)]
     columns = [pa.array(list(column)) for column in zip(*rows, strict=True)]
-    return pa.table(columns, names=list(COLUMNS))
+    return pa.table(columns, names=COLUMNS)
 
 
 def static_load(tractor: TractorParameters, wheel: int) -> float:
@@ -70,9 +73,11 @@ def static_load(tractor: TractorParameters, wheel: int) -> float:
     return (tractor.front_axle_load if wheel == FRONT else tractor.rear_axle_load) / 2
 
 
-def lateral(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
+def lateral(
+    speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
+) -> Iterator[Setting]:
     """Slip angle over both signs."""
-    angles = both_ways(np.radians(ANGLES_DEG))
+    angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
@@ -102,8 +107,8 @@ def _tests(rig: TestBench, static: float) -> Iterator[Row]:
         for case in (settings([SPEED_M_S], loads), settings(others, [static])):
             yield from ((test, *numbers) for numbers in _steady(rig, case))
     yield from (("combined", *numbers) for numbers in _steady(rig, combined(static)))
-    for speed in SPEEDS_M_S:
-        yield from (("step", *numbers) for numbers in _step(rig, Setting(speed, np.radians(STEP_DEG), 0.0, static)))
+    for speed in SPEEDS_M_S if rig.relaxation else ():
+        yield from (("step", *numbers) for numbers in _step(rig, Setting(speed, radians(STEP_DEG), 0.0, static)))
 
 
 def _steady(rig: TestBench, settings: Iterable[Setting]) -> Iterator[Row]:
@@ -115,7 +120,7 @@ def _step(rig: TestBench, s: Setting) -> Iterator[Row]:
     readings = rig.history(s, STEP_LENGTHS * rig.relaxation)
     for k in np.unique(np.linspace(0, len(readings) - 1, STEP_ROWS).astype(int)):
         distance = (k + 1) / len(readings) * STEP_LENGTHS * rig.relaxation
-        yield (s.speed, s.load, float(s.slip_angle), s.slip_ratio, distance, *_forces(readings[k]))
+        yield (s.speed, s.load, s.slip_angle, s.slip_ratio, distance, *_forces(readings[k]))
 
 
 def _forces(reading: Iterable[float]) -> tuple[float, float, float, float]:

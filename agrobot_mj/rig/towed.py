@@ -1,12 +1,13 @@
 """MuJoCo's own contact on the rig: it has no kernel, so a sled tows the tractor's own wheel in MuJoCo.
 
 The wheel comes out of `models/tractor.xml`. The sled holds its heading along x and its velocity, carries the load as
-mass, and is free to rise. Once sliding, MuJoCo's contact pushes the wheel off the ground and it hops; so a steady reading is
-the mean over time, and `Reading.grounded` tells how much of it the wheel touched. Before it slides the force is viscous,
+mass, and is free to rise. Until it slides the force is viscous,
 
-    F_y = -c v_y,        c = n d / (1 - d) b impratio m,
+    F_y = -c v_y,        c = n b impratio m d / (1 - d),
 
-with n contact points, d and b of `solimp` and `solref`, and m the mass that the contact feels: a cornering stiffness c v_x.
+with n contact points, d and b of `solimp` and `solref`, and m the mass that the contact feels: the cornering stiffness
+is c v_x. Once it slides, MuJoCo's contact pushes the wheel off the ground and it hops; so a steady reading is the mean
+over time, and `Reading.grounded` tells for how much of it the wheel touched.
 """
 
 import mujoco
@@ -33,11 +34,11 @@ SETTLE_S, STEADY_S = 1.0, 2.0
 class Towed:
     """One wheel with MuJoCo's contact, behind the methods of `Rig`."""
 
-    def __init__(
-        self, tyre: Contact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
-    ) -> None:
+    relaxation = 0.0
+    """It has none; how fast the force builds up here is a matter of how the sled is held [m]."""
+
+    def __init__(self, tyre: Contact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S) -> None:
         self.tyre, self.tractor, self.wheel, self.dt = tyre, tractor, wheel, dt
-        self.relaxation = 1.5 * (tractor.front_wheel_radius_m if wheel == FRONT else tractor.rear_wheel_radius_m)
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
@@ -64,7 +65,8 @@ class Towed:
             return
         self.load, self.model = load, _model(self.tyre, self.tractor, WHEELS[self.wheel], load, self.dt)
         self.data = mujoco.MjData(self.model)
-        self.imposed = [int(self.model.joint(name).dofadr[0]) for name in ("x", "y", f"{PREFIX}spin_{WHEELS[self.wheel]}")]
+        joints = ("x", "y", f"{PREFIX}spin_{WHEELS[self.wheel]}")
+        self.imposed = [int(self.model.joint(name).dofadr[0]) for name in joints]
         mujoco.mj_step(self.model, self.data, round(SETTLE_S / self.dt))
         self.settled = self.data.qpos.copy()
         depth = -min(float(c.dist) for c in self.data.contact)

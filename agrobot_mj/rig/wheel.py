@@ -1,7 +1,7 @@
 """One wheel on level ground, driven through the tractor's own kernel.
 
-The wheel's centre moves at a constant velocity at a constant height, its heading along x; its spin is imposed. Forces are
-those that the kernel reports, the moment that of its wrench about the vertical.
+The wheel's centre moves at a constant velocity at a constant height, its heading along x; its spin is imposed. Forces
+are those that the kernel reports, the moment that of its wrench about the vertical.
 """
 
 from typing import NamedTuple, Protocol
@@ -58,6 +58,7 @@ class TestBench(Protocol):
     """What the sweeps need of a wheel, whoever makes its forces."""
 
     relaxation: float
+    """Relaxation length; 0 without one [m]."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
         """Each step's `Reading`, shape (steps, 5), from the moment that the wheel is set in motion."""

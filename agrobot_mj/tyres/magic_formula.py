@@ -10,10 +10,10 @@ its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
 """
 
 from math import atan, hypot, pi, sin, tan
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 from scipy.optimize import brentq
 
 from agrobot_mj.compiled import jit
@@ -81,7 +81,7 @@ class MagicFormula(Spec):
     rear: AxleTyre = AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
     relaxation_radii: Positive = 1.5
-    """Relaxation length over free radius [-]. Estimate, after Karkee and Steward (2010)."""
+    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.05
     """Moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
     bristle_damping_s: NonNegative = 0.02
@@ -91,26 +91,10 @@ class MagicFormula(Spec):
     trail_m: NonNegative = 0.03
     """Pneumatic trail at small slip, lever of the aligning moment; 0 leaves it out [m]. Estimate."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _keep_what_is_not_named(cls, data: Any) -> Any:
-        """A table of an axle changes the keys that it names; the others keep that axle's defaults."""
-        if not isinstance(data, dict):
-            return data
-        tables = {axle: table for axle in ("front", "rear") if isinstance(table := data.get(axle), dict)}
-        defaults = {axle: cls.model_fields[axle].default.model_dump() for axle in tables}
-        return data | {axle: merged(defaults[axle], table) for axle, table in tables.items()}
-
     def coefficients(self) -> Array:
         """Of fl, fr, rl, rr, shape (4, 14)."""
         front, rear = self.front.row(), self.rear.row()
         return np.array([front, front, rear, rear])
-
-
-def merged(defaults: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`changes` over `defaults`, tables within tables likewise."""
-    inner = {k: merged(defaults[k], v) for k, v in changes.items() if isinstance(v, dict) and isinstance(defaults.get(k), dict)}
-    return defaults | changes | inner
 
 
 @jit

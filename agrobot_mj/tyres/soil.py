@@ -42,7 +42,7 @@ class Soil(Spec):
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate."""
     relaxation_radii: Positive = 1.5
-    """Relaxation length over free radius [-]. Estimate, after Karkee and Steward (2010)."""
+    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
     patch_half_length_m: NonNegative = 0.08

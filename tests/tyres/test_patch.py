@@ -256,6 +256,24 @@ def test_a_steadily_sliding_tyre_only_takes_power(tyre, yaw, camber, velocity, s
     assert power <= 1e-6 * scale
 
 
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("slip", [-0.02, -0.005, 0.005, 0.02])
+def test_driving_and_braking_cost_exactly_what_slides(law, slip):
+    """The lever of the driving force is the effective radius: with another, a wheel could roll for free, or for less."""
+    off = {name: 0.0 for name in ("rolling_resistance", "patch_half_length")}
+    wheel, spin = Wheel(law(), **off), 1.2 * (1 + slip) / r_e(0.02)
+    report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)
+    soil = wheel.wrench[0] - report[FORCE_X]
+    assert soil == pytest.approx(0.0)
+    traction = -(wheel.wrench[4]) / r_e(0.02)
+    power = wheel.wrench[0] * 1.2 + wheel.wrench[4] * spin
+    assert power < 0
+    assert power == pytest.approx(traction * (1.2 - r_e(0.02) * spin) - (traction - report[FORCE_X]) * 1.2)
+    assert np.sign(traction) == np.sign(slip)
+    if law is Linear:
+        assert traction == pytest.approx(report[FORCE_X])
+
+
 def test_rolling_resistance_brakes_a_freely_rolling_wheel():
     motion = ((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0))
     wheel = Wheel(Linear(rolling_resistance=0.05))

@@ -1,0 +1,22 @@
+import pytest
+import rerun as rr
+from recorded import Recorded
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.recording import Recording
+
+rr.set_strict_mode(True)
+
+
+@pytest.fixture(scope="session")
+def eight(tmp_path_factory):
+    """The start of the figure eight, on wheels, under the network; ends in the middle of a portion."""
+    path = tmp_path_factory.mktemp("recording") / "new" / "run.rrd"
+    scenario = load_scenario("figure_eight", {"duration_s": 25.4})
+    return Recorded(path, run(scenario, (Recording(path),)))
+
+
+@pytest.fixture
+def short():
+    """A run to change and to replay."""
+    return run(load_scenario("straight_line", {"duration_s": 21}))

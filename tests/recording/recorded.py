@@ -1,0 +1,53 @@
+"""Recordings read back, for the tests."""
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+from agrobot_mj.recording import Recording
+
+
+class Recorded:
+    """A recording read back: one entity at a time, its rows in order of time."""
+
+    def __init__(self, path, log=None):
+        self.path, self.log = path, log
+
+    def identity(self):
+        """Application and recording."""
+        (entry,) = RrdReader(str(self.path)).recordings()
+        return entry.application_id, entry.recording_id
+
+    def entities(self):
+        return {chunk.entity_path for chunk in RrdReader(str(self.path)).stream().to_chunks()}
+
+    def _batches(self, entity, static):
+        chunks = RrdReader(str(self.path)).stream().filter(content=entity).to_chunks()
+        return [chunk.to_record_batch() for chunk in chunks if chunk.is_static == static]
+
+    def column(self, entity, component):
+        """Times [ns] and what there is at each."""
+        found = []
+        for batch in self._batches(entity, False):
+            times = batch.column("sim_time").cast("int64").to_pylist()
+            found += zip(times, batch.column(component).to_pylist(), strict=True)
+        times, values = zip(*sorted(found, key=lambda pair: pair[0]), strict=True)
+        return np.array(times), list(values)
+
+    def static(self, entity, component):
+        """What was written last."""
+        batches = [batch for batch in self._batches(entity, True) if component in batch.schema.names]
+        last = max(batches, key=lambda batch: batch.column("rerun.controls.RowId")[-1].as_py())
+        return last.column(component)[-1].as_py()
+
+
+def replay(log, path, scenario=None):
+    """Record a finished run again, in the same portions as when it ran."""
+    rows, filled = log.rows, log.rows.filled
+    recording = Recording(path)
+    rows.filled = 0
+    recording.start(scenario or log.scenario, log.scene, rows)
+    for first in range(0, filled, 200):
+        rows.filled = min(first + 200, filled)
+        recording.advance(first)
+    recording.finish(log)
+    return Recorded(path, log)

@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from recorded import replay
+
+from agrobot_mj.paths import sample
+from agrobot_mj.plants.scene import Geom
+from agrobot_mj.recording.blueprint import blueprint
+from agrobot_mj.recording.scene import ground_mesh, heights, shapes
+from agrobot_mj.terrain import Ground, Slope, height_and_gradient
+
+TILT = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
+"""0.6 rad about y."""
+
+
+def points(values):
+    return np.array([point for piece in values for point in piece])
+
+
+def test_bodies_are_where_the_log_says(eight):
+    for i, body in enumerate(eight.log.scene.bodies):
+        times, places = eight.column(f"/world/bodies/{body}", "Transform3D:translation")
+        _, turns = eight.column(f"/world/bodies/{body}", "Transform3D:quaternion")
+        pose = eight.log.poses[:, i]
+        np.testing.assert_array_equal(times, np.rint(eight.log.column("t") * 1e9))
+        np.testing.assert_array_equal(points(places), pose[:, :3].astype(np.float32))
+        np.testing.assert_array_equal(points(turns), pose[:, [4, 5, 6, 3]].astype(np.float32))
+
+
+def test_every_geom_is_drawn(eight):
+    sizes = {
+        **{"boxes": "Boxes3D:half_sizes", "cylinders": "Cylinders3D:radii"},
+        **{"capsules": "Capsules3D:radii", "ellipsoids": "Ellipsoids3D:half_sizes"},
+    }
+    for body in eight.log.scene.bodies:
+        drawn = [
+            len(eight.static(f"/world/bodies/{body}/{shape}", component))
+            for shape, component in sizes.items()
+            if f"/world/bodies/{body}/{shape}" in eight.entities()
+        ]
+        assert sum(drawn) == len([geom for geom in eight.log.scene.geoms if geom.body == body])
+
+
+def test_shapes_have_the_sizes_of_mujoco():
+    colour, place = (0.2, 0.4, 0.6, 1.0), (1.0, 2.0, 3.0)
+    geoms = [
+        Geom(kind, "b", kind, (0.1, 0.2, 0.3), place, TILT, colour)
+        for kind in ("box", "cylinder", "capsule", "sphere", "ellipsoid")
+    ]
+    drawn = shapes(geoms)
+    assert drawn["boxes"].half_sizes.as_arrow_array().to_pylist() == [pytest.approx([0.1, 0.2, 0.3])]
+    assert drawn["boxes"].quaternions.as_arrow_array().to_pylist() == [pytest.approx([*TILT[1:], TILT[0]])]
+    assert drawn["boxes"].colors.as_arrow_array().to_pylist() == [0x336699FF]
+    assert drawn["cylinders"].lengths.as_arrow_array().to_pylist() == pytest.approx([0.4])
+    assert drawn["capsules"].lengths.as_arrow_array().to_pylist() == pytest.approx([0.4])
+    assert drawn["ellipsoids"].half_sizes.as_arrow_array().to_pylist() == [
+        pytest.approx([0.1, 0.1, 0.1]),
+        pytest.approx([0.1, 0.2, 0.3]),
+    ]
+    start = drawn["capsules"].translations.as_arrow_array().to_pylist()[0]
+    along = np.array([np.sin(0.6), 0.0, np.cos(0.6)])
+    np.testing.assert_allclose(np.add(start, 0.2 * along), place, atol=1e-6)
+
+
+@pytest.mark.parametrize(("track", "x", "y"), [("true", "x", "y"), ("estimated", "x_hat", "y_hat")])
+def test_tracks_join_up_and_end_at_the_present(eight, track, x, y):
+    times, pieces = eight.column(f"/world/tracks/{track}", "LineStrips3D:strips")
+    path = np.column_stack([eight.log.column(x), eight.log.column(y)]).astype(np.float32)
+    ticks, begins = times // 50_000_000, 0
+    for tick, (piece,) in zip(ticks, pieces, strict=True):
+        np.testing.assert_array_equal(np.array(piece)[:, :2], path[begins : tick + 1])
+        begins = tick
+    assert np.diff(ticks).max() == 5
+    assert ticks[-1] == len(path) - 1
+
+
+def test_fixes_are_shown_where_there_are_any(short, tmp_path):
+    x, y, quality = (short.column(name) for name in ("gnss_x", "gnss_y", "gnss_quality"))
+    x[30:57], quality[30:57], quality[57:60] = np.nan, 0, 1
+    times, fixes = replay(short, tmp_path / "run.rrd").column("/world/tracks/gnss", "Points3D:positions")
+    _, colours = replay(short, tmp_path / "run.rrd").column("/world/tracks/gnss", "Points3D:colors")
+    there = np.isfinite(x)
+    found = np.array([fix for piece in fixes for fix in piece])
+    np.testing.assert_array_equal(found[:, :2], np.column_stack([x, y])[there].astype(np.float32))
+    assert [len(piece) for piece in fixes][5:13] == [5, 0, 0, 0, 0, 0, 3, 5]
+    assert times[5] == 29 * 50_000_000
+    assert [colour for piece in colours for colour in piece][29:34] == [0x009E73FF] + 3 * [0xE69F00FF] + [0x009E73FF]
+
+
+def test_the_reference_is_the_whole_path(eight):
+    scenario = eight.log.scenario
+    (line,) = eight.static("/world/path", "LineStrips3D:strips")
+    ends = sample(scenario.path, [0.0, 25.4])
+    np.testing.assert_allclose(np.array(line)[[0, -1], :2], ends, atol=1e-5)
+
+
+def test_heights_are_those_that_the_wheels_feel():
+    rng = np.random.default_rng(3)
+    ground = Ground(-2.0, -3.0, 0.5, rng.normal(size=(13, 9)))
+    x, y = rng.uniform(-4, 4, size=(2, 500))
+    expected = [height_and_gradient(ground, *place)[0] for place in zip(x, y, strict=True)]
+    np.testing.assert_allclose(heights(ground, x, y), expected, atol=1e-12)
+
+
+def test_the_ground_is_a_checkerboard_on_the_terrain():
+    ground = Slope(grade_deg=10, direction_deg=0, half_size_m=30).ground()
+    mesh = ground_mesh(ground, np.array([[0.0, 0.0], [10.0, 5.0]]))
+    corners = points(mesh.vertex_positions.as_arrow_array().to_pylist()).reshape(-1, 3)
+    triangles = np.array(mesh.triangle_indices.as_arrow_array().to_pylist())
+    colours = np.array(mesh.vertex_colors.as_arrow_array().to_pylist())
+    np.testing.assert_allclose(corners[:, 2], np.tan(np.radians(10)) * corners[:, 0], atol=1e-5)
+    assert np.abs(corners[:, :2]).max() == 30
+    a, b, c = corners[triangles].transpose(1, 0, 2)
+    areas = np.cross(b - a, c - a)[:, 2] / 2
+    np.testing.assert_allclose(areas, 2.0, rtol=1e-4)  # each half a square of 2 m, seen from above
+    assert areas.sum() == pytest.approx(60 * 60)
+    assert len(np.unique(colours)) == 2
+    assert (colours.reshape(-1, 4) == colours.reshape(-1, 4)[:, :1]).all()
+
+
+def test_a_layout_without_plots_is_a_layout():
+    blueprint([], np.zeros((1, 3)), 0.0, 1.0)

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from recorded import Recorded, replay
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.recording import Recording
+from agrobot_mj.recording.blueprint import DRIVE, FOLLOWED, TABS
+from agrobot_mj.recording.signals import PLOTS
+
+DEG = 180 / np.pi
+WHEELS = ("fl", "fr", "rl", "rr")
+SHOWN = {
+    "tracking/error": ("m", 1, ["e_longitudinal", "e_lateral"]),
+    "yaw_rate/loop": ("deg/s", DEG, ["yaw_rate_ref", "yaw_rate_hat", "yaw_rate"]),
+    "yaw_rate/error": ("deg/s", DEG, ["e_yaw_rate"]),
+    "control/q": ("-", 1, ["q"]),
+    "steering/angle": ("deg", DEG, ["steer_ref", "steer_measured", "steer"]),
+    "steering/valve": ("V", 1, ["valve_voltage"]),
+    "speed/loop": ("m/s", 1, ["speed_ref", "speed_hat", "speed"]),
+    "speed/pedal": ("-", 1, ["pedal_ref", "pedal_measured", "pedal"]),
+    "speed/valve": ("V", 1, ["pedal_voltage"]),
+    "estimator/nees": ("-", 1, ["position_nees"]),
+    "estimator/quality": ("-", 1, ["gnss_quality"]),
+    "attitude": ("deg", DEG, ["roll", "pitch"]),
+    "tyres/load": ("kN", 1e-3, [f"load_{w}" for w in WHEELS]),
+    "tyres/slip_angle": ("deg", DEG, [f"slip_angle_{w}" for w in WHEELS]),
+    "tyres/slip_ratio": ("%", 100, [f"slip_ratio_{w}" for w in WHEELS]),
+    "tyres/longitudinal_force": ("kN", 1e-3, [f"fx_{w}" for w in WHEELS]),
+    "tyres/lateral_force": ("kN", 1e-3, [f"fy_{w}" for w in WHEELS]),
+}
+"""Unit, factor from SI and columns of the plots that show the log as it is."""
+COMPUTED = {"control/command", "estimator/east", "estimator/north", "estimator/yaw", "estimator/speed"}
+
+
+def scalars(recorded, path):
+    times, values = recorded.column(f"/plots/{path}", "Scalars:scalars")
+    return times, np.array(values)
+
+
+def names(recorded, path):
+    return recorded.static(f"/plots/{path}", "SeriesLines:names")
+
+
+@pytest.mark.parametrize("path", SHOWN)
+def test_plots_equal_the_log(eight, path):
+    unit, factor, columns = SHOWN[path]
+    times, values = scalars(eight, path)
+    np.testing.assert_array_equal(times, np.rint(eight.log.column("t") * 1e9))
+    np.testing.assert_allclose(values.T, [eight.log.column(name) * factor for name in columns], rtol=1e-15)
+    assert all(name.endswith(f"[{unit}]") for name in names(eight, path))
+
+
+def test_the_command_is_the_sum_of_its_parts(eight):
+    _, values = scalars(eight, "control/command")
+    total, pd, network = values.T / DEG
+    np.testing.assert_allclose(total, eight.log.column("steer_ref"), rtol=1e-14)
+    np.testing.assert_allclose(pd, eight.log.column("tau_c"), rtol=1e-14)
+    np.testing.assert_allclose(pd + network, total, atol=1e-12)
+    assert names(eight, "control/command") == ["total [deg]", "PD tau_c [deg]", "network -tau_n [deg]"]
+
+
+@pytest.mark.parametrize(
+    ("path", "factor", "estimate", "truth", "variance"),
+    [
+        ("east", 100, "rear_x_hat", "rear_x", "p_xx"),
+        ("north", 100, "rear_y_hat", "rear_y", "p_yy"),
+        ("yaw", DEG, "yaw_hat", "yaw", "p_yaw"),
+    ],
+)
+def test_estimates_stand_between_their_bounds(eight, path, factor, estimate, truth, variance):
+    column = eight.log.column
+    _, values = scalars(eight, f"estimator/{path}")
+    upper, lower, error = values.T / factor
+    np.testing.assert_allclose(error, column(estimate) - column(truth), atol=1e-12)
+    np.testing.assert_allclose(upper, 3 * np.sqrt(column(variance)), rtol=1e-12)
+    np.testing.assert_array_equal(lower, -upper)
+
+
+def test_the_error_of_the_speed_is_that_of_its_estimate(eight):
+    _, values = scalars(eight, "estimator/speed")
+    np.testing.assert_allclose(values[:, 0], eight.log.column("speed_hat") - eight.log.column("speed"))
+
+
+def test_yaw_errors_are_small_across_the_wrap(short, tmp_path):
+    yaw, yaw_hat = short.column("yaw"), short.column("yaw_hat")
+    yaw[:], yaw_hat[:] = np.pi - 0.01, -np.pi + 0.02
+    _, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/yaw")
+    np.testing.assert_allclose(values[:, 2] / DEG, 0.03)
+
+
+def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
+    recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
+    assert recorded == SHOWN.keys() | COMPUTED == {plot.path for plot in PLOTS}
+    assert [path for path in recorded if not path.startswith((*DRIVE, *sum(TABS.values(), ())))] == []
+    assert f"/{FOLLOWED}" in eight.entities()
+
+
+def test_nothing_is_drawn_that_does_not_exist(tmp_path):
+    path = tmp_path / "run.rrd"
+    scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle", "controller.kind": "pd"})
+    log, recorded = run(scenario, (Recording(path),)), Recorded(path)
+    assert np.isnan(log.column("q")).all()
+    plots = {entity.removeprefix("/plots/") for entity in recorded.entities() if entity.startswith("/plots/")}
+    assert plots == {name for name in SHOWN.keys() | COMPUTED if not name.startswith("tyres/")} - {"control/q"}
+    assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
+
+
+def test_rows_without_a_value_are_left_out(short, tmp_path):
+    short.column("position_nees")[150:320] = np.nan
+    times, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/nees")
+    there = np.r_[0:150, 320 : len(short.column("t"))]
+    np.testing.assert_array_equal(times, there * 50_000_000)
+    np.testing.assert_array_equal(values[:, 0], short.column("position_nees")[there])
+
+
+def test_states_tell_their_changes(short, tmp_path):
+    quality, saturated = short.column("gnss_quality"), short.column("steer_saturated")
+    quality[:], saturated[:] = 2, 0
+    quality[200:250], quality[250:400], saturated[199] = 0, 1, 1
+    recorded = replay(short, tmp_path / "run.rrd")
+    times, states = recorded.column("/states/gnss", "StateChange:state")
+    assert list(times // 50_000_000) == [0, 200, 250, 400]
+    assert states == [["fix"], ["none"], ["float"], ["fix"]]
+    times, states = recorded.column("/states/steering", "StateChange:state")
+    assert list(times // 50_000_000) == [0, 199, 200]
+    assert states == [["free"], ["at its limit"], ["free"]]
