@@ -87,6 +87,11 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
     return law, DriveMemory(np.zeros(1), np.zeros(1))
 
 
+def drive_at_rest(memory: DriveMemory) -> None:
+    """Pedal released, pump at zero."""
+    memory.pedal[:], memory.speed[:] = 0.0, 0.0
+
+
 @jit
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
     """Advance pedal and pump by one step under `voltage` [V]; returns the rim speed asked for [m/s]."""

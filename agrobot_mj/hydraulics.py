@@ -116,6 +116,11 @@ def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
     return law, ValveMemory(np.array([NEUTRAL_V]), queue, np.zeros(1, dtype=np.int64))
 
 
+def come_to_rest(memory: ValveMemory) -> None:
+    """Forget all voltages but neutral."""
+    memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
+
+
 @jit
 def static_flow(law: ValveLaw, voltage: float) -> float:
     """Steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""

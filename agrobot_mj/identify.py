@@ -100,7 +100,8 @@ class Data(NamedTuple):
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
     """The valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
 
-    `cylinder` (by default the default one) turns steering rate into oil flow. Raises `ScenarioError` for signals that cannot tell.
+    `cylinder` (the default one if None) turns steering rate into oil flow. Raises `ScenarioError` for signals that
+    cannot tell.
     """
     data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
     free = _fit(data, _start(data))

@@ -63,8 +63,8 @@ class Scenario(Spec):
     """All randomness follows from it."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
     """[s]. The path's own when left out."""
-    physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.01)] = 0.002
-    """Physics step; must divide the 0.05 s tick [s]."""
+    physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
+    """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
     tractor: TractorParameters = TractorParameters()
     plant: Plant = Mujoco()
     terrain: Terrain = Flat()

@@ -13,9 +13,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.compiled import jit
-from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_law, drive_step
+from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_at_rest, drive_law, drive_step
 from agrobot_mj.geometry import from_heading, wrap
-from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, static_flow, valve_law, valve_step
+from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, come_to_rest, static_flow, valve_law, valve_step
 from agrobot_mj.plants.scene import Ghost
 from agrobot_mj.signals import Array, Drive, Reference, Truth
 from agrobot_mj.spec import Positive, Spec
@@ -191,6 +191,9 @@ class BicyclePlant:
     def reset(self, start: Reference) -> Truth:
         """Place the tractor at rest with its CG on the path's start."""
         self.state[:] = 0.0
+        self.samples[:] = 0.0
+        come_to_rest(self.valve_memory)
+        drive_at_rest(self.drive_memory)
         self.state[:3] = start.x, start.y, start.yaw
         self.ticks = 0
         return self.truth()

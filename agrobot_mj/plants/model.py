@@ -196,6 +196,7 @@ def simulation_model(
     """The tractor on its ground, compiled. Without `native_contact` the wheels touch nothing: the tyres do."""
     spec.option.timestep = physics_dt
     spec.option.impratio = impratio
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a blown-up run must not start anew
     for wheel in WHEELS:
         tyre = spec.geom(f"tyre_{wheel}")
         tyre.contype = tyre.conaffinity = int(native_contact)

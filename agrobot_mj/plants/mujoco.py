@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.driveline import Driveline, drive_law
+from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import to_heading, wrap
-from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, static_flow, valve_law
+from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, come_to_rest, static_flow, valve_law
 from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
 from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
@@ -23,6 +23,10 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATI
 
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
+
+
+UNEARTHLY_SPEED = 100.0
+"""A tractor faster than this has blown up [m/s]. Estimate."""
 
 
 class Mujoco(Spec):
@@ -88,6 +92,8 @@ class MujocoPlant:
         """Place the tractor at rest with its CG above the path's start, and let it settle on its tyres."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
+        come_to_rest(self.valve_memory)
+        drive_at_rest(self.drive_memory)
         self.data.qpos[:7] = _pose_on(self.ground, start, self.tractor)
         for _ in range(self.settle_ticks):
             self._steps(Drive(NEUTRAL_V, NEUTRAL_V))
@@ -175,7 +181,7 @@ class MujocoPlant:
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""
         x, y = self.motion[0], self.motion[1]
-        if not isfinite(self.motion.sum()):
+        if not isfinite(self.motion.sum()) or abs(self.motion[6:12]).max() > UNEARTHLY_SPEED:
             return "diverged"
         if self.data.xmat[1, 8] < ROLLOVER_COSINE:
             return "rolled_over"
