@@ -95,7 +95,7 @@ class SpeedState(NamedTuple):
 class SpeedLoop(Spec):
     """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B)."""
 
-    outer: Pid = Pid(kp=0.02, ki=0.04)
+    outer: Pid = Pid(kp=0.05, ki=0.1)
     """Speed [m/s] to pedal reference [-]. Estimate."""
     inner: Pid = Pid(kp=6.0)
     """Pedal [-] to voltage [V]. Estimate."""

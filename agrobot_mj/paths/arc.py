@@ -3,7 +3,8 @@
 Lengths in metres along the path; curvature in 1/m, left positive; yaw from east, counter-clockwise.
 """
 
-from math import cos, pi, sin
+from itertools import pairwise
+from math import cos, pi, sin, sqrt
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -44,10 +45,15 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
-def turns(duration: float, count: int, ramp: float) -> tuple[tuple[float, float], ...]:
-    """(start, end) of `count` turns that take `duration` [s] each at full speed; the ramp lengthens the first."""
-    ends = [ramp / 2 + k * duration for k in range(count + 1)]
-    return tuple(zip([0.0, *ends[1:-1]], ends[1:], strict=True))
+def when(moved: float, ramp: float) -> float:
+    """The time [s] at which `progress` gives `moved` [s]."""
+    return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
+
+
+def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
+    """(start, end) of `count` turns that take `duration` [s] each at full speed, after a run-in [s at full speed]."""
+    times = [when(run_in + k * duration, ramp) for k in range(count + 1)]
+    return tuple(pairwise(times))
 
 
 def reference(pose: Pose, curvature: float, speed: float) -> Reference:

@@ -37,7 +37,7 @@ class Circle(Spec):
     @property
     def duration_s(self) -> float:
         """Time of all turns [s]."""
-        return self.ramp_s / 2 + self.turns * self.turn_s
+        return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:

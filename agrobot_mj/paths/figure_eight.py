@@ -1,23 +1,24 @@
 """The 8 of the paper: two straights that cross at the origin, joined by two arcs tangent to them.
 
 With straights of length 2 h and arcs of radius r, the straights lie at +-phi to the east axis with
-tan(phi) = r / h, and each arc turns through 2 pi - 2 atan(h / r). The 8 lies along east. It starts at the
+tan(phi) = r / h, and each arc turns through 2 pi - 2 atan(h / r). The 8 lies along east. A turn begins at the
 crossing, the middle of the first straight, heads to the north-east, and takes the eastern arc to the right
-and the western one to the left. Curvature steps where straights and arcs meet. The reference goes on round
-beyond the last turn.
+and the western one to the left. A run-in on the first straight comes before the first turn, so that the tractor is
+up to speed when it begins. Curvature steps where straights and arcs meet. The reference goes on round beyond the last
+turn.
 
 The paper shows its 8 but gives no dimensions; it gives two turns and that the first takes about 120 s.
 """
 
 from functools import lru_cache
 from math import atan, pi
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference, turns
 from agrobot_mj.signals import Reference
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.spec import NonNegative, Positive, Spec
 
 
 class _Piece(NamedTuple):
@@ -53,8 +54,16 @@ class FigureEight(Spec):
     """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
     ramp_s: Ramp = RAMP_S
     """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
+    run_in_m: NonNegative = 14.0
+    """Way to the crossing before the first turn begins, at most half a straight [m]. Estimate."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """How often to go round [-]; paper."""
+
+    @model_validator(mode="after")
+    def _run_in_fits(self) -> Self:
+        if self.run_in_m > self.straight_m / 2:
+            raise ValueError(f"run_in_m: must be at most half of straight_m ({self.straight_m / 2:g})")
+        return self
 
     @property
     def turn_s(self) -> float:
@@ -63,13 +72,13 @@ class FigureEight(Spec):
 
     @property
     def duration_s(self) -> float:
-        """Time of all turns [s]."""
-        return self.ramp_s / 2 + self.turns * self.turn_s
+        """Time of the run-in and all turns [s]."""
+        return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """(start, end) of each turn [s]."""
-        return turns(self.turn_s, self.turns, self.ramp_s)
+        return turns(self.turn_s, self.turns, self.ramp_s, self.run_in_m / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
@@ -80,6 +89,6 @@ class FigureEight(Spec):
         """The reference at time `t` [s] since the start; any `t`, the 8 goes on."""
         pieces, length = _pieces(self.radius_m, self.straight_m)
         moved, share = progress(t, self.ramp_s)
-        distance = (self.speed_m_s * moved) % length
+        distance = (self.speed_m_s * moved - self.run_in_m) % length
         start, pose, curvature = next(piece for piece in pieces if piece.start <= distance)
         return reference(advance(pose, curvature, distance - start), curvature, share * self.speed_m_s)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
-from agrobot_mj.geometry import to_heading, wrap
+from agrobot_mj.geometry import wrap
 from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, come_to_rest, static_flow, valve_law
 from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
@@ -17,7 +17,7 @@ from agrobot_mj.signals import Array, Drive, Reference, Truth
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tractor import TractorParameters
-from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO
 
@@ -33,7 +33,7 @@ class Mujoco(Spec):
     """The MJCF tractor on its tyres."""
 
     kind: Literal["mujoco"] = "mujoco"
-    tyre: Tyre = Linear()
+    tyre: Tyre = MagicFormula()
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
     """Time to come to rest on the tyres before the run starts [s]."""
@@ -162,19 +162,22 @@ class MujocoPlant:
         return flow, steering / self.oil.displacement, drive
 
     def _read_contacts(self) -> None:
-        """Fill the report from MuJoCo's contact sensors and the wheels' own motion."""
+        """Fill the report from MuJoCo's contact sensors and the wheels' own motion, in the plane of the ground."""
         for i, wheel in enumerate(WHEELS):
             body = self.model.body(f"wheel_{wheel}").id
-            force = self.data.sensor(f"contact_{wheel}").data
+            force = self.data.sensor(f"contact_{wheel}").data[:3]
             mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
             axle = self.data.xmat[body].reshape(3, 3)[:, 1]
-            heading = atan2(-axle[0], axle[1])
-            v_x, v_y = to_heading(heading, self.velocity[3], self.velocity[4])
+            _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
+            n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
+            forward = np.cross(axle, n)
+            forward /= np.linalg.norm(forward)
+            left = np.cross(n, forward)
+            v_x, v_y = float(self.velocity[3:] @ forward), float(self.velocity[3:] @ left)
             rim = float(self.velocity[:3] @ axle) * float(self.tyred.tyres.radius[i])
+            upward = force if force @ n >= 0 else -force
             report = self.tyred.report[i]
-            report[LOAD] = abs(force[2])
-            sign = 1.0 if force[2] >= 0 else -1.0
-            report[FORCE_X], report[FORCE_Y] = to_heading(heading, sign * force[0], sign * force[1])
+            report[LOAD], report[FORCE_X], report[FORCE_Y] = upward @ n, upward @ forward, upward @ left
             report[SLIP_ANGLE] = atan2(v_y, max(abs(v_x), 1e-3))
             report[SLIP_RATIO] = (rim - v_x) / max(abs(v_x), abs(rim), 1e-3)
 

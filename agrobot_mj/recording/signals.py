@@ -147,7 +147,7 @@ class Signals:
         column = rr.TimeColumn(TIMELINE, duration=times)
         for plot in self.plots:
             numbers = values(plot, table)
-            there = np.ones(len(numbers), bool)
+            there = np.isfinite(numbers).all(axis=1)
             if not there.any():
                 continue
             if plot not in self.shown:

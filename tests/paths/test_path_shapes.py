@@ -25,7 +25,7 @@ def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
 
 
 def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
-    eight = FigureEight(ramp_s=0)
+    eight = FigureEight(ramp_s=0, run_in_m=0)
     arc = 2 * pi - 2 * atan(14 / 10)
     assert eight.turns_s[0][1] == pytest.approx((2 * 28 + 2 * 10 * arc) / 1.2)
     assert eight.turns_s[0][1] == pytest.approx(119.7, abs=0.05)
@@ -33,7 +33,7 @@ def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
 
 
 def test_the_8_starts_at_the_crossing_and_crosses_it_again_half_a_turn_later() -> None:
-    eight = FigureEight(ramp_s=0)
+    eight = FigureEight(ramp_s=0, run_in_m=0)
     start, half_way = eight.at(0), eight.at(eight.turn_s / 2)
     assert start[:2] == pytest.approx((0, 0))
     assert half_way[:2] == pytest.approx((0, 0), abs=1e-12)
@@ -59,8 +59,22 @@ def test_the_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
 
 
 def test_a_ramp_costs_half_its_time_once() -> None:
-    at_once, ramped = FigureEight(ramp_s=0), FigureEight(ramp_s=6)
+    at_once, ramped = FigureEight(ramp_s=0, run_in_m=0), FigureEight(ramp_s=6, run_in_m=0)
     assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
     assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))
     assert ramped.turns_s[1][1] - ramped.turns_s[1][0] == pytest.approx(at_once.turn_s)
     assert ramped.at(50)[:4] == pytest.approx(at_once.at(47)[:4])
+
+
+def test_the_first_turn_begins_at_the_crossing_after_the_run_in() -> None:
+    eight = FigureEight()
+    begins, ends = eight.turns_s[0]
+    assert begins == pytest.approx(14 / 1.2 + eight.ramp_s / 2)
+    assert eight.at(begins)[:2] == pytest.approx((0, 0), abs=1e-9)
+    assert ends - begins == pytest.approx(eight.turn_s)
+    assert hypot(*eight.at(0)[:2]) == pytest.approx(14)
+    assert eight.at(0).yaw == pytest.approx(eight.at(begins).yaw)
+    short = FigureEight(run_in_m=0.6)
+    assert short.at(short.turns_s[0][0])[:2] == pytest.approx((0, 0), abs=1e-9)
+    with pytest.raises(ValueError, match="run_in_m"):
+        FigureEight(run_in_m=14.5)

@@ -284,7 +284,7 @@ def test_above_relief_pressure_the_wheels_give_way():
     plant, _ = linear()
     dof = plant.model.joint("steer").dofadr[0]
     plant.data.qfrc_applied[dof] = 1.3 * CYLINDER.relief_torque
-    pushed = rest(plant, 0.3).steer
+    pushed = rest(plant, 0.05).steer
     assert pushed > 1.5 * CYLINDER.relief_torque / CYLINDER.stiffness_n_m_rad
     assert abs(plant.data.actuator("steering").force[0]) == pytest.approx(CYLINDER.relief_torque, rel=0.01)
     plant.data.qfrc_applied[dof] = 0.0

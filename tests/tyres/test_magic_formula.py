@@ -32,7 +32,7 @@ curvature = -0.0074722
 """
 """Pure lateral set of commonroad-vehicle-models 3.0.2 at 4000 N and zero camber; its forces are in the test."""
 ANGLES = np.radians([-55, -20, -9, -3, -0.4, 0.4, 3, 9, 20, 55])
-RATIOS = [-0.95, -0.5, -0.15, -0.04, -0.003, 0.003, 0.04, 0.15, 0.5, 2.0]
+RATIOS = [-0.95, -0.5, -0.15, -0.04, -0.003, 0.003, 0.04, 0.15, 0.5, 0.9]
 LOADS = np.geomspace(60, 12_000, 10)
 
 
@@ -93,8 +93,18 @@ def test_a_bad_set_is_refused_with_every_fault(tmp_path):
 def test_pure_slip_is_the_formula_written_out(wheel, load, slip):
     axle = DEFAULT.front if wheel == FRONT else DEFAULT.rear
     across, along = axle.lateral, axle.longitudinal
-    for curve, found in ((across, -force(slip, 0.0, load, wheel=wheel)[1]), (along, force(0.0, slip, load, wheel=wheel)[0])):
-        numbers = (curve.mu, curve.mu_load, curve.stiffness_per_load, curve.stiffness_load, curve.shape, curve.curvature)
+    for curve, found in (
+        (across, -force(slip, 0.0, load, wheel=wheel)[1]),
+        (along, force(0.0, slip, load, wheel=wheel)[0]),
+    ):
+        numbers = (
+            curve.mu,
+            curve.mu_load,
+            curve.stiffness_per_load,
+            curve.stiffness_load,
+            curve.shape,
+            curve.curvature,
+        )
         assert found == pytest.approx(written_out(slip, load, axle.reference_load_n, *numbers)[0], rel=1e-12)
 
 
@@ -124,9 +134,7 @@ def test_the_thousand_points_reach_the_edge_of_the_ellipse():
 
 
 @settings(deadline=None, max_examples=300)
-@given(
-    alpha=st.floats(-1.2, 1.2), kappa=st.floats(-0.99, 3), load=st.floats(10, 1e4), way=st.floats(0, 2 * pi)
-)
+@given(alpha=st.floats(-1.2, 1.2), kappa=st.floats(-0.99, 3), load=st.floats(10, 1e4), way=st.floats(0, 2 * pi))
 def test_the_force_is_continuous(alpha, kappa, load, way):
     """A slip changed by h changes the force by no more than twice the largest stiffness times h."""
     h, stiffest = 1e-5, 10.0 * 1.25 * load
@@ -165,9 +173,7 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
     for _ in range(5000):
         centre = (0.0, 0.0, tyres.radius[0] - penetration)
         still = (0.0, 0.0, 0.0)
-        wheel_step(
-            tyres, 0, Flat().ground(), centre, (0.0, 1.0, 0.0), velocity, still, 0.002, bristle, wrench, report
-        )
+        wheel_step(tyres, 0, Flat().ground(), centre, (0.0, 1.0, 0.0), velocity, still, 0.002, bristle, wrench, report)
         load = report[LOAD]
         used.append(hypot(report[FORCE_X] / (0.8 * load), report[FORCE_Y] / (0.75 * load)))
     assert max(used) <= 1.003  # the grip is a little higher at 1440 N than at the reference

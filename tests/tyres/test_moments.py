@@ -1,0 +1,135 @@
+"""Moments about the vertical: the aligning moment of a rolling tyre and the scrubbing moment of a turning one."""
+
+from math import radians, tan
+
+import numpy as np
+import pytest
+
+from agrobot_mj.rig import FRONT, Rig, Setting
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import LOAD
+
+TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
+SCRUBBING = [MagicFormula(), Soil()]
+GRIP = 0.75
+"""Friction under a scrubbing patch, as the tyres have it."""
+
+
+class Turning:
+    """A front wheel at a constant load that turns about the vertical."""
+
+    def __init__(self, tyre):
+        self.tyres = tyre_set(tyre, TRACTOR)
+        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(5)
+
+    def moments(self, turns, v=0.0):
+        """Moment about the vertical after each step at the turn rates `turns` [rad/s], rolling at `v` [m/s]."""
+        return np.array([self.step(turn, v) for turn in turns])
+
+    def step(self, turn, v):
+        centre, axle = (0.0, 0.0, 0.268), (0.0, 1.0, 0.0)
+        rotation = (0.0, v / (0.28 - 0.012 / 3), turn)
+        wheel_step(
+            self.tyres, 0, GROUND, centre, axle, (v, 0.0, 0.0), rotation, DT, self.bristle, self.wrench, self.report
+        )
+        return float(self.wrench[5])
+
+
+def yawed(tyre, v, slip):
+    """Moment of a wheel that rolls at `v` and slides left by the tangent `slip`, at rest bristles long ago."""
+    wheel = Turning(tyre)
+    motion = ((0, 0, 0.268), (0.0, 1.0, 0.0), (v, v * slip if v > 0 else -v * slip, 0.0), (0.0, v / 0.276, 0.0))
+    for _ in range(3000):
+        wheel_step(wheel.tyres, 0, GROUND, *motion, DT, wheel.bristle, wheel.wrench, wheel.report)
+    return float(wheel.wrench[5])
+
+
+@pytest.mark.parametrize("slip", [-0.3, -0.05, 0.01, 0.1])
+def test_the_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
+    tyre = MagicFormula()
+    assert yawed(tyre, 1.0, slip) * slip > 0
+    assert yawed(tyre, -1.0, slip) * slip < 0
+    assert yawed(tyre, 1.0, slip) == pytest.approx(-yawed(tyre, 1.0, -slip))
+
+
+def test_its_lever_is_the_trail_at_small_slip_and_vanishes_at_large_slip():
+    rig = Rig(MagicFormula(trail_m=0.04), TRACTOR)
+    levers = []
+    for angle in (0.01, 2.0, 6.0, 15.0, 40.0):
+        reading = rig.steady(Setting(1.0, radians(angle), 0.0, 1400.0))
+        levers.append(-reading.mz / reading.fy)
+        assert levers[-1] == pytest.approx(0.04 * np.exp(-tan(radians(angle)) / 0.1), rel=1e-6)
+    assert (np.diff(levers) < 0).all()
+    assert levers[0] == pytest.approx(0.04, rel=0.01)
+
+
+def test_without_a_trail_there_is_no_aligning_moment():
+    for tyre in (MagicFormula(trail_m=0.0), Soil(), Linear()):
+        assert Rig(tyre, TRACTOR).steady(Setting(1.0, 0.1, 0.05, 1400.0)).mz == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("turn", [-1.0, -0.2, 0.2, 1.0])
+def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, turn):
+    wheel = Turning(tyre)
+    moments = wheel.moments([turn] * 1000)
+    limit = 2 / 3 * GRIP * wheel.report[LOAD] * tyre.patch_half_length_m
+    assert (moments * turn < 0).all()
+    assert abs(moments[-1]) == pytest.approx(limit)
+    assert np.abs(moments).max() <= limit * (1 + 1e-9)
+    assert (np.diff(np.abs(moments)) >= -1e-9).all()
+
+
+@pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
+def test_a_standing_wheel_holds_its_twist(tyre):
+    wheel = Turning(tyre)
+    twisted = wheel.moments([0.5] * 50)[-1]
+    assert twisted < 0
+    assert wheel.moments([0.0] * 500) == pytest.approx(twisted)
+
+
+@pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
+def test_rolling_wipes_the_twist_out_over_the_length_of_the_patch(tyre):
+    wheel, v = Turning(tyre), 1.0
+    twisted = wheel.moments([0.5] * 50)[-1]
+    length = 2 * tyre.patch_half_length_m
+    rolled = wheel.moments([0.0] * round(3 * length / v / DT), v)
+    travelled = v * DT * np.arange(1, len(rolled) + 1)
+    assert rolled == pytest.approx(twisted * np.exp(-travelled / length))
+
+
+@pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("v", [0.0, 0.3, -0.3])
+def test_scrubbing_to_and_fro_only_takes_work(tyre, v):
+    t = DT * np.arange(5000)
+    turns = 0.6 * np.sin(2 * np.pi * 0.5 * t)
+    moments = Turning(tyre).moments(turns, v)
+    work = DT * np.cumsum(moments * turns)
+    stored = 0.5 * 2 / 3 * GRIP * 1440.0 * tyre.patch_half_length_m * 0.1
+    assert work[-1] < -2 * stored
+    assert work.max() <= 1e-9
+    assert (work[1000:] - work[:-1000] < 0).all()  # over each whole period
+
+
+def test_a_patch_without_length_does_not_scrub():
+    for tyre in (MagicFormula(patch_half_length_m=0.0), Soil(patch_half_length_m=0.0), Linear()):
+        assert not Turning(tyre).moments([1.0] * 10).any()
+
+
+def test_a_parked_wheel_is_harder_to_turn_than_a_rolling_one():
+    slow = [0.2] * 400
+    still = abs(Turning(MagicFormula()).moments(slow)[-1])
+    rolling = abs(Turning(MagicFormula()).moments(slow, 1.0)[-1])
+    assert rolling < 0.4 * still
+
+
+def test_a_wheel_in_the_air_has_no_moment():
+    wheel = Turning(MagicFormula())
+    wheel.moments([1.0] * 50)
+    motion = ((0, 0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    wheel_step(wheel.tyres, FRONT, GROUND, *motion, DT, wheel.bristle, wheel.wrench, wheel.report)
+    assert not wheel.wrench.any()
+    assert not wheel.bristle.any()

@@ -1,0 +1,169 @@
+"""The soil tyre: its book's formulas written out once more, their trends, and combined slip."""
+
+from itertools import product
+from math import atan, exp, hypot, radians, sqrt, tan
+
+import numpy as np
+import pytest
+
+from agrobot_mj.rig import FRONT, REAR, Rig, Setting
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres import Soil
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD
+
+TRACTOR = TractorParameters()
+SIZES = {FRONT: (0.16, 0.56, 0.28, 1.2e5), REAR: (0.24, 0.84, 0.42, 1.6e5)}
+"""Section width, diameter, radius [m] and stiffness [N/m] of the default tractor's tyres."""
+STATIC = {FRONT: TRACTOR.front_axle_load / 2, REAR: TRACTOR.rear_axle_load / 2}
+
+
+def numbers(soil, wheel, W):
+    """CI b d / W with the deflection's and the shape's factors, of [Brixius1987] and [GeeCloughSommer1981]."""
+    b, d, _, k = SIZES[wheel]
+    h, delta, CI = soil.section_height_share * b, W / k, 1e3 * soil.cone_index_kpa
+    B_n = (CI * b * d / W) * (1 + 5 * delta / h) / (1 + 3 * b / d)
+    M = (CI * b * d / W) * sqrt(delta / h) / (1 + b / (2 * d))
+    return B_n, M
+
+
+def longitudinal(soil, wheel, W, kappa):
+    """Gross traction less motion resistance; in both 0.04 stands for the tyre's own loss, a moment here."""
+    B_n, _ = numbers(soil, wheel, W)
+    s = kappa / (1 + kappa) if kappa > 0 else kappa
+    gross = np.sign(s) * 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * abs(s)))
+    if soil.ply == "bias":
+        return W * (gross - (1 / B_n + 0.5 * abs(s) / sqrt(B_n)))
+    return W * (gross - (0.9 / B_n + 0.0325 - 0.04 + 0.5 * abs(s) / sqrt(B_n)))
+
+
+def lateral_shape(soil, wheel, W):
+    """mu and B."""
+    _, M = numbers(soil, wheel, W)
+    if soil.ply == "bias":
+        mu = 0.61 + 0.69 / M
+        return mu, (2.34 + 0.088 * M) / mu
+    return 0.8, (2.79 + 0.16 * M) / 0.8
+
+
+def lateral(soil, wheel, W, alpha):
+    mu, B = lateral_shape(soil, wheel, W)
+    return -np.sign(alpha) * mu * W * (1 - exp(-B * abs(alpha)))
+
+
+@pytest.mark.parametrize("ply", ["bias", "radial"])
+@pytest.mark.parametrize("cone_index_kpa", [300.0, 1200.0, 2000.0])
+@pytest.mark.parametrize("wheel", [FRONT, REAR])
+def test_steady_pure_slip_is_the_formulas(ply, cone_index_kpa, wheel):
+    soil = Soil(cone_index_kpa=cone_index_kpa, ply=ply)
+    rig = Rig(soil, TRACTOR, wheel)
+    for load, speed in product((0.5 * STATIC[wheel], 1.6 * STATIC[wheel]), (0.5, 4.0)):
+        for kappa in (-0.9, -0.2, -0.01, 0.0, 0.03, 0.3, 0.9):
+            fx = rig.steady(Setting(speed, 0.0, kappa, load)).fx
+            assert fx == pytest.approx(longitudinal(soil, wheel, load, kappa), rel=1e-9, abs=1e-9)
+        for alpha in np.radians([-60, -8, -0.5, 0.5, 3, 20, 60]):
+            reading = rig.steady(Setting(speed, alpha, 0.0, load))
+            assert reading.fy == pytest.approx(lateral(soil, wheel, load, alpha), rel=1e-9)
+            assert reading.fx == pytest.approx(longitudinal(soil, wheel, load, 0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cone_index_kpa", "front", "rear"), [(450.0, 5.0, 8.9), (1200.0, 7.4, 15.0), (1800.0, 9.3, 20.0)]
+)
+def test_the_cornering_stiffness_grows_with_the_cone_index_as_the_models_say(cone_index_kpa, front, rear):
+    """The values [kN/rad] of docs/models.md, for tyres that sink in by a quarter of their section height."""
+    soil = Soil(cone_index_kpa=cone_index_kpa)
+    stiffnesses = [STATIC[wheel] / (0.25 * 0.75 * SIZES[wheel][0]) for wheel in (FRONT, REAR)]
+    names = ("front_tyre_stiffness_n_m", "rear_tyre_stiffness_n_m")
+    soft = TRACTOR.model_copy(update=dict(zip(names, stiffnesses, strict=True)))
+    for wheel, expected in ((FRONT, front), (REAR, rear)):
+        fy = Rig(soil, soft, wheel).steady(Setting(1.0, 1e-5, 0.0, STATIC[wheel])).fy
+        assert -1e-3 * fy / 1e-5 == pytest.approx(expected, rel=0.05)
+
+
+def test_a_tyre_that_sinks_in_more_steers_better():
+    stiff, soft = (TRACTOR.model_copy(update={"front_tyre_stiffness_n_m": k}) for k in (2.4e5, 6e4))
+    setting = Setting(1.0, radians(2), 0.0, STATIC[FRONT])
+    assert Rig(Soil(), soft).steady(setting).fy < 1.2 * Rig(Soil(), stiff).steady(setting).fy < 0
+
+
+def test_firmer_ground_pulls_more_and_resists_less():
+    rigs = [Rig(Soil(cone_index_kpa=c), TRACTOR, REAR) for c in (300, 600, 1200, 2400)]
+    pull = [rig.steady(Setting(1.0, 0.0, 0.2, 2300.0)).fx for rig in rigs]
+    towed = [rig.steady(Setting(1.0, 0.0, 0.0, 2300.0)).fx for rig in rigs]
+    assert (np.diff(pull) > 0).all()
+    assert (np.diff(towed) > 0).all()
+    assert max(towed) < 0
+
+
+def test_motion_resistance_is_against_the_motion_either_way():
+    tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
+    pushes = []
+    for v in (1.0, -1.0):
+        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(5)
+        motion = ((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
+        for _ in range(10):
+            wheel_step(tyres, 0, ground, *motion, 1.0, bristle, wrench, report)
+        pushes.append(wrench[0])
+    assert pushes[0] == pytest.approx(longitudinal(Soil(), FRONT, 1200.0, 0.0), rel=1e-6)
+    assert pushes[1] == pytest.approx(-pushes[0])
+
+
+def test_combined_slip_stays_inside_the_ellipse_of_both_peaks_and_takes_power():
+    soil, v, W = Soil(), 1.0, 1400.0
+    rig, reached = Rig(soil, TRACTOR), 0.0
+    B_n, _ = numbers(soil, FRONT, W)
+    D_x, D_y = 0.88 * (1 - exp(-0.1 * B_n)) * W, lateral_shape(soil, FRONT, W)[0] * W
+    for alpha, kappa in product(np.radians([-60, -25, -6, -1, 1, 6, 25, 60]), [-0.9, -0.3, -0.05, 0.05, 0.3, 0.9]):
+        fx, fy, *_ = rig.steady(Setting(v, alpha, kappa, W))
+        s = kappa / (1 + kappa) if kappa > 0 else kappa
+        gross = fx + W * (1 / B_n + 0.5 * abs(s) / sqrt(B_n))
+        used = hypot(gross / D_x, fy / D_y)
+        assert used <= 1 + 1e-9
+        assert gross * -kappa * v + fy * v * tan(alpha) < 0
+        assert abs(fy) <= abs(lateral(soil, FRONT, W, alpha)) * (1 + 1e-9)
+        reached = max(reached, used)
+    assert reached == pytest.approx(1.0, abs=1e-9)
+
+
+def test_below_the_ellipse_the_directions_do_not_mix():
+    rig = Rig(Soil(), TRACTOR)
+    fx, fy, *_ = rig.steady(Setting(1.0, radians(4), 0.04, 1400.0))
+    assert fx == pytest.approx(longitudinal(Soil(), FRONT, 1400.0, 0.04), rel=1e-9)
+    assert fy == pytest.approx(lateral(Soil(), FRONT, 1400.0, radians(4)), rel=1e-9)
+
+
+def test_braking_mirrors_driving_in_the_slip_of_the_faster():
+    soil, W = Soil(), 1400.0
+    rig = Rig(soil, TRACTOR)
+    driving = rig.steady(Setting(1.0, 0.0, 1.0, W)).fx  # s = 0.5 of the rim
+    braking = rig.steady(Setting(1.0, 0.0, -0.5, W)).fx  # s = 0.5 of the ground
+    lost = rig.steady(Setting(1.0, 0.0, 0.0, W)).fx - 0.5 * 0.5 / sqrt(numbers(soil, FRONT, W)[0]) * W
+    assert driving - lost == pytest.approx(-(braking - lost), rel=1e-9)
+
+
+def test_a_standing_wheel_that_is_dragged_slides_at_its_grip():
+    tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
+    bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(5), []
+    for _ in range(5000):
+        wheel_step(
+            tyres,
+            0,
+            ground,
+            (0, 0, 0.268),
+            (0.0, 1.0, 0.0),
+            (0.0, 0.1, 0.0),
+            (0.0, 0.0, 0.0),
+            0.002,
+            bristle,
+            wrench,
+            report,
+        )
+        forces.append(report[FORCE_Y])
+    mu, B = lateral_shape(Soil(), FRONT, report[LOAD])
+    grip = mu * report[LOAD] * (1 - exp(-B * atan(0.4)))
+    assert min(forces) >= -grip * 1.001
+    assert np.ptp(forces[3500:]) < 1e-6 * grip
+    assert forces[-1] == pytest.approx(-grip, rel=0.05)
+    assert report[FORCE_X] == pytest.approx(0.0, abs=1e-6)
