@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -266,3 +267,51 @@ def test_comparing_in_parallel_gives_the_runs_of_their_own(call):
     alone = ("--set", "seed=2", "--set", "controller.kind=pd", "--set", "duration_s=1", "--no-rrd", "--out", "alone")
     assert call("run", "circle", *alone)[0] == 0
     assert Path("alone/signals.parquet").read_bytes() == Path("cmp/mujoco-pd-s2/signals.parquet").read_bytes()
+
+
+def children(parent):
+    """Process ids of the live worker processes of `parent`."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            command = (entry / "cmdline").read_text()
+        except OSError:
+            continue
+        if fields[1] == str(parent) and fields[0] != "Z" and "spawn_main" in command:
+            found.append(int(entry.name))
+    return found
+
+
+def alive(pids):
+    return [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+def until(condition, seconds):
+    """Whether `condition` came true in time."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.1)
+    return condition()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_comparison_that_is_stopped_leaves_no_process_behind(number):
+    """Two workers with an hour of driving each: the command must not wait for them, nor they outlive it."""
+    arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--set", "duration_s=86400"]
+    command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=environment, start_new_session=True, **pipes) as process:
+        workers = []
+        try:
+            assert until(lambda: len(children(process.pid)) == 2, 30)
+            workers = children(process.pid)
+            os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+            assert until(lambda: process.poll() is not None and not alive(workers), 8)
+            assert process.returncode != 0
+        finally:
+            process.kill()
+            for pid in alive(workers):
+                os.kill(pid, signal.SIGKILL)

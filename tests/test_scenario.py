@@ -70,7 +70,7 @@ def test_the_papers_experiment_is_two_turns_of_about_120_s_on_the_mujoco_tractor
     assert (scenario.plant.kind, scenario.controller.kind, scenario.path.turns) == ("mujoco", "pd_t2fnn", 2)
     first = scenario.path.turns_s[0]
     assert first[1] - first[0] == pytest.approx(120, abs=2)
-    assert scenario.ticks == pytest.approx(240 / TICK_S, abs=100)
+    assert scenario.ticks == pytest.approx((240 + 13.7) / TICK_S, abs=20), "two turns and the run-in"
 
 
 def test_an_empty_file_is_a_whole_scenario():
@@ -246,7 +246,7 @@ def test_a_slope_under_the_bicycle_is_refused_from_either_side():
         slope.changed({"plant.kind": "bicycle"})
 
 
-@pytest.mark.parametrize("step", [0.003, 0.0035, 0.007, 0.0011, 0.0099, 0.000123])
+@pytest.mark.parametrize("step", [0.003, 0.0035, 0.0049, 0.0011, 0.000123])
 def test_a_step_that_does_not_divide_the_tick_gets_one_that_does(step):
     message = refused("straight_line", {"physics_dt_s": step})
     assert message.startswith(f"straight_line.toml: physics_dt_s: {step:g} does not divide the 0.05 s tick; try ")
@@ -255,7 +255,7 @@ def test_a_step_that_does_not_divide_the_tick_gets_one_that_does(step):
     assert load_scenario("straight_line", {"physics_dt_s": better}).physics_dt_s == better
 
 
-@pytest.mark.parametrize("step", [0.01, 0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 2])
+@pytest.mark.parametrize("step", [0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 4])
 def test_a_step_that_divides_the_tick_is_taken(step):
     scenario = load_scenario("straight_line", {"physics_dt_s": step})
     assert scenario.steps_per_tick * step == pytest.approx(TICK_S)

@@ -1,5 +1,7 @@
 """Recordings read back, for the tests."""
 
+from functools import cached_property
+
 import numpy as np
 from rerun.chunk import RrdReader
 
@@ -17,12 +19,19 @@ class Recorded:
         (entry,) = RrdReader(str(self.path)).recordings()
         return entry.application_id, entry.recording_id
 
+    @cached_property
+    def chunks(self):
+        return RrdReader(str(self.path)).stream().to_chunks()
+
     def entities(self):
-        return {chunk.entity_path for chunk in RrdReader(str(self.path)).stream().to_chunks()}
+        return {chunk.entity_path for chunk in self.chunks}
 
     def _batches(self, entity, static):
-        chunks = RrdReader(str(self.path)).stream().filter(content=entity).to_chunks()
-        return [chunk.to_record_batch() for chunk in chunks if chunk.is_static == static]
+        return [
+            chunk.to_record_batch()
+            for chunk in self.chunks
+            if chunk.entity_path == entity and chunk.is_static == static
+        ]
 
     def column(self, entity, component):
         """Times [ns] and what there is at each."""

@@ -76,8 +76,9 @@ def test_tracks_join_up_and_end_at_the_present(eight, track, x, y):
 def test_fixes_are_shown_where_there_are_any(short, tmp_path):
     x, y, quality = (short.column(name) for name in ("gnss_x", "gnss_y", "gnss_quality"))
     x[30:57], quality[30:57], quality[57:60] = np.nan, 0, 1
-    times, fixes = replay(short, tmp_path / "run.rrd").column("/world/tracks/gnss", "Points3D:positions")
-    _, colours = replay(short, tmp_path / "run.rrd").column("/world/tracks/gnss", "Points3D:colors")
+    recorded = replay(short, tmp_path / "run.rrd")
+    times, fixes = recorded.column("/world/tracks/gnss", "Points3D:positions")
+    _, colours = recorded.column("/world/tracks/gnss", "Points3D:colors")
     there = np.isfinite(x)
     found = np.array([fix for piece in fixes for fix in piece])
     np.testing.assert_array_equal(found[:, :2], np.column_stack([x, y])[there].astype(np.float32))
