@@ -114,6 +114,29 @@ def compare_scenario(
         raise typer.Exit(1)
 
 
+@app.command("rig")
+def rig(
+    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
+    out: Out = None,
+) -> None:
+    """Put one tyre on the test rig: force curves as Parquet and figures."""
+    from agrobot_mj.rig import rig_command
+
+    folder = _folder(out, f"rig-{Path(tyre).stem}")
+    for path in rig_command(tyre, folder):
+        print(path)
+
+
+@app.command("identify")
+def identify(
+    run: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `agrobot-mj run` has written.")],
+) -> None:
+    """Fit the steering valve (dead band, gains, rate limit, lag, delay) to a run's signals."""
+    from agrobot_mj.identify import identify_command
+
+    print(identify_command(run))
+
+
 @app.command("view")
 def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]) -> None:
     """Open a recording in the Rerun viewer; needs no network."""

@@ -117,7 +117,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
         errors=dict(zip(NAMES, _errors(best, data).tolist(), strict=False)),
         rate_reached_deg_s=_fastest(best.x, data),
         residual_rms_deg=degrees(sqrt(2 * best.cost / best.fun.size)),
-        explained=1.0 - 2 * best.cost / float((_centred(data.measured) ** 2).sum()),
+        explained=float(1.0 - 2 * best.cost / (_centred(data.measured) ** 2).sum()),
     )
 
 

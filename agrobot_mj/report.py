@@ -197,7 +197,7 @@ def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
         *(_text(whole[k]["lateral_mse"], 4) if k in whole else "-" for k in (1, 2)),
         _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
         _text(row.get("xte_rms"), 3),
-        *(_text(shares.get(k), 2) for k in (1, 2)),
+        *(_text(shares.get(k), 3) for k in (1, 2)),
     ]
 
 

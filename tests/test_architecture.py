@@ -13,11 +13,14 @@ import agrobot_mj
 PACKAGE = Path(agrobot_mj.__file__).parent
 BASE = ["signals", "geometry", "spec", "compiled", "resources", "randomness", "problems", "tractor"]
 """What every stage may use."""
-MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants", "rig"]
+MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
 """The physical stages in the order in which they build on each other."""
 GUIDANCE = ["sensors", "estimation", "paths", "control"]
 """The stages on the computer: none of them knows another, nor the machine."""
-AFTER = ["scenario", "log", "metrics", "simulate", "recording", "report", "storage", "progress", "compare", "cli"]
+AFTER = [
+    *("scenario", "log", "metrics", "simulate", "recording", "report", "storage", "progress"),
+    *("compare", "rig", "identify", "cli"),
+]
 """What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""
 ALL = [*BASE, *MACHINE, *GUIDANCE, *AFTER]
 OWNERS = {
@@ -25,7 +28,7 @@ OWNERS = {
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
-    "matplotlib": {"report"},
+    "matplotlib": {"report", "rig"},
     "typer": {"cli"},
     "tomli_w": {"scenario"},
     "numba": {"compiled", "plants"},

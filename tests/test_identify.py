@@ -106,6 +106,7 @@ def test_the_first_seconds_do_not_matter(calm):
 
 def test_a_window_at_the_stops_is_left_out(calm):
     """There the angle stays behind the flow; here it is bent by hand."""
+
     def with_angle(angle):
         at = calm.signals.column_names.index("steer_measured")
         return calm.signals.set_column(at, "steer_measured", pa.array(angle))

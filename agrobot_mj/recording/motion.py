@@ -22,7 +22,7 @@ PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
 """By quality: none, float, fix."""
-FIX_LIFT_M, FIX_RADIUS_M = 0.015, 0.02
+FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
 """Below the tracks; the radius is the sigma of the paper's receiver."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
@@ -47,8 +47,8 @@ class Track(NamedTuple):
 
 
 TRACKS = (
-    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.025, 1.25),
-    Track("true", "x", "y", 0x56B4E9FF, 0.035, 1.5),
+    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.015, 1.25),
+    Track("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
 )
 """Of the CG; where both agree the true one shows."""
 

@@ -128,7 +128,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
     """The bristle after a step, exact for constant velocities."""
     k = v_roll / sigma
     if k * dt < 1e-6:
-        return z + v_slip * dt
+        return z * (1.0 - k * dt) + v_slip * dt
     decay = exp(-k * dt)
     return z * decay + v_slip / k * (1.0 - decay)
 
