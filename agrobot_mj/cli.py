@@ -72,16 +72,18 @@ def run_scenario(
     live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
 ) -> None:
     """Run one scenario."""
-    from agrobot_mj.recording import Recording
-    from agrobot_mj.simulate import run
+    from agrobot_mj.simulate import Watcher, run
     from agrobot_mj.storage import write_log
 
     scenario = load_scenario(source, overrides(sets))
     folder = _folder(out, f"{scenario.name}-{scenario.hash8}")
-    watchers = [Progress()]
-    recording = [] if no_rrd and not live else [Recording(None if no_rrd else folder / "run.rrd", live=live)]
+    watchers: list[Watcher] = [Progress()]
+    if live or not no_rrd:
+        from agrobot_mj.recording import Recording
+
+        watchers.append(Recording(None if no_rrd else folder / "run.rrd", live=live))
     with stop_on_signals() as stopped:
-        log = run(scenario, (*watchers, *recording), lambda: bool(stopped))
+        log = run(scenario, tuple(watchers), lambda: bool(stopped))
     write_log(log, folder)
     print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
     if log.outcome != "completed":
@@ -144,7 +146,9 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A record
         fail(f"{file}: no such file")
     if file.read_bytes()[:4] not in (b"RRF2", b"RRF0", b"RRIO"):
         fail(f"{file}: not a Rerun recording (.rrd)")
-    raise typer.Exit(subprocess.run([sys.executable, "-m", "rerun", str(file)], check=False).returncode)
+    raise typer.Exit(
+        subprocess.run([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)], check=False).returncode
+    )
 
 
 @app.callback(invoke_without_command=True)
@@ -206,4 +210,3 @@ def _folder(out: Path | None, default: str) -> Path:
     except OSError as error:
         raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
     return folder
-

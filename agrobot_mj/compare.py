@@ -51,7 +51,7 @@ def compare(
     jobs: int | None = None,
     done: Callable[[Case], None] = lambda case: None,
 ) -> list[dict[str, Any]]:
-    """Run all cases, two or more at a time, and write everything under `folder`; returns the rows of comparison.json."""
+    """Run all cases, some at a time, and write everything under `folder`; returns the rows of comparison.json."""
     workers = min(len(todo), jobs or os.cpu_count() or 1)
     logs: dict[str, Log] = {}
     if workers == 1:

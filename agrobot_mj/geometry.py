@@ -18,4 +18,3 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
     """ENU components (east, north) of a vector given in the frame of heading `yaw` [rad]."""
     c, s = cos(yaw), sin(yaw)
     return c * forward - s * left, s * forward + c * left
-

@@ -59,8 +59,7 @@ def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
         **({} if outcome is None else {"outcome": outcome}),
         **_errors(log, xte, np.ones(len(xte), dtype=bool)),
         "per_turn": [
-            {"turn": k + 1, "complete": _covers(t, *ends[k]), **_errors(log, xte, rows)}
-            for k, rows in enumerate(turns)
+            {"turn": k + 1, "complete": _covers(t, *ends[k]), **_errors(log, xte, rows)} for k, rows in enumerate(turns)
         ],
         "nn_share": [nn_share(log, rows) for rows in turns],
         "position_nees": _mean(log.column("position_nees")),

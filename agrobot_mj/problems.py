@@ -68,9 +68,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
     return f"{'.'.join(keys)}: {text}" if keys else text
 
 
-def _walk(
-    loc: tuple[Any, ...], data: Any, root: type[Spec]
-) -> tuple[list[str], type[Spec] | None]:
+def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
     """The keys of an error's place without the unions' tags, and the model that owns the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
@@ -90,4 +88,3 @@ def _walk(
         tags = members(owner.model_fields[step].annotation) if owner and step in owner.model_fields else {}
         following = next(iter(tags.values())) if len(tags) == 1 else None
     return keys, owner
-

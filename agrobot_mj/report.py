@@ -79,9 +79,7 @@ def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> lis
     named = [Run(*run) for run in runs]
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}
-        return [
-            _write(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None
-        ]
+        return [_write(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def trajectory(runs: Runs) -> Figure:

@@ -192,7 +192,9 @@ def _find(source: str | FilePath) -> FilePath:
 def _said(spec: Spec) -> dict[str, Any]:
     """What was given to a spec, defaults left out, as plain data; kinds always stay."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
-    return {key: _said(value) if isinstance(value, Spec) else value for key, value in fields.items() if value is not None}
+    return {
+        key: _said(value) if isinstance(value, Spec) else value for key, value in fields.items() if value is not None
+    }
 
 
 def _override(data: dict[str, Any], dotted: str, value: Any) -> None:

@@ -66,18 +66,14 @@ class Gnss(Spec):
         east, north = generator.standard_normal(2).tolist()
         return GnssState(generator, (east, north), ())
 
-    def measure(
-        self, state: GnssState, truth: Truth, dt: float, quality: int
-    ) -> tuple[GnssState, Fix | None, int]:
+    def measure(self, state: GnssState, truth: Truth, dt: float, quality: int) -> tuple[GnssState, Fix | None, int]:
         """The solution delivered at this tick, None without one, and its quality.
 
         `quality` is that of the solution which the antenna gives now.
         """
         w = state.generator.standard_normal(6).tolist()
         phi = exp(-dt / self.correlation_time_s)
-        b_x, b_y = (
-            phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.correlated, w[:2], strict=True)
-        )
+        b_x, b_y = (phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.correlated, w[:2], strict=True))
         fix = None if quality == Quality.NONE else self._fix(truth, quality, (b_x, b_y), w[2:])
         pending = (*state.pending, (fix, quality))
         if len(pending) <= round(self.latency_s / dt):
@@ -115,13 +111,9 @@ class Potentiometer(Spec):
     @model_validator(mode="after")
     def _filter_fits(self) -> "Potentiometer":
         if self.savgol_window % 2 == 0:
-            raise ValueError(
-                f"savgol_window: must be odd, got {self.savgol_window}; try {self.savgol_window + 1}"
-            )
+            raise ValueError(f"savgol_window: must be odd, got {self.savgol_window}; try {self.savgol_window + 1}")
         if self.savgol_window > self.samples:
-            raise ValueError(
-                f"savgol_window: must not exceed samples ({self.samples}), got {self.savgol_window}"
-            )
+            raise ValueError(f"savgol_window: must not exceed samples ({self.samples}), got {self.savgol_window}")
         if self.savgol_polyorder >= self.savgol_window:
             raise ValueError(f"savgol_polyorder: must be below savgol_window, got {self.savgol_polyorder}")
         return self

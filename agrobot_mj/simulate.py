@@ -1,7 +1,7 @@
 """The experiment: build the stages of a scenario, and run them tick by tick.
 
 One tick (20 Hz) reads from top to bottom in `Loop.tick`: plant truth -> sensors -> filters -> path reference ->
-kinematic law -> speed cascade and yaw controller -> low-level loops -> valve voltages. The plant then takes its physics steps.
+kinematic law -> speed cascade and yaw controller -> low-level loops -> valve voltages. Then the plant takes its steps.
 """
 
 import time

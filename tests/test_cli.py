@@ -117,7 +117,16 @@ def test_running_again_into_the_same_folder_replaces_the_files(call):
 
 
 def test_values_of_overrides_are_toml_or_bare_words(call):
-    sets = ("--set", "path.kind=circle", "--set", 'path.direction="right"', "--set", "path.radius_m = 6", "--set", "title=a = b")
+    sets = (
+        "--set",
+        "path.kind=circle",
+        "--set",
+        'path.direction="right"',
+        "--set",
+        "path.radius_m = 6",
+        "--set",
+        "title=a = b",
+    )
     assert call("run", "straight_line", *QUICK, *sets, "--out", "out")[0] == 0
     scenario = load_scenario("out/scenario.toml")
     assert (scenario.path.kind, scenario.path.direction, scenario.path.radius_m) == ("circle", "right", 6.0)
@@ -191,7 +200,10 @@ BAD = [
     (["run", "circle", "--set", "path.radius_m=-inf"], "path.radius_m: must be"),
     (["run", "circle", "--set", "physics_dt_s=0.003"], "physics_dt_s: 0.003 does not divide the 0.05 s tick; try "),
     (["run", "circle", "--set", "plant.kind=bicycle", "--set", "terrain.kind=slope"], "terrain.kind: "),
-    (["run", "circle", "--set", "plant.tyre.kind=liner"], "plant.tyre.kind: unknown kind 'liner'; did you mean 'linear'?"),
+    (
+        ["run", "circle", "--set", "plant.tyre.kind=liner"],
+        "plant.tyre.kind: unknown kind 'liner'; did you mean 'linear'?",
+    ),
     (["run", "circle", "--set", "seed"], "key=value"),
     (["run", "circle", "--set", "=3"], "key=value"),
     (["run", "circle", "--set", "seed.x=3"], "seed is not a table"),

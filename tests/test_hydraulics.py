@@ -34,7 +34,9 @@ def test_beyond_it_the_flow_goes_with_the_gain_of_its_direction(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-6)
 
 
-@pytest.mark.parametrize(("voltage", "flow"), [(12.0, 12.0), (10.2, 12.0), (0.0, -12.0), (1.2, -12.0), (99.0, 12.0), (-99.0, -12.0)])
+@pytest.mark.parametrize(
+    ("voltage", "flow"), [(12.0, 12.0), (10.2, 12.0), (0.0, -12.0), (1.2, -12.0), (99.0, 12.0), (-99.0, -12.0)]
+)
 def test_the_flow_saturates_at_the_pump(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-9)
 
@@ -55,7 +57,9 @@ def test_the_static_map_is_continuous_and_never_falls():
     assert flows[-1] == pytest.approx(-flows[0]) == pytest.approx(12 * LITRE_PER_MINUTE)
 
 
-@pytest.mark.parametrize(("delay_s", "dt", "steps"), [(0.1, 0.002, 50), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)])
+@pytest.mark.parametrize(
+    ("delay_s", "dt", "steps"), [(0.1, 0.002, 50), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)]
+)
 def test_the_delay_is_its_number_of_steps(delay_s, dt, steps):
     spool = spool_response(Valve(delay_s=delay_s), [9.0] * (steps + 3), dt)
     assert np.flatnonzero(spool > NEUTRAL_V)[0] == steps

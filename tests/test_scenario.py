@@ -127,7 +127,9 @@ def test_broken_toml_is_told_with_the_file(tmp_path, content):
 
 
 def test_overrides_go_by_dotted_key():
-    scenario = load_scenario("straight_line", {"seed": 9, "plant.tyre.relaxation_radii": 0.3, "plant.tyre.kind": "linear"})
+    scenario = load_scenario(
+        "straight_line", {"seed": 9, "plant.tyre.relaxation_radii": 0.3, "plant.tyre.kind": "linear"}
+    )
     assert scenario.seed == 9
     assert scenario.plant.tyre.relaxation_radii == 0.3
 
@@ -164,7 +166,10 @@ def test_another_kind_keeps_the_keys_that_both_have():
 @pytest.mark.parametrize("plant", every(Plant))
 @pytest.mark.parametrize("controller", every(Controller))
 def test_every_plant_and_controller_can_be_chosen_by_name(plant, controller):
-    kinds = {"plant.kind": plant.model_fields["kind"].default, "controller.kind": controller.model_fields["kind"].default}
+    kinds = {
+        "plant.kind": plant.model_fields["kind"].default,
+        "controller.kind": controller.model_fields["kind"].default,
+    }
     scenario = load_scenario("figure_eight").changed(kinds)
     assert isinstance(scenario.plant, plant)
     assert isinstance(scenario.controller, controller)
@@ -208,7 +213,11 @@ def test_changing_leaves_the_original_alone():
     ("overrides", "key", "fix"),
     [
         ({"sead": 1}, "sead", "seed"),
-        ({"plant.tyre.kind": "linear", "plant.tyre.relaxation_radi": 1.0}, "plant.tyre.relaxation_radi", "relaxation_radii"),
+        (
+            {"plant.tyre.kind": "linear", "plant.tyre.relaxation_radi": 1.0},
+            "plant.tyre.relaxation_radi",
+            "relaxation_radii",
+        ),
         ({"seed": "one"}, "seed", "whole number"),
         ({"seed": -1}, "seed", "at least 0"),
         ({"seed": True}, "seed", "whole number"),

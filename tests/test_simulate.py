@@ -14,8 +14,8 @@ from agrobot_mj.simulate import CHUNK_TICKS, build_plant
 from agrobot_mj.spec import every
 from agrobot_mj.tyres import Tyre
 
-PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral speed_ref
-yaw_rate_ref e_yaw_rate tau_c tau_n q steer_ref steer valve_voltage pedal gnss_quality""".split()
+PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral
+speed_ref yaw_rate_ref e_yaw_rate tau_c tau_n q steer_ref steer valve_voltage pedal gnss_quality""".split()
 """The columns that the design names for every plant."""
 
 
@@ -173,7 +173,7 @@ def test_every_controller_drives_every_plant(plant, controller):
 
 @pytest.mark.parametrize("tyre", [kind(tyre) for tyre in every(Tyre)])
 def test_the_speed_settles_on_every_tyre(tyre):
-    """After a jump of the reference from rest: no limit cycle of the speed loop with the tyres' and the oil's springs."""
+    """After a jump of the reference from rest: no limit cycle of the speed loop with tyres and oil."""
     log = run(short("circle", 30.0, plant={"tyre": {"kind": tyre}}, path__ramp_s=0.0))
     speed = log.column("speed")[log.column("t") > 10]
     assert speed.mean() == pytest.approx(1.2, abs=0.05)

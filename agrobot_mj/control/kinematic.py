@@ -19,9 +19,7 @@ class KinematicLaw(Spec):
     gain_per_m: Positive = 0.25
     """k_e, slope of the law relative to its saturation [1/m]. Estimate."""
 
-    def references(
-        self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float
-    ) -> tuple[float, float]:
+    def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""
         k_s, k_e, l_r, psi = self.saturation_m_s, self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))

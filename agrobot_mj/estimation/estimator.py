@@ -87,16 +87,12 @@ class Estimator(Spec):
             yaw_rate=0.0,
         )
 
-    def update(
-        self, state: EstimatorState, measurement: Measurement, dt: float
-    ) -> tuple[EstimatorState, Estimate]:
+    def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         fix, steer = measurement.fix, measurement.steer
         sigma = self.gnss_float_sigma_m if measurement.quality == Quality.FLOAT else self.gnss_sigma_m
         noise_motion, noise_pose = _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
-        motion, motion_covariance = state.velocity_kf.step(
-            state.motion, state.motion_covariance, fix, noise_motion, dt
-        )
+        motion, motion_covariance = state.velocity_kf.step(state.motion, state.motion_covariance, fix, noise_motion, dt)
         speed = _along(state.pose[2], motion)
         pose, pose_covariance = state.pose_ekf.step(
             state.pose, state.pose_covariance, (speed, steer, dt), fix, noise_pose

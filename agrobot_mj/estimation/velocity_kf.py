@@ -35,9 +35,7 @@ class VelocityKf:
         self._workspace = KalmanFilter(dim_x=4, dim_z=4)
         self._workspace.H = np.eye(4)
 
-    def step(
-        self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float
-    ) -> tuple[Array, Array]:
+    def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
         """Mean (4,) and covariance (4, 4) `dt` [s] later, given the fix of that time.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).

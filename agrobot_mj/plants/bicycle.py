@@ -15,7 +15,16 @@ import numpy as np
 from agrobot_mj.compiled import jit
 from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_at_rest, drive_law, drive_step
 from agrobot_mj.geometry import from_heading, wrap
-from agrobot_mj.hydraulics import Cylinder, Valve, ValveLaw, ValveMemory, come_to_rest, static_flow, valve_law, valve_step
+from agrobot_mj.hydraulics import (
+    Cylinder,
+    Valve,
+    ValveLaw,
+    ValveMemory,
+    come_to_rest,
+    static_flow,
+    valve_law,
+    valve_step,
+)
 from agrobot_mj.plants.scene import Ghost
 from agrobot_mj.signals import Array, Drive, Reference, Truth
 from agrobot_mj.spec import Positive, Spec

@@ -116,9 +116,7 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         spec.equality(name).data = data
 
 
-def _set_actuators(
-    spec: mujoco.MjSpec, tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline
-) -> None:
+def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> None:
     limit, relief = tractor.steer_limit, cylinder.relief_torque
     steering, drive = spec.actuator("steering"), spec.actuator("drive")
     for actuator, stiffness, damping, torque in (

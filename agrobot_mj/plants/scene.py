@@ -53,9 +53,7 @@ class Scene(NamedTuple):
 def scene_of(model: mujoco.MjModel) -> Scene:
     """The visible bodies and geoms of a compiled model, the world left out."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
-    geoms = tuple(
-        _geom(model, i) for i in range(model.ngeom) if model.geom_bodyid[i] > 0 and model.geom_group[i] < 3
-    )
+    geoms = tuple(_geom(model, i) for i in range(model.ngeom) if model.geom_bodyid[i] > 0 and model.geom_group[i] < 3)
     return Scene(bodies, geoms)
 
 

@@ -65,7 +65,13 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
     radius = np.array([tractor.front_wheel_radius_m] * 2 + [tractor.rear_wheel_radius_m] * 2)
     relaxation = tyre.relaxation_radii * radius
     if isinstance(tyre, Soil):
-        law, coefficients, rolling, half, trail = SOIL, tyre.coefficients(tractor), OWN_LOSS, tyre.patch_half_length_m, 0.0
+        law, coefficients, rolling, half, trail = (
+            SOIL,
+            tyre.coefficients(tractor),
+            OWN_LOSS,
+            tyre.patch_half_length_m,
+            0.0,
+        )
     elif isinstance(tyre, MagicFormula):
         law, coefficients, rolling = MAGIC_FORMULA, tyre.coefficients(), tyre.rolling_resistance
         half, trail = tyre.patch_half_length_m, tyre.trail_m

@@ -1,12 +1,12 @@
 """Pacejka's Magic Formula for firm ground: lateral and longitudinal, load dependent, combined slip [Pacejka2012].
 
-In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip and
-stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
+In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip
+and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
 mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). Zero camber, no ply steer or conicity.
 
 Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves,
-whose forces are shared by the slip's direction. So (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes
-its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
+whose forces are shared by the slip's direction. So (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force
+opposes its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
 """
 
 from math import atan, hypot, pi, sin, tan
@@ -21,7 +21,7 @@ from agrobot_mj.signals import Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling faster than this the bristles follow the slip past the peak; at rest they break away there [m/s]. Estimate."""
+"""Rolling faster than this the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 LEAST_SHARE = 0.2
 """Grip and stiffness keep at least this share of their value at the reference load [-]. Estimate."""
 

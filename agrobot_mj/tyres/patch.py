@@ -104,7 +104,7 @@ def find_patch(
     velocity: tuple[float, float, float],
     rotation: tuple[float, float, float],
 ) -> Patch:
-    """Where and how a wheel touches: `centre` [m], `axle` (unit, left), its velocity [m/s] and rotation [rad/s], world."""
+    """Where and how a wheel touches: `centre` [m], `axle` (unit, left), velocity [m/s] and rotation [rad/s], world."""
     _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
     n = unit((-dx, -dy, 1.0))
     f = unit(cross(axle, n))

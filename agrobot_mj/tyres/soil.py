@@ -1,16 +1,16 @@
 """An agricultural tyre on soil, by cone index.
 
-Longitudinal after [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n. Lateral after
-[GeeCloughSommer1981]. W is the load [N], b section width, d diameter, h section height, delta deflection [m], CI cone
-index [Pa].
+Longitudinal after [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n. Lateral
+after [GeeCloughSommer1981]. W is the load [N], b section width, d diameter, h section height, delta deflection [m],
+CI cone index [Pa].
 
     B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d)
     gross traction / W    = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
     motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)          (bias ply)
 
-The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance pushes on the
-wheel's centre, against its motion. The slip s is that of the faster of rim and ground, so that braking mirrors driving.
-Under combined slip the forces are scaled back together to the ellipse of both peaks. Sinking is not modelled.
+The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance pushes on
+the wheel's centre, against its motion. The slip s is that of the faster of rim and ground, so that braking mirrors
+driving. Under combined slip the forces are scaled back together to the ellipse of both peaks. Sinking is not modelled.
 """
 
 from math import atan, exp, hypot, sqrt

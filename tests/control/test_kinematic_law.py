@@ -20,9 +20,7 @@ def test_inverts_the_forward_model(yaw: float, u: float, gamma: float, l_r: floa
     v = gamma * l_r
     velocity = u * cos(yaw) - v * sin(yaw), u * sin(yaw) + v * cos(yaw)
     reference = Reference(1.0, 2.0, *velocity, yaw, 0.0)
-    assert KinematicLaw().references(_estimate(1.0, 2.0, yaw), reference, l_r) == pytest.approx(
-        (u, gamma), abs=1e-12
-    )
+    assert KinematicLaw().references(_estimate(1.0, 2.0, yaw), reference, l_r) == pytest.approx((u, gamma), abs=1e-12)
 
 
 def test_correction_saturates_in_each_axis() -> None:

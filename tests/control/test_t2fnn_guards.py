@@ -37,9 +37,7 @@ def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnSt
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
 @pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
-def test_first_input_lies_inside_every_set_and_on_no_centre(
-    size: tuple[int, int], x: tuple[float, float]
-) -> None:
+def test_first_input_lies_inside_every_set_and_on_no_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
     state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
     assert state.f.shape == size
     assert _memberships(state, *x).min() > 0.05
@@ -235,9 +233,7 @@ NETWORKS = st.builds(
     centres=st.sampled_from(["follow", "fixed"]),
     d_max=st.sampled_from([1.0, 100.0]),
 )
-PATTERNS = st.lists(
-    st.sampled_from(["constant", "zero", "huge", "flipping", "noise"]), min_size=5, max_size=5
-)
+PATTERNS = st.lists(st.sampled_from(["constant", "zero", "huge", "flipping", "noise"]), min_size=5, max_size=5)
 
 
 def _survives(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
@@ -266,7 +262,5 @@ def test_survives_adversarial_inputs(network: T2Fnn, outside: bool, patterns: li
 @pytest.mark.slow
 @settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
-def test_survives_a_million_adversarial_ticks(
-    network: T2Fnn, outside: bool, patterns: list[str], seed: int
-) -> None:
+def test_survives_a_million_adversarial_ticks(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
     _survives(network, outside, patterns, seed)

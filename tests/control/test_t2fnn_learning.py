@@ -98,9 +98,7 @@ def test_firing_never_changes_while_centres_follow() -> None:
     assert last.x1 is not None
     assert last.x2 is not None
     assert abs(last.x1 - first.x1) > 0.1
-    for a, b in zip(
-        plain_firing(first, first.x1, first.x2), plain_firing(last, last.x1, last.x2), strict=True
-    ):
+    for a, b in zip(plain_firing(first, first.x1, first.x2), plain_firing(last, last.x1, last.x2), strict=True):
         assert a == pytest.approx(b, abs=1e-12)
 
 
@@ -116,9 +114,7 @@ def test_width_laws_leave_the_firing_as_it_is() -> None:
     states, _, _ = _noisy_run(T2Fnn(alpha=0.5), 2000, 8)
     first, last = states[0], states[-1]
     assert np.abs(last.d1_upper / first.d1_upper - 1).max() > 0.1
-    for a, b in zip(
-        plain_firing(first, first.x1, first.x2), plain_firing(last, last.x1, last.x2), strict=True
-    ):
+    for a, b in zip(plain_firing(first, first.x1, first.x2), plain_firing(last, last.x1, last.x2), strict=True):
         assert a == pytest.approx(b, rel=0.02)
 
 
@@ -152,9 +148,7 @@ def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
         if reached is None and tau_c * np.sign(start) < alpha * dt:
             reached = k * dt
         assert reached is None or abs(tau_c) < chatter
-        rate = (np.sign(start), np.sin(1.3 * k * dt), rng.uniform(-1, 1))[
-            kind
-        ] * B  # first: the worst there is
+        rate = (np.sign(start), np.sin(1.3 * k * dt), rng.uniform(-1, 1))[kind] * B  # first: the worst there is
         state, _ = network.update(state, *rng.normal(size=2), tau_c, dt)
         tau += rate * dt
         tau_c = network.infer(state, state.x1, state.x2) + tau

@@ -17,7 +17,13 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.tractor import TractorParameters
 
 HEAVY = TractorParameters(
-    mass_kg=980, wheelbase_m=1.6, track_m=1.2, front_load_fraction=0.42, cg_height_m=0.7, pitch_inertia_kg_m2=480, yaw_inertia_kg_m2=520
+    mass_kg=980,
+    wheelbase_m=1.6,
+    track_m=1.2,
+    front_load_fraction=0.42,
+    cg_height_m=0.7,
+    pitch_inertia_kg_m2=480,
+    yaw_inertia_kg_m2=520,
 )
 
 
@@ -93,7 +99,11 @@ def test_knuckles_follow_ackermann():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"mass_kg": 100.0}, "mass_kg"), ({"yaw_inertia_kg_m2": 40.0}, "inertia"), ({"roll_inertia_kg_m2": 900.0}, "inertia")],
+    [
+        ({"mass_kg": 100.0}, "mass_kg"),
+        ({"yaw_inertia_kg_m2": 40.0}, "inertia"),
+        ({"roll_inertia_kg_m2": 900.0}, "inertia"),
+    ],
 )
 def test_an_impossible_tractor_is_refused(change, message):
     with pytest.raises(ValueError, match=message):

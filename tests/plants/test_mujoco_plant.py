@@ -294,11 +294,15 @@ def test_above_relief_pressure_the_wheels_give_way():
 
 def test_a_weak_relief_valve_cannot_turn_stuck_wheels():
     plant, _ = build(Mujoco(tyre=Linear()), cylinder=Cylinder(relief_pressure_bar=10))
-    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = -0.9 * Cylinder(relief_pressure_bar=10).relief_torque
+    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = (
+        -0.9 * Cylinder(relief_pressure_bar=10).relief_torque
+    )
     for _ in range(40):
         truth = plant.advance(Drive(12.0, NEUTRAL_V))
     assert truth.steer > radians(5)
-    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = -1.1 * Cylinder(relief_pressure_bar=10).relief_torque
+    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = (
+        -1.1 * Cylinder(relief_pressure_bar=10).relief_torque
+    )
     for _ in range(40):
         truth = plant.advance(Drive(12.0, NEUTRAL_V))
     assert truth.steer < 0
@@ -379,7 +383,12 @@ def test_the_same_inputs_give_the_same_bits(tyre):
         plant, _ = build(Mujoco(tyre=tyre()))
         for k in range(40):
             truth = plant.advance(Drive(NEUTRAL_V + 2 * np.sin(k), 8.0))
-        state = (plant.data.qpos.tobytes(), plant.data.qvel.tobytes(), plant.wheels().tobytes(), plant.poses().tobytes())
+        state = (
+            plant.data.qpos.tobytes(),
+            plant.data.qvel.tobytes(),
+            plant.wheels().tobytes(),
+            plant.poses().tobytes(),
+        )
         ends.append((truth._replace(steer_samples=None, pedal_samples=None), truth.steer_samples.tobytes(), state))
     assert ends[0] == ends[1]
 

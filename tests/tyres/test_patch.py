@@ -236,7 +236,9 @@ def test_the_wrench_acts_at_the_patch():
     assert abs(wheel.report[FORCE_Y]) > 100
 
 
-@pytest.mark.parametrize("tyre", [*(law() for law in LAWS), Linear(rolling_resistance=0.06)], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize(
+    "tyre", [*(law() for law in LAWS), Linear(rolling_resistance=0.06)], ids=lambda tyre: tyre.kind
+)
 @settings(deadline=None, max_examples=30)
 @given(
     yaw=st.floats(-3, 3),
