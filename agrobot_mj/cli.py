@@ -43,6 +43,9 @@ def main() -> None:
         app()
     except ScenarioError as error:
         fail(str(error))
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        raise SystemExit(1) from None
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         fail(f"{place}{error.strerror or error}")
@@ -108,7 +111,7 @@ def compare_scenario(
     scenario = load_scenario(source, overrides(sets))
     todo = cases(scenario, names(controllers, "--controllers"), names(plants, "--plants"), seeds)
     folder = _folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
+    with interrupted_by_sigterm(), task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
         rows = compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     print(table(rows))
     print(f"figures and runs: {folder}")
@@ -198,6 +201,20 @@ def stop_on_signals() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away."""
+
+    def interrupt(number: int, _frame: Any) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _folder(out: Path | None, default: str) -> Path:

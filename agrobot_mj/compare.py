@@ -2,8 +2,10 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,8 +61,7 @@ def compare(
             logs[case.folder] = _run_case(case, folder, rrd)
             done(case)
     else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        with _pool(workers) as pool:
             futures = {pool.submit(_run_case, case, folder, rrd): case for case in todo}
             for future in as_completed(futures):
                 logs[futures[future].folder] = future.result()
@@ -70,6 +71,27 @@ def compare(
     first = [case for case in todo if case.seed == todo[0].seed]
     write_figures([(case.plant, case.controller, logs[case.folder]) for case in first], folder)
     return rows
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A process pool that leaves no process behind, however the block ends."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_signals_to_the_parent)
+    try:
+        yield pool
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _leave_signals_to_the_parent() -> None:
+    """In a worker: the parent hears of Ctrl-C and ends its workers itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _run_case(case: Case, folder: Path, rrd: bool) -> Log:

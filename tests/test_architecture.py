@@ -19,16 +19,16 @@ GUIDANCE = ["sensors", "estimation", "paths", "control"]
 """The stages on the computer: none of them knows another, nor the machine."""
 AFTER = [
     *("scenario", "log", "metrics", "simulate", "recording", "report", "storage", "progress"),
-    *("compare", "rig", "identify", "cli"),
+    *("compare", "rig", "identify", "validation", "cli"),
 ]
 """What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""
 ALL = [*BASE, *MACHINE, *GUIDANCE, *AFTER]
 OWNERS = {
-    "mujoco": {"plants", "rig"},
+    "mujoco": {"plants", "rig", "validation"},
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
-    "matplotlib": {"report", "rig"},
+    "matplotlib": {"report", "rig", "validation"},
     "typer": {"cli"},
     "tomli_w": {"scenario"},
     "numba": {"compiled", "plants"},

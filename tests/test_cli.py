@@ -133,6 +133,12 @@ def test_values_of_overrides_are_toml_or_bare_words(call):
     assert scenario.title == "a = b"
 
 
+def test_a_scenarios_name_does_not_lead_out_of_the_folder(call, elsewhere):
+    status, _, _ = call("run", "circle", *QUICK, "--set", "name=../../evil")
+    assert status in (0, 2)
+    assert names(elsewhere.parent) == {elsewhere.name}
+
+
 def test_another_plant_for_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 

@@ -160,15 +160,15 @@ def test_the_table_holds_the_numbers() -> None:
     text = table([row("bicycle", "pd", 0.5), row("bicycle", "pd_t2fnn", 0.2), row("mujoco", "pd", 0.4)])
     head, _, first, second, third = cells(text)
     assert head[:4] == ["plant", "controller", "outcome", "lateral MSE [m2]"]
-    assert first[3:] == ["0.5000", "0.5000", "1.5000", "1.00", "0.123", "0.25", "0.75"]
+    assert first[3:] == ["0.5000", "0.5000", "1.5000", "1.00", "0.123", "0.250", "0.750"]
     assert second[:3] == ["bicycle", "pd_t2fnn", "completed"]
-    assert second[3:] == ["0.2000", "0.2000", "1.2000", "0.40", "0.123", "0.25", "0.75"]
+    assert second[3:] == ["0.2000", "0.2000", "1.2000", "0.40", "0.123", "0.250", "0.750"]
     assert third[6] == "1.00"
 
 
 def test_what_is_missing_is_a_dash() -> None:
     early = cells(table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)]))
-    assert early[2][3:] == ["-", "0.0000", "-", "-", "0.123", "0.25", "-"]
+    assert early[2][3:] == ["-", "0.0000", "-", "-", "0.123", "0.250", "-"]
     assert early[3][3:] == ["3.0e+07", "-", "-", "1.00", "0.123", "-", "-"]
     assert cells(table([row("mujoco", "pd_t2fnn", 0.5)]))[2][6] == "-"
 
