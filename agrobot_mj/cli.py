@@ -3,6 +3,7 @@
 Exit status: 0 completed; 1 the run ended otherwise; 2 bad input, told in one message without a traceback.
 """
 
+import re
 import signal
 import subprocess
 import sys
@@ -88,6 +89,8 @@ def run_scenario(
     with stop_on_signals() as stopped:
         log = run(scenario, tuple(watchers), lambda: bool(stopped))
     write_log(log, folder)
+    if no_rrd:
+        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
     print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
     if log.outcome != "completed":
         print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}", file=sys.stderr)
@@ -218,7 +221,8 @@ def interrupted_by_sigterm() -> Iterator[None]:
 
 
 def _folder(out: Path | None, default: str) -> Path:
-    folder = out if out is not None else Path("runs") / default
+    """Where the results go: `out`, or a folder of the default's letters, digits, dots and dashes under runs/."""
+    folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())

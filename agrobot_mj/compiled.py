@@ -5,6 +5,7 @@ folder named after the content of the whole package, where a stale kernel cannot
 """
 
 import hashlib
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +33,7 @@ def _cache() -> Path | None:
     folder = home / _content()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "used").touch()
+        os.utime(folder)
         others = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
     except OSError:
         return None

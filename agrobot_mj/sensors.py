@@ -10,7 +10,7 @@ steps.
 
 from functools import lru_cache
 from math import exp, isclose, nan, pi, radians, sqrt
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -49,7 +49,7 @@ class Gnss(Spec):
     """Of the correlated part [s]. Estimate (multipath: ten seconds to minutes)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
-    latency_s: NonNegative = 0.0
+    latency_s: Annotated[float, Field(ge=0, le=5)] = 0.0
     """Of the delivered solution, whole ticks [s]. Estimate: the receiver's own is under a tick."""
 
     @field_validator("latency_s")

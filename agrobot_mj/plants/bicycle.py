@@ -7,7 +7,7 @@ steady state at once, since its time constants go with the speed. Valves and dri
 a rigid cylinder and no wheel slip.
 """
 
-from math import cos, cosh, exp, nan, sin, sinh, sqrt
+from math import cos, cosh, exp, isfinite, nan, sin, sinh, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -246,8 +246,8 @@ class BicyclePlant:
             rear_y=y + dy,
             antenna=(x + dx, y + dy, self.tractor.antenna_height_m),
             antenna_velocity=(vx, vy, 0.0),
-            steer_samples=self.samples[0],
-            pedal_samples=self.samples[1],
+            steer_samples=self.samples[0].copy(),
+            pedal_samples=self.samples[1].copy(),
         )
 
     def poses(self) -> Array:
@@ -264,5 +264,7 @@ class BicyclePlant:
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """What ended the run, if anything: always None but for leaving the field."""
+        """What ended the run, if anything: diverged or left_terrain."""
+        if not isfinite(self.state.sum()):
+            return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

@@ -220,7 +220,7 @@ def _add_ground(spec: mujoco.MjSpec, ground: Ground) -> None:
             name="ground",
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[x_max - x_min, y_max - y_min, 1],
-            pos=[0, 0, float(h.mean())],
+            pos=[(x_min + x_max) / 2, (y_min + y_max) / 2, float(h.mean())],
             zaxis=normal / np.linalg.norm(normal),
         )
         return

@@ -141,8 +141,8 @@ class MujocoPlant:
             rear_y=float(q[1]),
             antenna=(motion[3], motion[4], motion[5]),
             antenna_velocity=(motion[9], motion[10], motion[11]),
-            steer_samples=self.samples[0],
-            pedal_samples=self.samples[1],
+            steer_samples=self.samples[0].copy(),
+            pedal_samples=self.samples[1].copy(),
         )
 
     def poses(self) -> Array:

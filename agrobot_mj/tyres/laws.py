@@ -1,6 +1,6 @@
 """From a tyre's configuration to the compiled kernel, and one wheel's step under any law."""
 
-from math import atan, copysign, exp, tanh
+from math import atan, exp, tanh
 
 import numpy as np
 
@@ -36,7 +36,7 @@ TRAIL_SLIP = 0.1
 ROLLING = 0.2
 """The carcass' own damping fades over this speed: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
 STILL = 0.02
-"""Soil resistance builds up over this speed [m/s]."""
+"""Soil resistance and pneumatic trail build up over this speed [m/s]."""
 
 
 @jit
@@ -148,7 +148,7 @@ def wheel_step(
     bristle[0], bristle[1] = held * z_x, held * z_y
     loaded = tyres.radius[i] - patch.penetration
     axle_torque = rolling_torque(tyres, load, r_e, patch.spin) - (r_e - loaded) * f_x
-    moment = scrub(tyres, i, patch, load, dt, bristle) + copysign(1.0, patch.v_x) * aligning(tyres, slip_y, f_y)
+    moment = scrub(tyres, i, patch, load, dt, bristle) + tanh(patch.v_x / STILL) * aligning(tyres, slip_y, f_y)
     push = drag(tyres.law, c, slip_x, load, patch.penetration, patch.v_x)
     add_wrench(wrench, patch, axle, (f_x, f_y, load), (push, axle_torque, moment))
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, f_x + push, f_y

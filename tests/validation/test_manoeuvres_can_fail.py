@@ -49,14 +49,16 @@ def failures(found):
 
 def test_parking_sees_contact_creep():
     plant, _ = mujoco_plant(Contact(), Slope(grade_deg=15, direction_deg=0))
-    assert parking.drift(plant, 20.0) > 5.0
-    with pytest.raises(ValueError, match="park for more"):
+    moved, creep = parking.drift(plant, 20.0)
+    assert moved > 5.0
+    assert creep == pytest.approx(6 * moved, rel=0.1)
+    with pytest.raises(ValueError, match="park for 20 s or more"):
         parking.drift(plant, 5.0)
 
 
 def test_parking_fails_a_plant_that_creeps(monkeypatch):
     swap(monkeypatch, parking, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
-    assert len(failures(parking.run(quick=True))) == 3
+    assert len(failures(parking.run(quick=True))) == 6
 
 
 def test_loads_see_half_a_degree(monkeypatch):
