@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow check bench figures lock
+.PHONY: help install demo test slow check validate bench figures lock
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -38,6 +38,9 @@ check: $(STAMP) ## Lint, format, types, lock files
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 	$(PY) scripts/check_lock.py
+
+validate: $(STAMP) ## Drive the manoeuvres with a known answer, on every plant and tyre
+	@$(PY) -m agrobot_mj validate
 
 bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 	@$(PY) scripts/bench.py

@@ -114,7 +114,7 @@ def compare_scenario(
     scenario = load_scenario(source, overrides(sets))
     todo = cases(scenario, names(controllers, "--controllers"), names(plants, "--plants"), seeds)
     folder = _folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interrupted_by_sigterm(), task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
+    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
         rows = compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     print(table(rows))
     print(f"figures and runs: {folder}")
@@ -143,6 +143,29 @@ def identify(
     from agrobot_mj.identify import identify_command
 
     print(identify_command(run))
+
+
+@app.command("validate")
+def validate_plants(
+    out: Out = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
+) -> None:
+    """Drive the manoeuvres with a known answer on every plant and tyre; fails when a number leaves its band."""
+    from agrobot_mj.validation import Check, validate
+
+    def tell(name: str, checks: list[Check], seconds: float) -> None:
+        failed = [check for check in checks if not check.passed]
+        print(
+            f"{name:20} {len(checks) - len(failed):3} of {len(checks):3} as they should be, {seconds:.0f} s", flush=True
+        )
+
+    folder = _folder(out, "validation")
+    failed = [check for check in validate(folder, quick, tell) if not check.passed]
+    print(f"table and figures: {folder}")
+    for check in failed:
+        print(check.line, file=sys.stderr)
+    if failed:
+        raise typer.Exit(1)
 
 
 @app.command("view")
@@ -207,17 +230,18 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 
 @contextmanager
-def interrupted_by_sigterm() -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away."""
 
     def interrupt(number: int, _frame: Any) -> NoReturn:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _folder(out: Path | None, default: str) -> Path:

@@ -21,13 +21,19 @@ import numpy as np
 
 from agrobot_mj import load_scenario, simulate
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.hydraulics import NEUTRAL_V
 from agrobot_mj.log import Rows
-from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.recording import Recording
 from agrobot_mj.scenario import Scenario
+from agrobot_mj.signals import Drive
+from agrobot_mj.terrain import Ground
+from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 AIM_RATIO, AIM_RECORDING = 2.0, 0.15
 """The project's aims: closed loop over bare step, and what recording adds [-]."""
+AIM_TYRE, GRID = 1.3, 200
+"""The aim for physics with tyres over a bare step, and the nodes of its ground each way [-]."""
 HELD_STEPS = 500
 """The bare model then goes on from its first state again: held tyre forces balance it for a while only."""
 MOVING_S = 12.0
@@ -164,7 +170,40 @@ def tick_parts(scenario: Scenario, repeats: int) -> dict[str, float]:
     return {part: min(each[part] for each in rounds[1:]) / scenario.ticks for part in order}
 
 
-def report(scenario: Scenario, cost: Cost, parts: dict[str, float]) -> str:
+def rough_ground() -> Ground:
+    """A grid of 200 x 200 nodes, decimetres apart, with bumps of millimetres."""
+    heights = np.random.default_rng(1).uniform(-0.002, 0.002, (GRID, GRID))
+    return Ground(-0.05 * GRID, -0.05 * GRID, 0.1, heights)
+
+
+def tyre_costs(repeats: int) -> dict[str, float]:
+    """Physics steps with each tyre's kernel over as many bare steps of the same model, on a 200 x 200 grid [-]."""
+    found = {}
+    for tyre in (Linear(), MagicFormula(), Soil()):
+        s = load_scenario("straight_line")
+        common = (s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, rough_ground(), s.physics_dt_s, 25)
+        plant = MujocoPlant(Mujoco(tyre=tyre), *common)
+        plant.reset(s.path.at(0.0))
+        for _ in range(20):
+            plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid
+        start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        found[tyre.kind] = median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
+    return found
+
+
+def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:
+    """Twenty ticks of the plant from the state `start` over as many bare steps from there [-]."""
+    tyred, bare, rest = 0.0, 0.0, Drive(NEUTRAL_V, NEUTRAL_V)
+    for _ in range(5):
+        mujoco.mj_setState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        tyred += seconds_of(lambda: [plant.advance(rest) for _ in range(20)])
+        mujoco.mj_setState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        bare += seconds_of(lambda: [mujoco.mj_step(plant.model, plant.data) for _ in range(500)])
+    return tyred / bare
+
+
+def report(scenario: Scenario, cost: Cost, parts: dict[str, float], tyres: dict[str, float]) -> str:
     """The measurements as text."""
     steps, simulated = steps_of(scenario), scenario.ticks * simulate.TICK_S
     total = sum(parts.values())
@@ -176,6 +215,9 @@ def report(scenario: Scenario, cost: Cost, parts: dict[str, float]) -> str:
             f"{'closed-loop run / bare mj_step':34}{cost.run_over_bare:6.2f}   aim: at most {AIM_RATIO}",
             f"{'  or over mj_step(nstep=...)':34}{cost.run_over_batched:6.2f}",
             f"{'recording adds':34}{cost.recording_share:6.1%}   aim: at most {AIM_RECORDING:.0%}",
+            "",
+            f"physics with valves and tyres on a {GRID} x {GRID} grid / bare mj_step",
+            *(f"  {kind:32}{ratio:6.2f}   aim: at most {AIM_TYRE}" for kind, ratio in tyres.items()),
             "",
             f"a run takes {cost.run_s:.2f} s ({simulated / cost.run_s:.0f} times real time)",
             f"a step takes {cost.run_s / steps * 1e6:.1f} us, bare {cost.bare_s / steps * 1e6:.1f} us",
@@ -196,7 +238,8 @@ def main() -> None:
     overrides = {} if arguments.duration is None else {"duration_s": arguments.duration}
     scenario = load_scenario(arguments.scenario, overrides)
     cost = compare_costs(scenario, arguments.repeats)
-    print(report(scenario, cost, tick_parts(scenario, min(3, arguments.repeats))))
+    parts = tick_parts(scenario, min(3, arguments.repeats))
+    print(report(scenario, cost, parts, tyre_costs(arguments.repeats)))
 
 
 if __name__ == "__main__":

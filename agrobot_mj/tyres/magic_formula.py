@@ -98,20 +98,18 @@ class MagicFormula(Spec):
 
 
 @jit
-def pure_force(s: float, F_z: float, df: float, curve: Array) -> float:
-    """F0 [N] at slip `s` under the load `F_z` [N]; `curve` is a `Curve.row`."""
-    D, K = peak_and_stiffness(F_z, df, curve)
-    C, E = curve[4], curve[5]
-    x = K / (C * D) * s
-    return D * sin(C * atan(x - E * (x - atan(x))))
-
-
-@jit
 def peak_and_stiffness(F_z: float, df: float, curve: Array) -> tuple[float, float]:
     """D [N] and K [N per unit slip]."""
     D = F_z * curve[0] * max(1.0 + curve[1] * df, LEAST_SHARE)
     K = F_z * curve[2] * max(1.0 + curve[3] * df, LEAST_SHARE)
     return D, K
+
+
+@jit
+def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
+    """F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
+    x = K / (C * D) * s
+    return D * sin(C * atan(x - E * (x - atan(x))))
 
 
 @jit
@@ -127,7 +125,7 @@ def magic_force(
     rho = hypot(n_x, n_y)
     if rho < 1e-12:
         return 0.0, 0.0, 1.0
-    F_x = -n_x / rho * pure_force(rho * D_x / K_x, load, df, along)
-    F_y = -n_y / rho * pure_force(rho * D_y / K_y, load, df, across)
+    F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along[4], along[5])
+    F_y = -n_y / rho * pure_force(rho * D_y / K_y, D_y, K_y, across[4], across[5])
     limit = coefficients[13] * (1.0 + v_roll / BREAKAWAY_SPEED)
     return F_x, F_y, min(1.0, limit / rho)
