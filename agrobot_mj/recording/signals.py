@@ -16,7 +16,7 @@ from agrobot_mj.signals import Array
 
 UNITS = {
     **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
-    **{"deg": degrees(1), "deg/s": degrees(1)},
+    **{"deg": degrees(1), "deg/s": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
 }
 """Factor from the SI unit of the log."""
 TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
@@ -90,9 +90,12 @@ PLOTS = (
     _single("control/q", "Network: share of the lower firing, q", "-", "q", "q", NETWORK),
     _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
     _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
+    _single("steering/flow", "Oil flow to the cylinder", "l/min", "flow", "valve_flow"),
+    _single("steering/pressure", "Pressure in the cylinder", "bar", "pressure", "steer_pressure", TRUE),
     _loop("speed/loop", "Speed", "m/s", "speed_ref", "speed_hat", "speed"),
     _loop("speed/pedal", "Pedal", "-", "pedal_ref", "pedal_measured", "pedal"),
     _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
+    _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
     _wheels("load", "Wheel load", "kN", "load"),
     _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
     _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),

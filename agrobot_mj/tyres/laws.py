@@ -1,6 +1,6 @@
 """From a tyre's configuration to the compiled kernel, and one wheel's step under any law."""
 
-from math import atan, exp, tanh
+from math import atan, exp
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from agrobot_mj.tyres.patch import (
     find_patch,
     relax,
     rolling_torque,
+    soft_sign,
 )
 from agrobot_mj.tyres.soil import OWN_LOSS, Soil, drive_slip, resistance, soil_force
 
@@ -55,7 +56,7 @@ def force(
 def drag(law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float) -> float:
     """Force of the ground's own resistance on the wheel's centre, forward [N]: of soil only."""
     if law == SOIL:
-        share = tanh(v_x / STILL)
+        share = soft_sign(v_x, STILL)
         return -share * resistance(coefficients, load, deflection, drive_slip(slip_x))
     return 0.0
 
@@ -148,7 +149,7 @@ def wheel_step(
     bristle[0], bristle[1] = held * z_x, held * z_y
     loaded = tyres.radius[i] - patch.penetration
     axle_torque = rolling_torque(tyres, load, r_e, patch.spin) - (r_e - loaded) * f_x
-    moment = scrub(tyres, i, patch, load, dt, bristle) + tanh(patch.v_x / STILL) * aligning(tyres, slip_y, f_y)
+    moment = scrub(tyres, i, patch, load, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(tyres, slip_y, f_y)
     push = drag(tyres.law, c, slip_x, load, patch.penetration, patch.v_x)
     add_wrench(wrench, patch, axle, (f_x, f_y, load), (push, axle_torque, moment))
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, f_x + push, f_y

@@ -134,9 +134,18 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 
 @jit
+def soft_sign(v: float, width: float) -> float:
+    """Sign of `v`, smooth over `width`: tanh(v / width), without its cost where it is 1 to machine precision."""
+    x = v / width
+    if abs(x) > 20.0:
+        return 1.0 if x > 0.0 else -1.0
+    return tanh(x)
+
+
+@jit
 def rolling_torque(tyres: TyreSet, load: float, r_e: float, spin: float) -> float:
     """Rolling resistance about the axle, against the spin [N m]."""
-    return -tyres.rolling_resistance * load * r_e * tanh(spin * r_e / CREEP_SPEED)
+    return -tyres.rolling_resistance * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
 @jit

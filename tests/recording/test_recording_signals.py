@@ -16,6 +16,9 @@ SHOWN = {
     "control/q": ("-", 1, ["q"]),
     "steering/angle": ("deg", DEG, ["steer_ref", "steer_measured", "steer"]),
     "steering/valve": ("V", 1, ["valve_voltage"]),
+    "steering/flow": ("l/min", 6e4, ["valve_flow"]),
+    "steering/pressure": ("bar", 1e-5, ["steer_pressure"]),
+    "speed/torque": ("N m", 1, ["drive_torque"]),
     "speed/loop": ("m/s", 1, ["speed_ref", "speed_hat", "speed"]),
     "speed/pedal": ("-", 1, ["pedal_ref", "pedal_measured", "pedal"]),
     "speed/valve": ("V", 1, ["pedal_voltage"]),
@@ -101,7 +104,9 @@ def test_nothing_is_drawn_that_does_not_exist(tmp_path):
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
     assert np.isnan(log.column("q")).all()
     plots = {entity.removeprefix("/plots/") for entity in recorded.entities() if entity.startswith("/plots/")}
-    assert plots == {name for name in SHOWN.keys() | COMPUTED if not name.startswith("tyres/")} - {"control/q"}
+    assert plots == {name for name in SHOWN.keys() | COMPUTED if not name.startswith("tyres/")} - {
+        *("control/q", "steering/pressure", "speed/torque")
+    }
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 
