@@ -173,7 +173,9 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A record
     """Open a recording in the Rerun viewer; needs no network."""
     if not file.is_file():
         fail(f"{file}: no such file")
-    if file.read_bytes()[:4] not in (b"RRF2", b"RRF0", b"RRIO"):
+    with file.open("rb") as stream:
+        magic = stream.read(4)
+    if magic not in (b"RRF2", b"RRF0", b"RRIO"):
         fail(f"{file}: not a Rerun recording (.rrd)")
     raise typer.Exit(
         subprocess.run([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)], check=False).returncode
