@@ -138,7 +138,7 @@ def _errors(log: LogLike, xte: Array, rows: Rows) -> dict[str, float | None]:
 def _turns(log: LogLike) -> list[Rows]:
     """For each turn that the run reached the rows that belong to it, as a mask of shape (ticks,)."""
     t, turns = log.column("t"), log.scenario.path.turns_s
-    rows = [((t > start) | (start == turns[0][0])) & (t <= end) for start, end in turns]
+    rows = [(t > start) & (t <= end) | (t == start) & (k == 0) for k, (start, end) in enumerate(turns)]
     return [of_turn for of_turn in rows if of_turn.any()]
 
 

@@ -153,3 +153,13 @@ def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
     assert (m["xte_rms"], m["xte_abs_p95"]) == pytest.approx((0.1, 0.1))
     assert m["longitudinal_rms"] == pytest.approx(2)
     assert m["per_turn"][0]["xte_rms"] == pytest.approx(0.1)
+
+
+def test_a_run_in_belongs_to_no_turn() -> None:
+    path = FigureEight()
+    t = np.arange(0.0, path.duration_s, 0.05)
+    early = t < path.turns_s[0][0]
+    lateral = np.where(early, 7.0, 1.0)
+    m = metrics(FakeLog(path, t, e_lateral=lateral))
+    assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1.0, 1.0])
+    assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))

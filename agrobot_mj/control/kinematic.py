@@ -16,7 +16,7 @@ class KinematicLaw(Spec):
 
     saturation_m_s: NonNegative = 0.6
     """k_s, largest velocity spent on closing an error, each axis [m/s]. Estimate."""
-    gain_per_m: Positive = 0.25
+    gain_per_m: Positive = 0.4
     """k_e, slope of the law relative to its saturation [1/m]. Estimate."""
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:

@@ -41,7 +41,7 @@ class OpenLoop(Spec):
 class _Pd(Spec):
     """Gains that all closed-loop controllers share."""
 
-    kp: float = 0.5
+    kp: float = 0.4
     """k_P [rad s/rad]. Estimate."""
     kd: float = 0.0
     """k_D [rad s2/rad]. Estimate."""
