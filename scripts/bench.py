@@ -197,7 +197,7 @@ def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:
     tyred, bare, rest = 0.0, 0.0, Drive(NEUTRAL_V, NEUTRAL_V)
     for _ in range(5):
         mujoco.mj_setState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        tyred += seconds_of(lambda: [plant.advance(rest) for _ in range(20)])
+        tyred += seconds_of(lambda: [plant.step_through(rest) for _ in range(20)])
         mujoco.mj_setState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
         bare += seconds_of(lambda: [mujoco.mj_step(plant.model, plant.data) for _ in range(500)])
     return tyred / bare

@@ -96,18 +96,19 @@ class MujocoPlant:
         drive_at_rest(self.drive_memory)
         self.data.qpos[:7] = _pose_on(self.ground, start, self.tractor)
         for _ in range(self.settle_ticks):
-            self._steps(Drive(NEUTRAL_V, NEUTRAL_V))
+            self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
         mujoco.mj_forward(self.model, self.data)
         self.ticks = 0
         return self.truth()
 
     def advance(self, drive: Drive) -> Truth:
         """One tick under constant voltages."""
-        self._steps(drive)
+        self.step_through(drive)
         self.ticks += 1
         return self.truth()
 
-    def _steps(self, drive: Drive) -> None:
+    def step_through(self, drive: Drive) -> None:
+        """The physics steps of one tick under constant voltages, without looking at the outcome."""
         run_steps(
             self.views,
             self.tyred,

@@ -110,6 +110,8 @@ def scrub(tyres: TyreSet, i: int, patch: Patch, load: float, dt: float, bristle:
 @jit
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
     """Aligning moment [N m]: the lateral force behind the patch's centre by a trail that slip uses up."""
+    if tyres.trail <= 0.0:
+        return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
 
 

@@ -9,7 +9,7 @@ whose forces are shared by the slip's direction. So (F_x / D_x)^2 + (F_y / D_y)^
 opposes its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
 """
 
-from math import atan, hypot, pi, sin, tan
+from math import atan, pi, sin, sqrt, tan
 from typing import Annotated, Literal
 
 import numpy as np
@@ -122,7 +122,7 @@ def magic_force(
     D_x, K_x = peak_and_stiffness(load, df, along)
     D_y, K_y = peak_and_stiffness(load, df, across)
     n_x, n_y = slip_x * K_x / D_x, atan(slip_y) * K_y / D_y
-    rho = hypot(n_x, n_y)
+    rho = sqrt(n_x * n_x + n_y * n_y)
     if rho < 1e-12:
         return 0.0, 0.0, 1.0
     F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along[4], along[5])

@@ -35,7 +35,7 @@ def test_every_closed_loop_commands_the_difference(kind) -> None:
     _, commands = _run(kind(), _errors())
     wanted = [np.clip(c.tau_c - c.tau_n, -LIMIT, LIMIT) for c in commands]
     assert [c.steer for c in commands] == pytest.approx(wanted, abs=1e-15)
-    assert [c.tau_c for c in commands] == pytest.approx([0.5 * e for e in _errors()])
+    assert [c.tau_c for c in commands] == pytest.approx([kind().kp * e for e in _errors()])
 
 
 @pytest.mark.parametrize("kind", every(Controller))
