@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.compiled import jit
-from agrobot_mj.hydraulics import NEUTRAL_V
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import NEUTRAL_V, Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
 

@@ -16,11 +16,9 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.compiled import jit
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import NEUTRAL_V, Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
-NEUTRAL_V = 6.0
-"""Valve voltage without flow [V]. Paper: range 0-12 V."""
 FULL_RANGE_V = 12.0
 """[V]. Paper, section V-B."""
 LITRE_PER_MINUTE = 1e-3 / 60

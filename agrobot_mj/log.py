@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.signals import Array
 
-WHEELS = ("fl", "fr", "rl", "rr")
 COLUMNS = (
     *("t", "x_ref", "y_ref", "yaw_ref", "curvature_ref"),
     *("x", "y", "z", "yaw", "pitch", "roll", "speed", "lateral_speed", "yaw_rate", "rear_x", "rear_y"),

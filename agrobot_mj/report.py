@@ -5,7 +5,6 @@ plant, each as wide as a column of a journal page (3.5 in, text of 8 pt). A cont
 """
 
 import io
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -23,6 +22,7 @@ from rich.table import Table
 from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
 from agrobot_mj.signals import Array
+from agrobot_mj.storage import whole
 
 COLOURS = {"pd": "#D55E00", "pd_isgn": "#E69F00", "pd_t1fnn": "#009E73", "pd_t2fnn": "#0072B2"}
 """Colour of each controller, of the colour-blind-safe palette of Okabe and Ito."""
@@ -79,7 +79,7 @@ def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> lis
     named = [Run(*run) for run in runs]
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}
-        return [_write(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def trajectory(runs: Runs) -> Figure:
@@ -336,12 +336,8 @@ def _worst_place(runs: Runs) -> Array:
     return place
 
 
-def _write(figure: Figure, file: Path) -> Path:
+def save(figure: Figure, file: Path) -> Path:
     """Save as PNG: the whole file or none."""
-    part = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
+    with whole(file) as part:
         FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
     return file

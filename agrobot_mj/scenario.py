@@ -27,12 +27,11 @@ from agrobot_mj.plants import Mujoco, Plant
 from agrobot_mj.problems import ScenarioError, explain, suggestion
 from agrobot_mj.resources import SCENARIOS
 from agrobot_mj.sensors import Sensors
+from agrobot_mj.signals import TICK_S
 from agrobot_mj.spec import Spec, members
 from agrobot_mj.terrain import Flat, Terrain
 from agrobot_mj.tractor import TractorParameters
 
-TICK_S = 0.05
-"""Sampling period of sensors and controllers [s]. Paper, T_s."""
 LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
@@ -153,17 +152,22 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     Raises `ScenarioError` with every fault of the input in one message.
     """
     path = _find(source)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    data = read_toml(path)
     _fill(data, Scenario())
     for key, value in (overrides or {}).items():
         _override(data, key, value)
     data.setdefault("name", path.stem)
     return resolve(data, path.name)
+
+
+def read_toml(path: FilePath) -> dict[str, Any]:
+    """The plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:

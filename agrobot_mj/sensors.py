@@ -18,11 +18,8 @@ from pydantic import Field, field_validator, model_validator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
-from agrobot_mj.signals import Array, Fix, Measurement, Quality, Truth
+from agrobot_mj.signals import TICK_S, Array, Fix, Measurement, Quality, Truth
 from agrobot_mj.spec import Fraction, NonNegative, Positive, Spec
-
-TICK_S = 0.05
-"""Sampling period of receiver and controller [s]. Paper, section V-A."""
 
 
 class GnssState(NamedTuple):

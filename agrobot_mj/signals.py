@@ -9,6 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+TICK_S = 0.05
+"""Sampling period of sensors and controllers [s]. Paper, T_s."""
+NEUTRAL_V = 6.0
+"""Voltage at which a valve moves nothing [V]. Paper: range 0-12 V."""
+
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 

@@ -18,8 +18,8 @@ from agrobot_mj.metrics import metrics
 from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.problems import ScenarioError
-from agrobot_mj.scenario import TICK_S, Scenario
-from agrobot_mj.signals import Command, Drive, Estimate, Measurement, Reference, Truth
+from agrobot_mj.scenario import Scenario
+from agrobot_mj.signals import TICK_S, Command, Drive, Estimate, Measurement, Reference, Truth
 
 LOST_M = 50.0
 """A tractor this far from its reference has diverged [m]. Estimate."""

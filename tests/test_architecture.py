@@ -18,7 +18,7 @@ MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
 GUIDANCE = ["sensors", "estimation", "paths", "control"]
 """The stages on the computer: none of them knows another, nor the machine."""
 AFTER = [
-    *("scenario", "log", "metrics", "simulate", "recording", "report", "storage", "progress"),
+    *("scenario", "log", "metrics", "simulate", "recording", "storage", "report", "progress"),
     *("compare", "rig", "identify", "validation", "cli"),
 ]
 """What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""

@@ -8,10 +8,8 @@ gains are estimates for the delays, lags and dead bands of `hydraulics` and `dri
 from math import radians
 from typing import NamedTuple
 
+from agrobot_mj.signals import NEUTRAL_V
 from agrobot_mj.spec import NonNegative, Positive, Spec
-
-NEUTRAL_V = 6.0
-"""Valve voltage that moves nothing [V]. Paper: range 0-12 V."""
 
 
 def clip(x: float, low: float, high: float) -> float:

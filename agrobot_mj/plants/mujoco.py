@@ -9,11 +9,11 @@ from pydantic import Field
 
 from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import wrap
-from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, come_to_rest, static_flow, valve_law
+from agrobot_mj.hydraulics import Cylinder, Valve, come_to_rest, static_flow, valve_law
 from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
 from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
-from agrobot_mj.signals import Array, Drive, Reference, Truth
+from agrobot_mj.signals import NEUTRAL_V, Array, Drive, Reference, Truth
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tractor import TractorParameters
@@ -55,13 +55,14 @@ class MujocoPlant:
     ) -> None:
         self.spec, self.tractor, self.ground = spec, tractor, ground
         native = isinstance(spec.tyre, Contact)
+        contact = spec.tyre if isinstance(spec.tyre, Contact) else Contact()
         self.model = simulation_model(
             tractor_spec(tractor, cylinder, driveline),
             ground,
             physics_dt,
             native,
-            spec.tyre.friction if isinstance(spec.tyre, Contact) else 0.8,
-            spec.tyre.impratio if isinstance(spec.tyre, Contact) else 1.0,
+            contact.friction,
+            contact.impratio,
         )
         self.data = mujoco.MjData(self.model)
         law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)

@@ -21,7 +21,8 @@ from agrobot_mj.recording.signals import Signals
 from agrobot_mj.recording.states import States
 from agrobot_mj.recording.timeline import nanoseconds
 from agrobot_mj.recording.viewer import URL, open_viewer
-from agrobot_mj.scenario import TICK_S, Scenario
+from agrobot_mj.scenario import Scenario
+from agrobot_mj.signals import TICK_S
 
 __all__ = ["Recording"]
 

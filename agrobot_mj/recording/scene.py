@@ -11,9 +11,10 @@ from rerun.components import FillMode
 
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.scenario import TICK_S, Scenario
-from agrobot_mj.signals import Array
+from agrobot_mj.scenario import Scenario
+from agrobot_mj.signals import TICK_S, Array
 from agrobot_mj.terrain import Ground
+from agrobot_mj.terrain.grid import heights
 
 MARGIN_M = 60.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
@@ -44,19 +45,6 @@ def reference_line(scenario: Scenario, ground: Ground) -> Array:
     """The reference over the whole run, shape (n, 3) [m]."""
     times = np.linspace(0.0, scenario.ticks * TICK_S, min(scenario.ticks, PATH_POINTS) + 1)
     return on_ground(ground, sample(scenario.path, times), PATH_LIFT_M)
-
-
-def heights(ground: Ground, x: Array, y: Array) -> Array:
-    """Height of the ground at many points at once, shape as `x` and `y` [m]."""
-    rows, columns = ground.heights.shape
-    a = np.clip((x - ground.x0) / ground.spacing, 0.0, columns - 1.0)
-    b = np.clip((y - ground.y0) / ground.spacing, 0.0, rows - 1.0)
-    i, j = np.minimum(a.astype(int), columns - 2), np.minimum(b.astype(int), rows - 2)
-    s, t, h = a - i, b - j, ground.heights
-    low = (1 - s) * h[j, i] + s * h[j, i + 1]
-    high = (1 - s) * h[j + 1, i] + s * h[j + 1, i + 1]
-    height: Array = (1 - t) * low + t * high
-    return height
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 
-from agrobot_mj.log import WHEELS, Rows
+from agrobot_mj.log import Rows
+from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.timeline import TIMELINE, Times
 from agrobot_mj.signals import Array
 

@@ -11,13 +11,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.report import DPI, PANEL_WIDTH_IN, STYLE
+from agrobot_mj.report import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, SPEEDS_M_S
 from agrobot_mj.signals import Array
-from agrobot_mj.storage import whole
 
 SHADES = ("#56B4E9", "#0072B2", "#E69F00", "#D55E00", "#009E73", "#000000")
 """Of curves in order, of the colour-blind-safe palette of Okabe and Ito."""
@@ -30,7 +28,7 @@ def write_figures(table: pa.Table, folder: Path) -> list[Path]:
     """Draw the figures of a table of `sweep.sweep` into `folder`; return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
-        return [_write(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def lateral(table: pa.Table) -> Figure:
@@ -199,10 +197,3 @@ def _kind(table: pa.Table) -> str:
 def _column(table: pa.Table, name: str) -> Array:
     values: Array = table[name].to_numpy()
     return values
-
-
-def _write(figure: Figure, file: Path) -> Path:
-    """Save as PNG: the whole file or none."""
-    with whole(file) as temporary:
-        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=DPI)
-    return file

@@ -4,13 +4,12 @@ The keys of the tyre stand at the top of the file, under `[tyre]`, or under `[pl
 too. A `[tractor]` table sets sizes and loads.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.problems import ScenarioError, suggestion
-from agrobot_mj.scenario import resolve
+from agrobot_mj.scenario import read_toml, resolve
 from agrobot_mj.spec import members
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Tyre
@@ -37,13 +36,7 @@ def load_specimen(source: str) -> Specimen:
     if path.suffix != ".toml" and not path.is_file():
         hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file)"
         raise ScenarioError(f"unknown tyre {source!r}{hint}")
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
-    return _resolved(*_found(data), path.name)
+    return _resolved(*_found(read_toml(path)), path.name)
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:

@@ -64,6 +64,15 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
     return height, dx, dy
 
 
+@jit
+def heights(ground: Ground, x: Array, y: Array) -> Array:
+    """Height of the ground at many points at once, shape as `x` and `y` [m]."""
+    found = np.empty(x.size)
+    for k, (a, b) in enumerate(zip(x.ravel(), y.ravel())):  # noqa: B905
+        found[k] = height_and_gradient(ground, a, b)[0]
+    return found.reshape(x.shape)
+
+
 def plane(grade_x: float, grade_y: float, half_size: float) -> Ground:
     """A plane through the origin with slopes `grade_x`, `grade_y` [-], `half_size` [m] to each side."""
     nodes = np.array([-half_size, half_size])

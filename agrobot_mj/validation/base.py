@@ -12,14 +12,12 @@ from typing import Any, NamedTuple
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Cylinder, Valve
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
-from agrobot_mj.signals import Reference, Truth
+from agrobot_mj.signals import TICK_S, Reference, Truth
 from agrobot_mj.spec import every
 from agrobot_mj.terrain import Flat, Ground, Terrain
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear, Tyre
 
-TICK_S = 0.05
-"""Voltages change as often [s]. Paper, T_s."""
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BICYCLE = "bicycle"
 """How checks name the bicycle; a MuJoCo tractor goes by the kind of its tyre."""

@@ -13,14 +13,13 @@ from math import cos, radians, sin
 import numpy as np
 
 from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import NEUTRAL_V
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.signals import Array, Drive
+from agrobot_mj.signals import NEUTRAL_V, TICK_S, Array, Drive
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact, Linear
-from agrobot_mj.validation.base import TICK_S, About, Check, Findings, Machine, mujoco_plant, tyres, warnings
+from agrobot_mj.validation.base import About, Check, Findings, Machine, mujoco_plant, tyres, warnings
 from agrobot_mj.validation.theory import Tractor
 
 GRADE_DEG = 5.0

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.plants import Bicycle
-from agrobot_mj.signals import Array, Truth
+from agrobot_mj.signals import TICK_S, Array, Truth
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear
-from agrobot_mj.validation.base import BICYCLE, TICK_S, About, Check, Findings, level_plants, tyre_of, warnings
+from agrobot_mj.validation.base import BICYCLE, About, Check, Findings, level_plants, tyre_of, warnings
 from agrobot_mj.validation.driver import Driver, Steer
 from agrobot_mj.validation.theory import Tractor, understeer_gradient
 

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.hydraulics import NEUTRAL_V
-from agrobot_mj.signals import Array, Drive, Truth
-from agrobot_mj.validation.base import TICK_S
+from agrobot_mj.signals import NEUTRAL_V, TICK_S, Array, Drive, Truth
 
 Steer = float | Callable[[Truth], float]
 """A steering angle [rad], or a rule for one."""

@@ -16,11 +16,11 @@ import numpy as np
 
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.stepping import DRIVE, STEERING
-from agrobot_mj.signals import Array, Drive
+from agrobot_mj.signals import TICK_S, Array, Drive
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres.laws import drag
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO
-from agrobot_mj.validation.base import TICK_S, About, Check, Findings, force_tyres, mujoco_plant, warnings
+from agrobot_mj.validation.base import About, Check, Findings, force_tyres, mujoco_plant, warnings
 from agrobot_mj.validation.driver import Driver
 
 SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)

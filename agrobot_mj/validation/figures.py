@@ -8,11 +8,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.report import DPI, PANEL_WIDTH_IN, STYLE
-from agrobot_mj.storage import whole
+from agrobot_mj.report import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact, Linear
 from agrobot_mj.validation.base import BICYCLE, Findings, tyre_of
@@ -34,7 +32,7 @@ def write_figures(found: Mapping[str, Findings], folder: Path) -> list[Path]:
             "side_slope": side_slope(found["side slope"].curves),
             "understeer": understeer(found["constant radius"].curves),
         }
-        return [_write(figure, folder / f"{name}.png") for name, figure in drawn.items()]
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items()]
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
@@ -96,9 +94,3 @@ def _colour(subject: str) -> str:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-
-
-def _write(figure: Figure, file: Path) -> Path:
-    with whole(file) as part:
-        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
-    return file

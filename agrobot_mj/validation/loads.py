@@ -9,11 +9,11 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import TICK_S, Array
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tractor import GRAVITY, TractorParameters
 from agrobot_mj.tyres import Contact
-from agrobot_mj.validation.base import TICK_S, About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings
 from agrobot_mj.validation.parking import FACING, GRADE_DEG, REST
 from agrobot_mj.validation.theory import Tractor
 

@@ -7,12 +7,11 @@ steering oil are springs too. MuJoCo's own contact creeps, so its drift is repor
 
 from math import dist
 
-from agrobot_mj.hydraulics import NEUTRAL_V
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.signals import Drive
+from agrobot_mj.signals import NEUTRAL_V, TICK_S, Drive
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import Contact
-from agrobot_mj.validation.base import TICK_S, About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}

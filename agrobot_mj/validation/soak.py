@@ -10,9 +10,9 @@ from scipy.ndimage import gaussian_filter
 
 from agrobot_mj.hydraulics import FULL_RANGE_V
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.signals import Drive
+from agrobot_mj.signals import TICK_S, Drive
 from agrobot_mj.terrain import Flat, Ground
-from agrobot_mj.validation.base import ORIGIN, TICK_S, About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.validation.base import ORIGIN, About, Check, Findings, mujoco_plant, tyres, warnings
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5

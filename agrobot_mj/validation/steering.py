@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import curve_fit
 
-from agrobot_mj.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, NEUTRAL_V, Cylinder, Valve, static_flow, valve_law
+from agrobot_mj.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, Cylinder, Valve, static_flow, valve_law
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.signals import Array, Drive
+from agrobot_mj.signals import NEUTRAL_V, Array, Drive
 from agrobot_mj.tyres import Contact, Linear
 from agrobot_mj.tyres.laws import GRIP
 from agrobot_mj.validation.base import (

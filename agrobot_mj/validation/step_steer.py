@@ -21,11 +21,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.signal import lsim
 
-from agrobot_mj.hydraulics import FULL_RANGE_V, NEUTRAL_V, Cylinder, Valve, valve_law, valve_step
-from agrobot_mj.signals import Array, Truth
+from agrobot_mj.hydraulics import FULL_RANGE_V, Cylinder, Valve, valve_law, valve_step
+from agrobot_mj.signals import NEUTRAL_V, TICK_S, Array, Truth
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear
-from agrobot_mj.validation.base import BICYCLE, TICK_S, About, Check, Findings, level_plants, tyre_of, warnings
+from agrobot_mj.validation.base import BICYCLE, About, Check, Findings, level_plants, tyre_of, warnings
 from agrobot_mj.validation.cornering import paper_gradient
 from agrobot_mj.validation.driver import Driver
 from agrobot_mj.validation.theory import Tractor

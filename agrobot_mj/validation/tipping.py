@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.model import WHEELS
+from agrobot_mj.signals import TICK_S
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact
-from agrobot_mj.validation.base import TICK_S, About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings
 from agrobot_mj.validation.parking import REST
 from agrobot_mj.validation.theory import Tractor
 
