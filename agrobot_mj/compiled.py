@@ -1,7 +1,7 @@
 """How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`.
 
 Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
-folder named after the content of the whole package, where a stale kernel cannot be found.
+folder named after the content of every part of the package that kernels come from, where a stale one cannot be found.
 """
 
 import hashlib
@@ -15,15 +15,21 @@ from numba import config, njit
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
-KEPT = 4
+KEPT = 8
 """Caches of as many versions of the package stay on disk."""
+PARTS = (
+    *("signals", "geometry", "spec", "compiled", "tractor"),
+    *("terrain", "hydraulics", "driveline", "tyres", "plants", "control", "rig", "identify"),
+)
+"""Parts of the package with kernels, and what kernels take constants from."""
 
 
 def _content() -> str:
-    """Hex digest of every source file of the package."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    """Hex digest of the sources of `PARTS`."""
+    digest, package = hashlib.sha256(), Path(__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).with_suffix("").parts[0] in PARTS:
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -119,6 +119,18 @@ def come_to_rest(memory: ValveMemory) -> None:
     memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
 
 
+def ailing(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
+    """The valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either side."""
+    if gain == 1.0 and dead_band == 0.0:
+        return law
+    return law._replace(
+        dead_band=law.dead_band + dead_band,
+        gain_left=gain * law.gain_left,
+        gain_right=gain * law.gain_right,
+        saturation=gain * law.saturation,
+    )
+
+
 @jit
 def static_flow(law: ValveLaw, voltage: float) -> float:
     """Steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""

@@ -17,7 +17,7 @@ from agrobot_mj.scenario import Scenario
 from agrobot_mj.signals import Array
 
 COLUMNS = (
-    *("t", "x_ref", "y_ref", "yaw_ref", "curvature_ref"),
+    *("t", "x_ref", "y_ref", "z_ref", "yaw_ref", "curvature_ref"),
     *("x", "y", "z", "yaw", "pitch", "roll", "speed", "lateral_speed", "yaw_rate", "rear_x", "rear_y"),
     *("x_hat", "y_hat", "yaw_hat", "speed_hat", "yaw_rate_hat", "rear_x_hat", "rear_y_hat"),
     *("p_xx", "p_xy", "p_yy", "p_yaw", "position_nees", "gnss_x", "gnss_y", "gnss_quality"),
@@ -28,7 +28,9 @@ COLUMNS = (
 )
 """Columns of every plant, in the order of `simulate.row`; the last three are `RunningPlant.actuation`."""
 WHEEL_COLUMNS = tuple(
-    f"{quantity}_{wheel}" for quantity in ("load", "slip_angle", "slip_ratio", "fx", "fy") for wheel in WHEELS
+    f"{quantity}_{wheel}"
+    for quantity in ("load", "slip_angle", "slip_ratio", "fx", "fy", "friction_use")
+    for wheel in WHEELS
 )
 """Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
@@ -63,7 +65,7 @@ class Log:
     rows: Rows
     scene: Scene
     outcome: str
-    """completed, rolled_over, diverged, left_terrain or aborted."""
+    """One of `outcomes.Outcome`."""
     wall_s: float
     """[s]."""
     metrics: dict[str, Any] = field(default_factory=dict)

@@ -13,3 +13,9 @@ def resource_dir(name: str) -> Path:
 
 MODELS = resource_dir("models")
 SCENARIOS = resource_dir("scenarios")
+
+
+def library_file(name: str) -> Path:
+    """A data file that a scenario names: as given, or one that comes with the scenarios."""
+    given, shipped = Path(name), SCENARIOS / name
+    return shipped if not given.is_absolute() and shipped.is_file() else given

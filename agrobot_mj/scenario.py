@@ -20,15 +20,18 @@ from agrobot_mj.control import Controller, PdT2fnn
 from agrobot_mj.control.kinematic import KinematicLaw
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.driveline import Driveline
+from agrobot_mj.edits import files, fill, locate, override, said
 from agrobot_mj.estimation import Estimator
+from agrobot_mj.faults import Fault, clashes
 from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.outcomes import Outcome
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
 from agrobot_mj.problems import ScenarioError, explain, suggestion
 from agrobot_mj.resources import SCENARIOS
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.signals import TICK_S
-from agrobot_mj.spec import Spec, members
+from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Flat, Terrain
 from agrobot_mj.tractor import TractorParameters
 
@@ -58,6 +61,8 @@ class Scenario(Spec):
     """One line for lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
+    expected_outcome: Outcome = "completed"
+    """How the run should end; for information and tests."""
     seed: Annotated[int, Field(ge=0)] = 1
     """All randomness follows from it."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
@@ -69,6 +74,8 @@ class Scenario(Spec):
     terrain: Terrain = Flat()
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
+    fault: tuple[Fault, ...] = ()
+    """Scripted faults and disturbances, `[[fault]]`."""
     guidance: KinematicLaw = KinematicLaw()
     """Kinematic law: position error to speed and yaw rate."""
     speed: SpeedLoop = SpeedLoop()
@@ -92,8 +99,11 @@ class Scenario(Spec):
     @property
     def hash8(self) -> str:
         """Eight hex digits that stand for everything that the run depends on."""
-        content = self.model_dump(mode="json", exclude={"version", "name", "title"})
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
+        content = self.model_dump(mode="json", exclude={"version", "name", "title", "expected_outcome"})
+        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+        for file in files(content):
+            digest.update(file.read_bytes())
+        return digest.hexdigest()[:8]
 
     def to_toml(self) -> str:
         """The resolved scenario as TOML; running it gives the same signals."""
@@ -101,9 +111,9 @@ class Scenario(Spec):
 
     def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
         """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
-        data = _said(self)
+        data = said(self)
         for key, value in overrides.items():
-            _override(data, key, value)
+            override(data, key, value, Scenario)
         return resolve(data, self.name or "scenario")
 
     @model_validator(mode="after")
@@ -122,11 +132,9 @@ def _misfits(s: Scenario) -> list[str]:
         found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:g}")
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
-    if s.plant.kind == "bicycle" and s.terrain.kind != "flat":
-        found.append(
-            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
-            'set terrain.kind = "flat" or plant.kind = "mujoco"'
-        )
+    if s.plant.kind == "bicycle":
+        found += _beyond_the_bicycle(s)
+    found += clashes(s.fault)
     needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
     if needed >= s.tractor.steer_limit_deg:
         found.append(
@@ -136,8 +144,29 @@ def _misfits(s: Scenario) -> list[str]:
     if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
         found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
     start = s.path.at(0.0)
-    if not s.terrain.ground().covers(start.x, start.y):
-        found.append(f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger")
+    try:
+        if not s.terrain.ground().covers(start.x, start.y):
+            found.append(f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger")
+    except ValueError as error:
+        found.append(f"terrain.{error}")
+    return found
+
+
+def _beyond_the_bicycle(s: Scenario) -> list[str]:
+    """What the scenario asks for and the bicycle does not have."""
+    found = []
+    if s.terrain.kind != "flat":
+        found.append(
+            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
+            'set terrain.kind = "flat" or plant.kind = "mujoco"'
+        )
+    elif s.terrain.patch:
+        found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+    found += [
+        f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
+        for k, fault in enumerate(s.fault)
+        if fault.machine
+    ]
     return found
 
 
@@ -153,9 +182,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     """
     path = _find(source)
     data = read_toml(path)
-    _fill(data, Scenario())
+    locate(data, path.parent.resolve())
+    fill(data, Scenario())
     for key, value in (overrides or {}).items():
-        _override(data, key, value)
+        override(data, key, value, Scenario)
     data.setdefault("name", path.stem)
     return resolve(data, path.name)
 
@@ -172,7 +202,7 @@ def read_toml(path: FilePath) -> dict[str, Any]:
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:
     """A scenario from plain data; `source` names it in messages. Raises `ScenarioError`."""
-    _fill(data, Scenario())
+    fill(data, Scenario())
     try:
         return Scenario.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
@@ -191,57 +221,3 @@ def _find(source: str | FilePath) -> FilePath:
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise ScenarioError(f"{path}: no such file")
     raise ScenarioError(f"unknown scenario {str(source)!r}{suggestion(str(source), list(files))} (see agrobot-mj list)")
-
-
-def _said(spec: Spec) -> dict[str, Any]:
-    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
-    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
-    return {
-        key: _said(value) if isinstance(value, Spec) else value for key, value in fields.items() if value is not None
-    }
-
-
-def _override(data: dict[str, Any], dotted: str, value: Any) -> None:
-    """Set one key; a new `kind` keeps those keys of the old one that it has too."""
-    *tables, last = dotted.split(".")
-    if not all([*tables, last]):
-        raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
-    for depth, table in enumerate(tables):
-        data = data.setdefault(table, {})
-        if not isinstance(data, dict):
-            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
-    if last == "kind" and data.get("kind", value) != value:
-        known = _fields_of(tables, str(value))
-        for key in [key for key in data if key not in known]:
-            del data[key]
-    if isinstance(value, Mapping) and isinstance(data.get(last), dict):
-        for key, inner in value.items():
-            _override(data[last], key, inner)
-    else:
-        data[last] = dict(value) if isinstance(value, Mapping) else value
-
-
-def _fields_of(tables: list[str], kind: str) -> set[str]:
-    """Field names of the member `kind` of the union under `tables`; empty if there is none."""
-    models: dict[str, type[Spec]] = {"": Scenario}
-    for table in tables:
-        fields = [m.model_fields[table] for m in models.values() if table in m.model_fields]
-        models = {k: m for f in fields for k, m in members(f.annotation).items()}
-    return set(models[kind].model_fields) if kind in models else set()
-
-
-def _fill(table: dict[str, Any], default: Spec) -> None:
-    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
-    for name, field in type(default).model_fields.items():
-        value, given = getattr(default, name), table.get(name)
-        if isinstance(given, dict) and isinstance(value, Spec):
-            kind = getattr(value, "kind", None)
-            if given.setdefault("kind", kind) is None:
-                del given["kind"]
-            kinds = members(field.annotation)
-            if kind is None or given.get("kind") == kind:
-                _fill(given, value)
-            elif isinstance(given["kind"], str) and given["kind"] in kinds:
-                _fill(given, kinds[given["kind"]]())
-        elif name not in table and name in default.model_fields_set:
-            table[name] = _said(value) if isinstance(value, Spec) else value

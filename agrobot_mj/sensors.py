@@ -18,7 +18,7 @@ from pydantic import Field, field_validator, model_validator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
-from agrobot_mj.signals import TICK_S, Array, Fix, Measurement, Quality, Truth
+from agrobot_mj.signals import GOOD_DAY, TICK_S, Array, Conditions, Fix, Measurement, Quality, Truth
 from agrobot_mj.spec import Fraction, NonNegative, Positive, Spec
 
 
@@ -194,13 +194,13 @@ class Sensors(Spec):
         )
 
     def measure(
-        self, state: SensorState, truth: Truth, dt: float, quality: int = Quality.FIX
+        self, state: SensorState, truth: Truth, dt: float, conditions: Conditions = GOOD_DAY
     ) -> tuple[SensorState, Measurement]:
         """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`.
 
-        `quality` is the solution quality at the antenna now, one of `Quality`.
+        `conditions` say what ails the sensors now.
         """
-        gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, quality)
+        gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, conditions.gnss_quality)
         measurement = Measurement(
             t=truth.t,
             fix=fix,

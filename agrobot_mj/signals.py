@@ -79,6 +79,40 @@ class Quality:
     FIX = 2
 
 
+class Conditions(NamedTuple):
+    """What befalls the tractor in one tick; the defaults are those of a good day."""
+
+    gnss_quality: int = Quality.FIX
+    """Of the solution at the antenna, one of `Quality`."""
+    gnss_latency_s: float = 0.0
+    """On top of the receiver's own, whole ticks [s]."""
+    gnss_offset: tuple[float, float] = (0.0, 0.0)
+    """Added to the solution's position, east and north [m]."""
+    steer_pot_bias: float = 0.0
+    """Added to the steering potentiometer's reading [rad]."""
+    steer_pot_stuck: bool = False
+    """The steering potentiometer goes on telling its last reading."""
+    valve_gain: float = 1.0
+    """Share of the steering valve's flow that is left [-]."""
+    valve_dead_band: float = 0.0
+    """Added to the steering valve's dead band, either side [V]."""
+    payload_kg: float = 0.0
+    """Mass rigidly added to the chassis, negative for ballast taken away [kg]."""
+    payload_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its place ahead of, to the left of and above R [m]."""
+    drawbar: float = 0.0
+    """Pull of an implement at the drawbar, against the motion [N]."""
+    side_force: float = 0.0
+    """On the CG, horizontally, to the left of the heading [N]."""
+    grip: float = 1.0
+    """Scale of the ground's friction under all wheels [-]."""
+    tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    """Share of the vertical and slip stiffness that is left of the tyres fl, fr, rl, rr [-]."""
+
+
+GOOD_DAY = Conditions()
+
+
 class Measurement(NamedTuple):
     """What the controller's computer receives in one tick."""
 

@@ -2,27 +2,29 @@
 
 One tick (20 Hz) reads from top to bottom in `Loop.tick`: plant truth -> sensors -> filters -> path reference ->
 kinematic law -> speed cascade and yaw controller -> low-level loops -> valve voltages. Then the plant takes its steps.
+Scripted faults change the `Conditions` under which sensors measure and the plant moves.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from math import radians
+from math import hypot, radians
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from agrobot_mj.faults import Script
 from agrobot_mj.geometry import to_heading
 from agrobot_mj.log import COLUMNS, Log, Rows
 from agrobot_mj.metrics import metrics
+from agrobot_mj.outcomes import Watch
 from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.problems import ScenarioError
 from agrobot_mj.scenario import Scenario
-from agrobot_mj.signals import TICK_S, Command, Drive, Estimate, Measurement, Reference, Truth
+from agrobot_mj.signals import GOOD_DAY, TICK_S, Command, Drive, Estimate, Measurement, Reference, Truth
+from agrobot_mj.terrain import height_and_gradient
 
-LOST_M = 50.0
-"""A tractor this far from its reference has diverged [m]. Estimate."""
 CHUNK_TICKS = 200
 """Watchers hear of new rows every 10 s of simulated time."""
 NOSE = radians(0.01)
@@ -47,7 +49,7 @@ class Loop:
 
     def __init__(self, scenario: Scenario) -> None:
         s = self.scenario = scenario
-        self.plant = build_plant(scenario)
+        self.plant, self.ground = build_plant(scenario), scenario.terrain.ground()
         self.l_r, self.limit = s.tractor.cg_to_rear_axle, s.tractor.steer_limit
         self.truth = self.plant.reset(s.path.at(0.0))
         truth = self.truth
@@ -56,11 +58,13 @@ class Loop:
         self.speeding = s.speed.init()
         self.yawing: Any = s.controller.init()
         self.steering = s.steering.loop.init()
+        self.script, self.conditions = Script(s.fault, s.seed), GOOD_DAY
 
     def tick(self) -> tuple[Drive, tuple[float, ...]]:
         """Sense, estimate, decide; returns the valve voltages and the row of the log."""
         s, truth = self.scenario, self.truth
-        self.sensing, measured = s.sensors.measure(self.sensing, truth, TICK_S)
+        self.conditions = self.script.conditions(truth.t, TICK_S)
+        self.sensing, measured = s.sensors.measure(self.sensing, truth, TICK_S, self.conditions)
         self.estimation, estimate = s.estimator.update(self.estimation, measured, TICK_S)
         reference = s.path.at(truth.t)
         speed_ref, yaw_rate_ref = s.guidance.references(estimate, reference, self.l_r)
@@ -71,8 +75,13 @@ class Loop:
         )
         self.steering, steer_voltage = s.steering.loop.update(self.steering, command.steer, measured.steer, TICK_S)
         drive = Drive(steer_voltage, pedal_voltage)
-        wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref)
+        z_ref = height_and_gradient(self.ground, reference.x, reference.y)[0]
+        wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref, z_ref)
         return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit)
+
+    def advance(self, drive: Drive) -> None:
+        """Let the plant take its steps."""
+        self.truth = self.plant.advance(drive, self.conditions)
 
 
 class Wanted(NamedTuple):
@@ -86,6 +95,8 @@ class Wanted(NamedTuple):
     """Reference less measured [rad/s]."""
     pedal: float
     """[-]."""
+    z: float
+    """Height of the ground under the reference [m]."""
 
 
 def build_plant(scenario: Scenario) -> RunningPlant:
@@ -125,7 +136,7 @@ def row(
     p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
     nees = (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
     return (
-        *(t.t, reference.x, reference.y, reference.yaw, reference.curvature),
+        *(t.t, reference.x, reference.y, wanted.z, reference.yaw, reference.curvature),
         *(t.x, t.y, t.z, t.yaw, t.pitch, t.roll, t.speed, t.lateral_speed, t.yaw_rate, t.rear_x, t.rear_y),
         *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.rear_x, estimate.rear_y),
         *(p_xx, p_xy, p_yy, float(p[2, 2]), nees),
@@ -152,16 +163,17 @@ def run(
     rows = Rows(ticks, plant.wheels().size, len(plant.scene.bodies))
     for watcher in watchers:
         watcher.start(scenario, plant.scene, rows)
+    watch = Watch(plant, loop.truth)
     began, told, outcome = time.perf_counter(), 0, "completed"
     for k in range(ticks):
         drive, values = loop.tick()
         rows.append(values + plant.actuation(), plant.wheels(), plant.poses())
-        trouble = _trouble(plant, values) or ("aborted" if should_stop() else None)
+        trouble = watch.trouble(loop.truth, _off(values)) or ("aborted" if should_stop() else None)
         if trouble:
             outcome = trouble
             break
         if k + 1 < ticks:
-            loop.truth = plant.advance(drive)
+            loop.advance(drive)
         if rows.filled - told == CHUNK_TICKS:
             for watcher in watchers:
                 watcher.advance(told)
@@ -169,7 +181,7 @@ def run(
     wall = time.perf_counter() - began
     for watcher in watchers:
         watcher.advance(told)
-    log = _finish(Log(scenario, rows, plant.scene, outcome, wall))
+    log = _finish(Log(scenario, rows, plant.scene, outcome, wall), plant.warnings())
     for watcher in watchers:
         watcher.finish(log)
     return log
@@ -178,16 +190,17 @@ def run(
 _E_LONGITUDINAL, _E_LATERAL = COLUMNS.index("e_longitudinal"), COLUMNS.index("e_lateral")
 
 
-def _trouble(plant: RunningPlant, values: tuple[float, ...]) -> str | None:
-    off = abs(values[_E_LONGITUDINAL]) + abs(values[_E_LATERAL])
-    return plant.trouble() or (None if off < LOST_M else "diverged")
+def _off(values: tuple[float, ...]) -> float:
+    """Distance from the reference [m]."""
+    return hypot(values[_E_LONGITUDINAL], values[_E_LATERAL])
 
 
-def _finish(log: Log) -> Log:
+def _finish(log: Log, warnings: int) -> Log:
     simulated = log.rows.filled * TICK_S
     numbers = {
         "outcome": log.outcome,
         **metrics(log),
+        "physics_warnings": warnings,
         "real_time_factor": simulated / max(log.wall_s, 1e-9),
         "wall_s": log.wall_s,
     }

@@ -49,7 +49,7 @@ class BareModel:
             raise TypeError("the bare step is that of a MuJoCo plant")
         for _ in range(round(MOVING_S / simulate.TICK_S)):
             drive, _ = loop.tick()
-            loop.truth = loop.plant.advance(drive)
+            loop.advance(drive)
         self.model, self.data = loop.plant.model, loop.plant.data
         self.kind = mujoco.mjtState.mjSTATE_INTEGRATION
         self.start = np.empty(mujoco.mj_stateSize(self.model, self.kind))

@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 
 import agrobot_mj
+from agrobot_mj.compiled import PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
-BASE = ["signals", "geometry", "spec", "compiled", "resources", "randomness", "problems", "tractor"]
+BASE = ["signals", "geometry", "spec", "compiled", "resources", "randomness", "problems", "tractor", "edits"]
 """What every stage may use."""
 MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
 """The physical stages in the order in which they build on each other."""
-GUIDANCE = ["sensors", "estimation", "paths", "control"]
-"""The stages on the computer: none of them knows another, nor the machine."""
+GUIDANCE = ["sensors", "estimation", "paths", "control", "faults"]
+"""The stages on the computer, and what befalls them: none of them knows another, nor the machine."""
 AFTER = [
-    *("scenario", "log", "metrics", "simulate", "recording", "storage", "report", "progress"),
+    *("outcomes", "scenario", "log", "metrics", "simulate", "recording", "storage", "report", "progress"),
     *("compare", "rig", "identify", "validation", "cli"),
 ]
 """What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""
@@ -116,3 +117,11 @@ def test_files_stay_short():
 def test_every_module_says_what_it_is():
     for file in PACKAGE.rglob("*.py"):
         assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
+
+
+def test_the_cache_of_kernels_knows_every_part_that_they_come_from():
+    kernels = {part for part in ALL if any("agrobot_mj.compiled.jit" in set(imported(file)) for file in files_of(part))}
+    assert kernels
+    assert kernels <= set(PARTS)
+    stages = {part for part in ALL if part in (*MACHINE, "signals", "geometry", "tractor")}
+    assert stages <= set(PARTS)

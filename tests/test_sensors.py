@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
 from agrobot_mj.sensors import Gnss, Gyro, PedalPotentiometer, Potentiometer, Sensors
-from agrobot_mj.signals import Quality, Truth
+from agrobot_mj.signals import GOOD_DAY, Quality, Truth
 
 DT = 0.05
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -27,7 +27,7 @@ def truth(t=0.0, x=10.0, y=-5.0, steer=0.1, pedal=0.5, yaw_rate=0.0, n=25):
 def record(sensors, ticks, seed=1, quality=lambda k: Quality.FIX, state_of=lambda k: truth(k * DT)):
     state, measurements = sensors.init(seed), []
     for k in range(ticks):
-        state, measurement = sensors.measure(state, state_of(k), DT, quality(k))
+        state, measurement = sensors.measure(state, state_of(k), DT, GOOD_DAY._replace(gnss_quality=quality(k)))
         measurements.append(measurement)
     return measurements
 

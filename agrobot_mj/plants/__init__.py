@@ -7,7 +7,7 @@ from pydantic import Field
 from agrobot_mj.plants.bicycle import Bicycle, BicyclePlant
 from agrobot_mj.plants.mujoco import Mujoco, MujocoPlant
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.signals import Array, Drive, Reference, Truth
+from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Drive, Reference, Truth
 
 Plant = Annotated[Bicycle | Mujoco, Field(discriminator="kind")]
 
@@ -20,8 +20,8 @@ class RunningPlant(Protocol):
     def reset(self, start: Reference) -> Truth:
         """Place the tractor at rest on the path's start."""
 
-    def advance(self, drive: Drive) -> Truth:
-        """One tick under constant voltages."""
+    def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
+        """One tick under constant voltages and conditions."""
 
     def poses(self) -> Array:
         """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
@@ -31,6 +31,9 @@ class RunningPlant(Protocol):
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
+
+    def warnings(self) -> int:
+        """How often the physics warned since the reset."""
 
     def trouble(self) -> str | None:
         """An outcome that ends the run, or None."""

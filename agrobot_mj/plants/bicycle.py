@@ -20,13 +20,14 @@ from agrobot_mj.hydraulics import (
     Valve,
     ValveLaw,
     ValveMemory,
+    ailing,
     come_to_rest,
     static_flow,
     valve_law,
     valve_step,
 )
 from agrobot_mj.plants.scene import Ghost
-from agrobot_mj.signals import Array, Drive, Reference, Truth
+from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.spec import Positive, Spec
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tractor import TractorParameters
@@ -207,13 +208,14 @@ class BicyclePlant:
         self.ticks = 0
         return self.truth()
 
-    def advance(self, drive: Drive) -> Truth:
-        """One tick under constant voltages."""
+    def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
+        """One tick under constant voltages; of the conditions only the valve's count."""
+        valve = ailing(self.valve, conditions.valve_gain, conditions.valve_dead_band)
         voltages = (drive.steer_voltage, drive.pedal_voltage)
         run_steps(
             self.law,
             self.state,
-            self.valve,
+            valve,
             self.valve_memory,
             self.drive,
             self.drive_memory,
@@ -262,6 +264,10 @@ class BicyclePlant:
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
+
+    def warnings(self) -> int:
+        """None: there is nothing that warns."""
+        return 0
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: diverged or left_terrain."""

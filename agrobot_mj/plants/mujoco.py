@@ -9,11 +9,11 @@ from pydantic import Field
 
 from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import wrap
-from agrobot_mj.hydraulics import Cylinder, Valve, come_to_rest, static_flow, valve_law
+from agrobot_mj.hydraulics import Cylinder, Valve, ailing, come_to_rest, static_flow, valve_law
 from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
 from agrobot_mj.plants.scene import body_poses, scene_of
 from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
-from agrobot_mj.signals import NEUTRAL_V, Array, Drive, Reference, Truth
+from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tractor import TractorParameters
@@ -66,7 +66,7 @@ class MujocoPlant:
         )
         self.data = mujoco.MjData(self.model)
         law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)
-        self.tyred = Tyred(native, law, ground, np.zeros((4, 3)), np.zeros((4, 5)))
+        self.tyred = Tyred(native, law, ground, np.zeros((4, 3)), np.zeros((4, 6)))
         self.oil = Oil(
             displacement=cylinder.displacement,
             steer_limit=tractor.steer_limit,
@@ -78,7 +78,8 @@ class MujocoPlant:
             drive_stiffness=driveline.stiffness_n_m_rad,
             drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
         )
-        self.valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.sound_valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.valve, self.conditions = self.sound_valve, GOOD_DAY
         self.drive, self.drive_memory = drive_law(driveline, physics_dt)
         self.views = _views(self.model, self.data)
         self.samples = np.zeros((2, steps))
@@ -93,6 +94,7 @@ class MujocoPlant:
         """Place the tractor at rest with its CG above the path's start, and let it settle on its tyres."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
+        self._befall(GOOD_DAY)
         come_to_rest(self.valve_memory)
         drive_at_rest(self.drive_memory)
         self.data.qpos[:7] = _pose_on(self.ground, start, self.tractor)
@@ -102,8 +104,10 @@ class MujocoPlant:
         self.ticks = 0
         return self.truth()
 
-    def advance(self, drive: Drive) -> Truth:
-        """One tick under constant voltages."""
+    def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
+        """One tick under constant voltages and conditions."""
+        if conditions != self.conditions:
+            self._befall(conditions)
         self.step_through(drive)
         self.ticks += 1
         return self.truth()
@@ -121,6 +125,12 @@ class MujocoPlant:
             (drive.steer_voltage, drive.pedal_voltage),
             self.samples,
         )
+
+    def _befall(self, conditions: Conditions) -> None:
+        """Put the machine under these conditions."""
+        self.conditions = conditions
+        self.valve = ailing(self.sound_valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.tyred.tyres.grip[:] = conditions.grip
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
@@ -152,7 +162,7 @@ class MujocoPlant:
         return body_poses(self.data)
 
     def wheels(self) -> Array:
-        """Load, slip angle, slip ratio, forward and lateral force of each wheel, shape (5 * 4,), by quantity."""
+        """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
         if self.tyred.native:
             self._read_contacts()
         return self.tyred.report.T.ravel()
@@ -182,6 +192,10 @@ class MujocoPlant:
             report[LOAD], report[FORCE_X], report[FORCE_Y] = upward @ n, upward @ forward, upward @ left
             report[SLIP_ANGLE] = atan2(v_y, max(abs(v_x), 1e-3))
             report[SLIP_RATIO] = (rim - v_x) / max(abs(v_x), abs(rim), 1e-3)
+
+    def warnings(self) -> int:
+        """How often MuJoCo warned since the reset."""
+        return sum(int(warning.number) for warning in self.data.warning)
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""

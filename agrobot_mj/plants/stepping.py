@@ -81,7 +81,7 @@ class Tyred(NamedTuple):
     bristles: Array
     """Shape (4, 3): longitudinal and lateral [m], twist [rad]."""
     report: Array
-    """Shape (4, 5): see `tyres.patch`."""
+    """Shape (4, 6): see `tyres.patch`."""
 
 
 @jit

@@ -1,8 +1,9 @@
-"""The ground as every stage sees it: one height grid, interpolated bilinearly.
+"""The ground as every stage sees it: one height grid, interpolated bilinearly, and one grid of its properties.
 
-`Ground` is a tuple of plain numbers and one array, so that compiled kernels take it as it is. Nodes lie at
+`Ground` is a tuple of plain numbers and arrays, so that compiled kernels take it as it is. Nodes lie at
 (x0 + column * spacing, y0 + row * spacing), heights have shape (rows, columns) [m]; outside the grid the border
-heights go on, and `Ground.covers` says whether a point lies on it.
+heights go on, and `Ground.covers` says whether a point lies on it. The properties have a grid of square cells of their
+own, each uniform; outside it the ground is as the tyre's law has it.
 """
 
 from typing import NamedTuple
@@ -11,6 +12,25 @@ import numpy as np
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
+
+
+class Surface(NamedTuple):
+    """What the ground is made of: a grid of uniform cells, cell (0, 0) with its south-west corner at (x0, y0)."""
+
+    x0: float
+    """[m]."""
+    y0: float
+    """[m]."""
+    spacing: float
+    """Side of a cell [m]."""
+    friction: Array
+    """Scale of the tyres' friction, shape (rows, columns) [-]."""
+    cone_index: Array
+    """Of the soil, same shape [Pa]; 0: as the tyre's law has it."""
+
+
+NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
+"""Everywhere as the tyre's law has it."""
 
 
 class Ground(NamedTuple):
@@ -24,6 +44,8 @@ class Ground(NamedTuple):
     """Between neighbouring nodes, both ways [m]."""
     heights: Array
     """Shape (rows, columns), both at least 2 [m]."""
+    surface: Surface = NOTHING_SPECIAL
+    """Friction and soil."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -62,6 +84,16 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
     dx = ((1 - t) * (h01 - h00) + t * (h11 - h10)) / ground.spacing
     dy = ((1 - s) * (h10 - h00) + s * (h11 - h01)) / ground.spacing
     return height, dx, dy
+
+
+@jit
+def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
+    """Scale of the friction [-] and cone index [Pa, 0 where the tyre's own counts] at (x, y) [m]."""
+    rows, columns = surface.friction.shape
+    a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
+    if not (0.0 <= a < columns and 0.0 <= b < rows):
+        return 1.0, 0.0
+    return surface.friction[int(b), int(a)], surface.cone_index[int(b), int(a)]
 
 
 @jit

@@ -5,11 +5,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.spec import Positive
+from agrobot_mj.terrain.base import Landscape
 from agrobot_mj.terrain.grid import Ground, plane
 
 
-class Slope(Spec):
+class Slope(Landscape):
     """A plane that rises by `grade_deg` towards `direction_deg`, through height zero at the origin."""
 
     kind: Literal["slope"] = "slope"
@@ -20,7 +21,7 @@ class Slope(Spec):
     half_size_m: Positive = 500.0
     """From the origin to each edge of the field [m]."""
 
-    def ground(self) -> Ground:
+    def relief(self) -> Ground:
         """The height grid."""
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return plane(grade * cos(direction), grade * sin(direction), self.half_size_m)

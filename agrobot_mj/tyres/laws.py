@@ -13,13 +13,16 @@ from agrobot_mj.tyres.magic_formula import MagicFormula, magic_force
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
+    FRICTION_USE,
     LOAD,
     SLIP_ANGLE,
     SLIP_RATIO,
+    Footing,
     Patch,
     TyreSet,
     add_wrench,
     find_patch,
+    footing_of,
     relax,
     rolling_torque,
     soft_sign,
@@ -42,22 +45,31 @@ STILL = 0.02
 
 @jit
 def force(
-    law: int, coefficients: Array, slip_x: float, slip_y: float, load: float, deflection: float, v_roll: float
-) -> tuple[float, float, float]:
-    """Forces forward and left [N], and the share of the bristle that the grip can hold, by the law's code."""
+    law: int,
+    coefficients: Array,
+    slip_x: float,
+    slip_y: float,
+    load: float,
+    deflection: float,
+    v_roll: float,
+    footing: Footing,
+) -> tuple[float, float, float, float]:
+    """Forces forward and left [N], share of the bristle that the grip can hold, share of the grip in use; by `law`."""
     if law == MAGIC_FORMULA:
-        return magic_force(coefficients, slip_x, slip_y, load, v_roll)
+        return magic_force(coefficients, slip_x, slip_y, load, v_roll, footing.grip)
     if law == SOIL:
-        return soil_force(coefficients, slip_x, slip_y, load, deflection, v_roll)
+        return soil_force(coefficients, slip_x, slip_y, load, deflection, v_roll, footing)
     return linear_force(coefficients, slip_x, slip_y)
 
 
 @jit
-def drag(law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float) -> float:
+def drag(
+    law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float, footing: Footing
+) -> float:
     """Force of the ground's own resistance on the wheel's centre, forward [N]: of soil only."""
     if law == SOIL:
         share = soft_sign(v_x, STILL)
-        return -share * resistance(coefficients, load, deflection, drive_slip(slip_x))
+        return -share * resistance(coefficients, footing.cone_index, load, deflection, drive_slip(slip_x))
     return 0.0
 
 
@@ -89,11 +101,14 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
         rolling_resistance=rolling,
         patch_half_length=half,
         trail=trail,
+        cone_index=1e3 * tyre.cone_index_kpa if isinstance(tyre, Soil) else 0.0,
+        grip=np.ones(4),
+        carcass=np.ones(4),
     )
 
 
 @jit
-def scrub(tyres: TyreSet, i: int, patch: Patch, load: float, dt: float, bristle: Array) -> float:
+def scrub(tyres: TyreSet, patch: Patch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
     The patch twists until its rim slides, over a bristle deflection of `SLIDE` times its half length, and then holds
@@ -104,7 +119,7 @@ def scrub(tyres: TyreSet, i: int, patch: Patch, load: float, dt: float, bristle:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
     bristle[2] = min(max(twist, -SLIDE), SLIDE)
-    return float(-2.0 / 3.0 * GRIP * load * a * bristle[2] / SLIDE)
+    return float(-2.0 / 3.0 * GRIP * grip * load * a * bristle[2] / SLIDE)
 
 
 @jit
@@ -129,7 +144,7 @@ def wheel_step(
     wrench: Array,
     report: Array,
 ) -> None:
-    """One wheel over one step: bristle (3,) in place; wrench (6,) about its centre and report (5,) written."""
+    """One wheel over one step: bristle (3,) in place; wrench (6,) about its centre and report (6,) written."""
     patch = find_patch(ground, tyres.radius[i], centre, axle, velocity, rotation)
     load = tyres.stiffness[i] * patch.penetration + tyres.damping[i] * patch.rate
     if patch.penetration <= 0.0 or load <= 0.0:
@@ -146,14 +161,18 @@ def wheel_step(
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    c = tyres.coefficients[i]
-    f_x, f_y, held = force(tyres.law, c, slip_x, slip_y, load, patch.penetration, v_roll)
+    c, firm = tyres.coefficients[i], tyres.carcass[i]
+    footing = footing_of(tyres, i, ground, centre[0] + patch.arm[0], centre[1] + patch.arm[1])
+    f_x, f_y, held, used = force(tyres.law, c, firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing)
     bristle[0], bristle[1] = held * z_x, held * z_y
     loaded = tyres.radius[i] - patch.penetration
     axle_torque = rolling_torque(tyres, load, r_e, patch.spin) - (r_e - loaded) * f_x
-    moment = scrub(tyres, i, patch, load, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(tyres, slip_y, f_y)
-    push = drag(tyres.law, c, slip_x, load, patch.penetration, patch.v_x)
+    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(
+        tyres, slip_y, f_y
+    )
+    push = drag(tyres.law, c, slip_x, load, patch.penetration, patch.v_x, footing)
     add_wrench(wrench, patch, axle, (f_x, f_y, load), (push, axle_torque, moment))
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, f_x + push, f_y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
     report[SLIP_RATIO] = -z_x / sigma_x
+    report[FRICTION_USE] = used

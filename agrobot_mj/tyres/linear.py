@@ -41,9 +41,12 @@ class Linear(Spec):
 
 
 @jit
-def linear_force(coefficients: Array, slip_x: float, slip_y: float) -> tuple[float, float, float]:
-    """Forces [N] against the slips [-], and the share of the bristle that the grip can hold (always 1)."""
+def linear_force(coefficients: Array, slip_x: float, slip_y: float) -> tuple[float, float, float, float]:
+    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
+
+    Grip has no limit here: the whole bristle is held, and no share of it is ever in use.
+    """
     C_x, C_alpha = coefficients[0], coefficients[1]
     F_x = -C_x * slip_x
     F_l = -C_alpha * slip_y  # [agrobots: lateralforces]
-    return F_x, F_l, 1.0
+    return F_x, F_l, 1.0, 0.0

@@ -114,18 +114,22 @@ def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
 
 @jit
 def magic_force(
-    coefficients: Array, slip_x: float, slip_y: float, load: float, v_roll: float
-) -> tuple[float, float, float]:
-    """Forces [N] against the slips [-], and the share of the bristle that the grip can hold."""
+    coefficients: Array, slip_x: float, slip_y: float, load: float, v_roll: float, grip: float = 1.0
+) -> tuple[float, float, float, float]:
+    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
+
+    `grip` scales mu.
+    """
     df = (load - coefficients[0]) / coefficients[0]
     along, across = coefficients[1:7], coefficients[7:13]
     D_x, K_x = peak_and_stiffness(load, df, along)
     D_y, K_y = peak_and_stiffness(load, df, across)
+    D_x, D_y = grip * D_x, grip * D_y
     n_x, n_y = slip_x * K_x / D_x, atan(slip_y) * K_y / D_y
     rho = sqrt(n_x * n_x + n_y * n_y)
     if rho < 1e-12:
-        return 0.0, 0.0, 1.0
+        return 0.0, 0.0, 1.0, 0.0
     F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along[4], along[5])
     F_y = -n_y / rho * pure_force(rho * D_y / K_y, D_y, K_y, across[4], across[5])
     limit = coefficients[13] * (1.0 + v_roll / BREAKAWAY_SPEED)
-    return F_x, F_y, min(1.0, limit / rho)
+    return F_x, F_y, min(1.0, limit / rho), sqrt((F_x / D_x) ** 2 + (F_y / D_y) ** 2)

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
-from agrobot_mj.terrain.grid import Ground, height_and_gradient
+from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 
-LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y = range(5)
-"""Rows of a wheel's report; shape of the whole (5, 4)."""
+LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
+"""Entries of a wheel's report; shape of the whole (4, 6)."""
 CREEP_SPEED = 0.02
 """Rolling resistance builds up over this speed [m/s]."""
 
@@ -49,6 +49,21 @@ class TyreSet(NamedTuple):
     """Lever of the scrubbing moment; 0 for none [m]."""
     trail: float
     """Pneumatic trail at small slip; 0 for none [m]."""
+    cone_index: float
+    """Of the soil, where the ground does not say; 0 for laws without [Pa]."""
+    grip: Array
+    """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
+    carcass: Array
+    """Scale of each wheel's slip stiffness, written by faults, shape (4,) [-]."""
+
+
+class Footing(NamedTuple):
+    """What a wheel stands on."""
+
+    grip: float
+    """Scale of the friction [-]."""
+    cone_index: float
+    """[Pa]."""
 
 
 class Patch(NamedTuple):
@@ -121,6 +136,13 @@ def find_patch(
     w = cross(carrier, arm)
     v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
     return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
+
+
+@jit
+def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
+    """The footing of wheel `i` at (x, y) [m]."""
+    friction, cone_index = surface_at(ground.surface, x, y)
+    return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
 
 
 @jit

@@ -22,6 +22,7 @@ from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres.patch import Footing
 
 BREAKAWAY_SLIP = 0.4
 """At rest the bristles break away at this slip, where 95 % of the grip is used [-]. From the 7.5 above."""
@@ -49,38 +50,38 @@ class Soil(Spec):
     """Half the contact length, lever of the scrubbing moment; 0 leaves it out [m]. Estimate."""
 
     def coefficients(self, tractor: TractorParameters) -> Array:
-        """CI, b, d, h and the ply (1 radial) of fl, fr, rl, rr, shape (4, 5)."""
+        """b, d, h and the ply (1 radial) of fl, fr, rl, rr, shape (4, 4)."""
         share, radial = self.section_height_share, float(self.ply == "radial")
         sizes = (
             (tractor.front_wheel_width_m, 2 * tractor.front_wheel_radius_m),
             (tractor.rear_wheel_width_m, 2 * tractor.rear_wheel_radius_m),
         )
-        front, rear = ([1e3 * self.cone_index_kpa, b, d, share * b, radial] for b, d in sizes)
+        front, rear = ([b, d, share * b, radial] for b, d in sizes)
         return np.array([front, front, rear, rear])
 
 
 @jit
-def mobility_number(coefficients: Array, W: float, delta: float) -> float:
+def mobility_number(coefficients: Array, CI: float, W: float, delta: float) -> float:
     """B_n [-]."""
-    CI, b, d, h = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
+    b, d, h = coefficients[0], coefficients[1], coefficients[2]
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
 @jit
-def resistance(coefficients: Array, W: float, delta: float, s: float) -> float:
+def resistance(coefficients: Array, CI: float, W: float, delta: float, s: float) -> float:
     """Motion resistance less the tyre's own loss [N], at slip `s` of either sign."""
-    B_n = mobility_number(coefficients, W, delta)
-    if coefficients[4] > 0.5:
+    B_n = mobility_number(coefficients, CI, W, delta)
+    if coefficients[3] > 0.5:
         return W * (0.9 / B_n + 0.0325 - OWN_LOSS + 0.5 * abs(s) / sqrt(B_n))
     return W * (1.0 / B_n + 0.5 * abs(s) / sqrt(B_n))
 
 
 @jit
-def lateral_shape(coefficients: Array, W: float, delta: float) -> tuple[float, float]:
+def lateral_shape(coefficients: Array, CI: float, W: float, delta: float) -> tuple[float, float]:
     """Peak mu [-] and B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
-    CI, b, d, h = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
+    b, d, h = coefficients[0], coefficients[1], coefficients[2]
     M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
-    if coefficients[4] > 0.5:
+    if coefficients[3] > 0.5:
         return 0.8, (2.79 + 0.16 * M) / 0.8
     mu = 0.61 + 0.69 / M
     return mu, (2.34 + 0.088 * M) / mu
@@ -94,16 +95,21 @@ def drive_slip(slip_x: float) -> float:
 
 @jit
 def soil_force(
-    coefficients: Array, slip_x: float, slip_y: float, load: float, deflection: float, v_roll: float
-) -> tuple[float, float, float]:
-    """Forces [N] against the slips [-], and the share of the bristle that the grip can hold."""
-    B_n = mobility_number(coefficients, load, deflection)
-    D_x = 0.88 * (1.0 - exp(-0.1 * B_n)) * load
-    mu, B = lateral_shape(coefficients, load, deflection)
+    coefficients: Array, slip_x: float, slip_y: float, load: float, deflection: float, v_roll: float, footing: Footing
+) -> tuple[float, float, float, float]:
+    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
+
+    The footing's grip scales both peaks and leaves the stiffness at small slip as it is.
+    """
+    grip, CI = footing.grip, footing.cone_index
+    B_n = mobility_number(coefficients, CI, load, deflection)
+    D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * load
+    mu, B = lateral_shape(coefficients, CI, load, deflection)
     s, alpha = drive_slip(slip_x), atan(slip_y)
-    n_x = np.sign(s) * (1.0 - exp(-7.5 * abs(s)))
-    n_y = -np.sign(alpha) * (1.0 - exp(-B * abs(alpha)))
+    n_x = np.sign(s) * (1.0 - exp(-7.5 * abs(s) / grip))
+    n_y = -np.sign(alpha) * (1.0 - exp(-B * abs(alpha) / grip))
     used = max(1.0, hypot(n_x, n_y))
     slip = hypot(slip_x, slip_y)
-    limit = BREAKAWAY_SLIP * (1.0 + v_roll / BREAKAWAY_SPEED)
-    return D_x * n_x / used, mu * load * n_y / used, 1.0 if slip < limit else limit / slip
+    limit = BREAKAWAY_SLIP * grip * (1.0 + v_roll / BREAKAWAY_SPEED)
+    n_x, n_y = n_x / used, n_y / used
+    return D_x * n_x, mu * grip * load * n_y, 1.0 if slip < limit else limit / slip, hypot(n_x, n_y)

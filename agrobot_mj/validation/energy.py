@@ -19,7 +19,7 @@ from agrobot_mj.plants.stepping import DRIVE, STEERING
 from agrobot_mj.signals import TICK_S, Array, Drive
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres.laws import drag
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, Footing
 from agrobot_mj.validation.base import About, Check, Findings, force_tyres, mujoco_plant, warnings
 from agrobot_mj.validation.driver import Driver
 
@@ -37,6 +37,7 @@ class Wheel:
         body = plant.views.wheels[i]
         self.plant, self.i, self.body, self.n = plant, i, body, normal
         self.centre = plant.data.xpos[body].copy()
+        self.footing = Footing(1.0, plant.tyred.tyres.cone_index)
         self.axle = plant.data.xmat[body].reshape(3, 3)[:, 1].copy()
         down = (normal @ self.axle) * self.axle - normal
         self.down = down / np.linalg.norm(down)
@@ -55,7 +56,7 @@ class Wheel:
         carrier = spin - omega * self.axle
         v = velocity + np.cross(carrier, arm)
         load, f_y = report[LOAD], report[FORCE_Y]
-        soil = -float(drag(t.law, t.coefficients[i], -report[SLIP_RATIO], load, sunk, float(v @ forward)))
+        soil = -float(drag(t.law, t.coefficients[i], -report[SLIP_RATIO], load, sunk, float(v @ forward), self.footing))
         f_x, r_e = report[FORCE_X] + soil, t.radius[i] - sunk / 3
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
         rolling = t.rolling_resistance * load * r_e * abs(omega) + soil * (velocity @ forward)

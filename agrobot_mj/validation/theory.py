@@ -35,6 +35,7 @@ from agrobot_mj.signals import Array
 from agrobot_mj.tractor import GRAVITY, TractorParameters
 from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, drag, force, tyre_set
+from agrobot_mj.tyres.patch import Footing
 
 ROLLING_M_S = 1.0
 """Speed at which the laws are read: rolling, clear of all that fades near standstill [m/s]."""
@@ -97,6 +98,7 @@ class Tractor:
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
+        self.footing = Footing(1.0, self.tyres.cone_index)
 
     def static(self, i: int) -> float:
         """Load of wheel `i` on level ground [N]."""
@@ -125,7 +127,7 @@ class Tractor:
     def lateral(self, i: int, slip: float, load: float) -> float:
         """Force of wheel `i` against a slip angle [rad] at a load [N]."""
         t = self.tyres
-        found = force(t.law, t.coefficients[i], 0.0, -tan(slip), load, load / t.stiffness[i], ROLLING_M_S)
+        found = force(t.law, t.coefficients[i], 0.0, -tan(slip), load, load / t.stiffness[i], ROLLING_M_S, self.footing)
         return float(found[1])
 
     def resistance(self, i: int, load: float) -> float:
@@ -134,10 +136,10 @@ class Tractor:
         c = t.coefficients[i]
 
         def missing(slip: float) -> float:
-            return own + float(force(t.law, c, slip, 0.0, load, deflection, ROLLING_M_S)[0])
+            return own + float(force(t.law, c, slip, 0.0, load, deflection, ROLLING_M_S, self.footing)[0])
 
         slip = float(brentq(missing, 0.0, 0.5, xtol=1e-12)) if own > 0 else 0.0
-        return own - float(drag(t.law, c, slip, load, deflection, ROLLING_M_S))
+        return own - float(drag(t.law, c, slip, load, deflection, ROLLING_M_S, self.footing))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
         """Slip angle at which two wheels together yield `wanted` [N]; raises ValueError beyond their grip."""

@@ -193,7 +193,7 @@ def test_forces_balance_the_acceleration_on_a_steady_circle():
     and of the weight that leans out."""
     driver = Driver(*linear())
     end = driver.go(20.0, angle=0.2)[-1]
-    report = driver.plant.wheels().reshape(5, 4)
+    report = driver.plant.wheels().reshape(6, 4)
     steer = np.array([end.steer, end.steer, 0.0, 0.0])
     lateral = (report[4] * np.cos(steer) + report[3] * np.sin(steer)).sum()
     wanted = TRACTOR.mass_kg * end.speed * end.yaw_rate
@@ -235,8 +235,8 @@ def test_the_contact_tyre_drives_and_turns():
     reports = []
     for _ in range(200):  # the contacts of rolling cylinders flicker: forces count in the mean
         driver.go(0.05, angle=0.2)
-        reports.append(driver.plant.wheels().reshape(5, 4).copy())
-    load, _, slip, _, lateral = np.mean(reports, axis=0)
+        reports.append(driver.plant.wheels().reshape(6, 4).copy())
+    load, _, slip, _, lateral, _ = np.mean(reports, axis=0)
     assert load.sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=0.05)
     assert lateral.sum() == pytest.approx(TRACTOR.mass_kg * end.speed * end.yaw_rate, rel=0.25)
     assert np.abs(slip).max() < 0.05

@@ -21,7 +21,7 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
     tyres = tyre_set(tyre, TRACTOR)
     radius = float(tyres.radius[wheel])
     spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)
-    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(5)
+    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
     for _ in range(5):
         wheel_step(
             tyres,
@@ -57,7 +57,7 @@ def test_a_wheel_that_turns_faster_than_it_travels_pushes_forward(wheel, stiffne
 
 def test_the_force_has_no_limit_and_the_directions_do_not_mix():
     coefficients = np.array([2.0, 3.0])
-    assert linear_force(coefficients, 0.5, -4.0) == (-1.0, 12.0, 1.0)
+    assert linear_force(coefficients, 0.5, -4.0)[:3] == (-1.0, 12.0, 1.0)
     big, small = (linear_force(coefficients, s, s) for s in (1e6, 1.0))
     assert big[:2] == pytest.approx(tuple(1e6 * f for f in small[:2]))
 

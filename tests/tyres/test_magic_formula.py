@@ -169,7 +169,7 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
     tyres, penetration = tyre_set(DEFAULT, TRACTOR), 0.012
     way = radians(direction_deg)
     velocity = (0.05 * np.cos(way), 0.05 * np.sin(way), 0.0)
-    bristle, wrench, report, used = np.zeros(3), np.zeros(6), np.zeros(5), []
+    bristle, wrench, report, used = np.zeros(3), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
         centre = (0.0, 0.0, tyres.radius[0] - penetration)
         still = (0.0, 0.0, 0.0)

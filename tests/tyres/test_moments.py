@@ -23,7 +23,7 @@ class Turning:
 
     def __init__(self, tyre):
         self.tyres = tyre_set(tyre, TRACTOR)
-        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(5)
+        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
 
     def moments(self, turns, v=0.0):
         """Moment about the vertical after each step at the turn rates `turns` [rad/s], rolling at `v` [m/s]."""

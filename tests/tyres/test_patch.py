@@ -41,7 +41,7 @@ class Wheel:
     def __init__(self, tyre=None, ground=FLAT, i=REAR, **changes):
         self.tyres = tyre_set(tyre or Linear(), TractorParameters())._replace(**changes)
         self.ground, self.i = ground, i
-        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(5)
+        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
 
     def step(self, centre, axle, velocity, rotation, steps=1, dt=DT):
         for _ in range(steps):
@@ -191,7 +191,7 @@ def test_a_wheel_at_rest_holds_like_a_spring():
 def test_free_rolling_at_the_effective_radius_gives_no_force_but_the_load():
     wheel = Wheel()
     report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
-    assert report == pytest.approx(np.array([1.6e5 * 0.02, 0, 0, 0, 0]), abs=1e-9)
+    assert report == pytest.approx(np.array([1.6e5 * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
     assert wheel.wrench == pytest.approx(np.array([0, 0, 3200, 0, 0, 0]), abs=1e-9)
 
 

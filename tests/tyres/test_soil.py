@@ -101,7 +101,7 @@ def test_motion_resistance_is_against_the_motion_either_way():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
     pushes = []
     for v in (1.0, -1.0):
-        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(5)
+        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
         motion = ((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
         for _ in range(10):
             wheel_step(tyres, 0, ground, *motion, 1.0, bristle, wrench, report)
@@ -145,7 +145,7 @@ def test_braking_mirrors_driving_in_the_slip_of_the_faster():
 
 def test_a_standing_wheel_that_is_dragged_slides_at_its_grip():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
-    bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(5), []
+    bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
         wheel_step(
             tyres,

@@ -1,0 +1,104 @@
+"""Configuration as plain data, before it is checked: dotted overrides, defaults filled in, the files that it names."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.resources import SCENARIOS, library_file
+from agrobot_mj.spec import Spec, members
+
+FILE_KEY = "file"
+"""A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
+
+
+def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) -> None:
+    """Set one key (of a list, items count from 0); a new `kind` keeps those keys of the old one that it has too.
+
+    `root` is the schema of `data`. Raises `ScenarioError`.
+    """
+    *tables, last = dotted.split(".")
+    if not all([*tables, last]):
+        raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
+    table: Any = data
+    for depth, name in enumerate(tables):
+        table = _item(table, name, dotted) if isinstance(table, list) else table.setdefault(name, {})
+        if not isinstance(table, dict | list):
+            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
+    if isinstance(table, list):
+        raise ScenarioError(f"--set {dotted}: {'.'.join(tables)} is a list; write {'.'.join(tables)}.0.key=value")
+    if last == "kind" and table.get("kind", value) != value:
+        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
+        for key in [key for key in table if key not in known]:
+            del table[key]
+    if isinstance(value, Mapping) and isinstance(table.get(last), dict):
+        for key, inner in value.items():
+            override(data, f"{dotted}.{key}", inner, root)
+    else:
+        table[last] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _item(items: list[Any], name: str, dotted: str) -> Any:
+    if not name.isdecimal() or int(name) >= len(items):
+        raise ScenarioError(f"--set {dotted}: {name!r} is none of the {len(items)} items, which count from 0")
+    return items[int(name)]
+
+
+def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
+    """Field names of the member `kind` of the union under `tables`; empty if there is none."""
+    models: dict[str, type[Spec]] = {"": root}
+    for table in tables:
+        fields = [m.model_fields[table] for m in models.values() if table in m.model_fields]
+        models = {k: m for f in fields for k, m in members(f.annotation).items()}
+    return set(models[kind].model_fields) if kind in models else set()
+
+
+def fill(table: dict[str, Any], default: Spec) -> None:
+    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
+    for name, field in type(default).model_fields.items():
+        value, given = getattr(default, name), table.get(name)
+        if isinstance(given, dict) and isinstance(value, Spec):
+            kind = getattr(value, "kind", None)
+            if given.setdefault("kind", kind) is None:
+                del given["kind"]
+            kinds = members(field.annotation)
+            if kind is None or given.get("kind") == kind:
+                fill(given, value)
+            elif isinstance(given["kind"], str) and given["kind"] in kinds:
+                fill(given, kinds[given["kind"]]())
+        elif name not in table and name in default.model_fields_set:
+            table[name] = _plain(value)
+
+
+def said(spec: Spec) -> dict[str, Any]:
+    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
+    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
+    return {key: _plain(value) for key, value in fields.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Spec):
+        return said(value)
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def locate(data: Any, folder: Path) -> None:
+    """Make the paths of files absolute that stand beside a scenario; those of the library keep their names."""
+    for table in _below(data):
+        locate(table, folder)
+    if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str) and folder != SCENARIOS.resolve():
+        beside = folder / file
+        if beside.is_file() or not (SCENARIOS / file).is_file():
+            data[FILE_KEY] = str(beside)
+
+
+def files(data: Any) -> list[Path]:
+    """Every file that plain data names."""
+    found = [file for table in _below(data) for file in files(table)]
+    if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+        found.append(library_file(file))
+    return found
+
+
+def _below(data: Any) -> Iterable[Any]:
+    return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()

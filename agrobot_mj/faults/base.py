@@ -1,0 +1,52 @@
+"""What every fault is: something that changes the `Conditions` of the tractor from one time to another."""
+
+from math import inf
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+from pydantic import model_validator
+
+from agrobot_mj.signals import Conditions
+from agrobot_mj.spec import NonNegative, Positive, Spec
+
+
+class Scripted(Spec):
+    """A fault with its window; a kind overrides `apply`, and `init` if it remembers anything."""
+
+    machine: ClassVar[bool] = False
+    """Whether it acts on the tractor's body or tyres, which the bicycle does not have."""
+
+    kind: str
+    start_s: NonNegative = 0.0
+    """Begin [s]."""
+    end_s: Positive | None = None
+    """End, the run's own when left out [s]."""
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> "Scripted":
+        if self.end_s is not None and self.end_s <= self.start_s:
+            raise ValueError(f"end_s: must lie after start_s ({self.start_s:g}), got {self.end_s:g}")
+        return self
+
+    @property
+    def subject(self) -> str:
+        """What it acts on: two faults with the same subject must not overlap."""
+        return self.kind
+
+    def active(self, t: float) -> bool:
+        """Whether `t` [s] lies in the window, its end left out."""
+        return self.start_s <= t < (inf if self.end_s is None else self.end_s)
+
+    def overlaps(self, other: "Scripted") -> bool:
+        """Whether both windows share any time."""
+        last = inf if self.end_s is None else self.end_s
+        others = inf if other.end_s is None else other.end_s
+        return self.start_s < others and other.start_s < last
+
+    def init(self, generator: Generator) -> Any:
+        """What it remembers between ticks; all its randomness comes from `generator`."""
+        return None
+
+    def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
+        """The changed conditions of the tick of length `dt` [s] that begins at `t` [s]; only asked while active."""
+        raise NotImplementedError

@@ -1,0 +1,21 @@
+"""The ground's friction changes everywhere: rain begins, dew dries."""
+
+from typing import Literal
+
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.signals import Conditions
+from agrobot_mj.spec import Positive
+
+
+class Friction(Scripted):
+    """All friction is scaled; the tyre `linear` has none to scale."""
+
+    machine = True
+
+    kind: Literal["friction"] = "friction"
+    scale: Positive = 0.6
+    """Friction over that of a good day [-]. Estimate: wet grass over dry (0.5-0.7)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Scale the grip."""
+        return None, conditions._replace(grip=conditions.grip * self.scale)

@@ -1,0 +1,16 @@
+"""No GNSS solution at all: trees, a bridge, an unplugged antenna."""
+
+from typing import Literal
+
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.signals import Conditions, Quality
+
+
+class GnssLoss(Scripted):
+    """The receiver has no solution."""
+
+    kind: Literal["gnss_loss"] = "gnss_loss"
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """No solution."""
+        return None, conditions._replace(gnss_quality=Quality.NONE)
