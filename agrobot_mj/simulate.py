@@ -77,7 +77,8 @@ class Loop:
         drive = Drive(steer_voltage, pedal_voltage)
         z_ref = height_and_gradient(self.ground, reference.x, reference.y)[0]
         wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref, z_ref)
-        return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit)
+        faults = self.script.active(truth.t)
+        return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit, faults)
 
     def advance(self, drive: Drive) -> None:
         """Let the plant take its steps."""
@@ -128,8 +129,9 @@ def row(
     command: Command,
     drive: Drive,
     limit: float,
+    faults: int,
 ) -> tuple[float, ...]:
-    """One row in the order of `log.COLUMNS`, less the plant's own three."""
+    """One row in the order of `log.COLUMNS`, less the plant's own three; `faults` counts those that act."""
     t, p, fix = truth, estimate.covariance, measured.fix
     e_longitudinal, e_lateral = to_heading(reference.yaw, reference.x - t.x, reference.y - t.y)
     dx, dy = t.rear_x - estimate.rear_x, t.rear_y - estimate.rear_y
@@ -140,7 +142,7 @@ def row(
         *(t.x, t.y, t.z, t.yaw, t.pitch, t.roll, t.speed, t.lateral_speed, t.yaw_rate, t.rear_x, t.rear_y),
         *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.rear_x, estimate.rear_y),
         *(p_xx, p_xy, p_yy, float(p[2, 2]), nees),
-        *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality)),
+        *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality), float(faults)),
         *(e_longitudinal, e_lateral, wanted.speed, wanted.yaw_rate, wanted.e_yaw_rate),
         *(command.tau_c, command.tau_n, command.q, command.steer, t.steer, measured.steer),
         *(float(abs(command.steer) > limit - NOSE), drive.steer_voltage),
