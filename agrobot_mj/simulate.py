@@ -57,7 +57,7 @@ class Loop:
         self.estimation = s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor)
         self.speeding = s.speed.init()
         self.yawing: Any = s.controller.init()
-        self.steering = s.steering.loop.init()
+        self.steering, self.steer_ref = s.steering.loop.init(), 0.0
         self.script, self.conditions = Script(s.fault, s.seed), GOOD_DAY
 
     def tick(self) -> tuple[Drive, tuple[float, ...]]:
@@ -70,6 +70,8 @@ class Loop:
         speed_ref, yaw_rate_ref = s.guidance.references(estimate, reference, self.l_r)
         e_yaw_rate = yaw_rate_ref - estimate.yaw_rate
         self.yawing, command = s.controller.update(self.yawing, truth.t, e_yaw_rate, TICK_S, self.limit)
+        self.steer_ref = s.steering.loop.reference(self.steer_ref, command.steer, TICK_S)
+        command = command._replace(steer=self.steer_ref)
         self.speeding, (pedal_ref, pedal_voltage) = s.speed.update(
             self.speeding, speed_ref, estimate.speed, measured.pedal, TICK_S
         )

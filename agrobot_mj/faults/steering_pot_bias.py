@@ -17,7 +17,7 @@ class SteeringPotBias(Scripted):
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
     """Added to the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
     ramp_s: NonNegative = 0.0
-    """Time in which it grows evenly from nothing, 0 for at once [s]. Estimate."""
+    """Time in which it grows evenly from nothing, 0 for at once [s]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Shift the reading."""

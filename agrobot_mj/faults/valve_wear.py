@@ -18,7 +18,7 @@ class ValveWear(Scripted):
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
     """Added to the half width of the dead band [V]. Estimate (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
-    """Time in which both grow evenly from nothing, 0 for at once [s]. Estimate."""
+    """Time in which both grow evenly from nothing, 0 for at once [s]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Wear the valve."""
