@@ -59,7 +59,7 @@ class Generated(Tilted):
             node, half = rounded_up(2 * self.half_size_m / most), rounded_down(self.node_m * most / 2)
             raise ValueError(
                 f"node_m: {cells + 1} x {cells + 1} nodes are more than {MOST_NODES}; "
-                f"set node_m to {node:g} or half_size_m to {half:g}"
+                f"set {f'node_m to {node:g} or ' if node <= self.finest() else ''}half_size_m to {half:g}"
             )
         return cells
 

@@ -16,7 +16,7 @@ field is one period of the surface.
 The band: the spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 /
 node_m) cycle/m, where 2.83 is the end of the range of ISO 8608 (above it the contact patch of a tyre averages), and
 down to one cycle over the field for a periodogram of whole rows; windows over parts of it leak below 5 cycles a window.
-Tyres read between nodes too, where bilinear interpolation smooths: any line is within 10 % up to 0.1 / node_m.
+Tyres read between nodes too, where bilinear interpolation smooths: any line is within 10 % up to 0.07 / node_m.
 """
 
 from typing import Annotated, ClassVar, Literal
