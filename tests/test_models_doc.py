@@ -11,7 +11,9 @@ from agrobot_mj.scenario import Scenario, resolve
 from agrobot_mj.spec import Spec, members
 
 TEXT = (Path(__file__).parent.parent / "docs" / "models.md").read_text(encoding="utf-8")
-SECTION = re.compile(r"^## .*?`\[([a-z_.0-9]+)\]`(?: `kind = \"(\w+)\"`)?\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+SECTION = re.compile(
+    r"^## .*?`(\[{1,2})([a-z_.0-9]+)\]{1,2}`(?: `kind = \"(\w+)\"`)?\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL
+)
 ROW = re.compile(r"^\| `([a-z_.0-9]+)` \| ([^|]+) \| ([^|]+) \|$", re.M)
 
 
@@ -28,10 +30,13 @@ class Entry(NamedTuple):
 
 def entries() -> list[Entry]:
     found = []
-    for table, kind, body in SECTION.findall(TEXT):
+    for bracket, table, kind, body in SECTION.findall(TEXT):
         tables = table.split(".")
-        data = reduce(lambda inner, name: {name: inner}, reversed(tables), {"kind": kind} if kind else {})
-        part: Spec = reduce(getattr, tables, resolve(data, "docs"))
+        choice: Any = {"kind": kind} if kind else {}
+        inside = [choice] if bracket == "[[" else choice
+        data = reduce(lambda inner, name: {name: inner}, reversed(tables), inside)
+        held: Any = reduce(getattr, tables, resolve(data, "docs"))
+        part: Spec = held[0] if bracket == "[[" else held
         for key, value, source in ROW.findall(body):
             *inner, last = key.split(".")
             found.append(Entry(table, last, float(value), source.strip(), reduce(getattr, inner, part)))
