@@ -15,7 +15,7 @@ from agrobot_mj.signals import Array
 from agrobot_mj.spec import Positive
 from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
 from agrobot_mj.terrain.files import Sheet, read_grid
-from agrobot_mj.terrain.grid import Ground
+from agrobot_mj.terrain.grid import Ground, rounded_down
 
 
 class Heightmap(Tilted):
@@ -49,7 +49,7 @@ class Heightmap(Tilted):
             raise ValueError(
                 f"scale: {self._name} climbs {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
                 f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit: set scale, at most "
-                f"{self.scale * limit / ground.steepest:.1g} fits"
+                f"{rounded_down(abs(self.scale) * limit / ground.steepest):g} fits"
             )
         return self.tilted(ground)
 

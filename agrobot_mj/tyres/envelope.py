@@ -8,15 +8,19 @@ direction goes over from one to the other within `BLEND` of penetration. On a pl
 perpendicular exactly.
 """
 
-from math import cos, inf, radians, sin, sqrt
+from math import inf, radians, sqrt
+
+import numpy as np
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
-POINTS = 10
-"""On either side of the middle."""
+MIDDLE = 11
+"""Angles on either side of the way down; odd, so that the way down and the ends are looked at."""
 STEP = radians(5.0)
-"""Between points [rad]."""
+"""Between angles [rad]."""
+COS, SIN = (f(STEP * np.arange(-MIDDLE, MIDDLE + 1)) for f in (np.cos, np.sin))
+"""Of the angles: every second one is looked at, the others only beside the deepest."""
 BLEND = 0.005
 """Penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
 BASE = 0.5
@@ -44,33 +48,46 @@ def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> 
 
 
 @jit
-def depth_at(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, phi: float) -> float:
-    """How far the point of the tread at `phi` [rad] from the way down lies below the ground, vertically [m]."""
-    c, s = radius * cos(phi), radius * sin(phi)
+def depth_at(ground: Ground, centre: Vector, down: Vector, forward: Vector, c: float, s: float) -> float:
+    """How far the point `c` down and `s` forward of the centre [m] lies below the ground, vertically [m]."""
     x, y = centre[0] + c * down[0] + s * forward[0], centre[1] + c * down[1] + s * forward[1]
     return height_and_gradient(ground, x, y)[0] - centre[2] - c * down[2] - s * forward[2]
+
+
+@jit
+def peak_near(
+    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int
+) -> tuple[float, float]:
+    """Angle [rad] and depth [m] of the summit of a parabola through point `k` and half a step to either side."""
+    before = depth_at(ground, centre, down, forward, radius * COS[k - 1], radius * SIN[k - 1])
+    here = depth_at(ground, centre, down, forward, radius * COS[k], radius * SIN[k])
+    after = depth_at(ground, centre, down, forward, radius * COS[k + 1], radius * SIN[k + 1])
+    bend, tilt = max(2 * here - before - after, 1e-9), (after - before) / 2
+    aside = min(max(tilt / bend, -1.0), 1.0)
+    return (k - MIDDLE + aside) * STEP, here + tilt * aside - bend * aside * aside / 2
 
 
 @jit
 def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector) -> tuple[float, float]:
     """Angle from the way down, forward positive [rad], and vertical depth [m] of the place the wheel stands on."""
     best = second = -inf
-    best_phi = second_phi = 0.0
-    before = depth_at(ground, radius, centre, down, forward, -(POINTS + 1) * STEP)
-    here = depth_at(ground, radius, centre, down, forward, -POINTS * STEP)
-    for k in range(-POINTS, POINTS + 1):
-        after = depth_at(ground, radius, centre, down, forward, (k + 1) * STEP)
-        if here >= before and here >= after:
-            bend, tilt = max(2 * here - before - after, 1e-9), (after - before) / 2
-            depth, phi = here + tilt * tilt / (2 * bend), (k + tilt / bend) * STEP
-            if depth > best:
-                second, second_phi, best, best_phi = best, best_phi, depth, phi
-            elif depth > second:
-                second, second_phi = depth, phi
+    best_k = second_k = MIDDLE
+    before, here = -inf, depth_at(ground, centre, down, forward, radius * COS[1], radius * SIN[1])
+    for k in range(1, COS.size - 1, 2):
+        after = -inf
+        if k + 2 < COS.size:
+            after = depth_at(ground, centre, down, forward, radius * COS[k + 2], radius * SIN[k + 2])
+        if here >= before and here > after:
+            if here > best:
+                second, second_k, best, best_k = best, best_k, here, k
+            elif here > second:
+                second, second_k = here, k
         before, here = here, after
-    if best == -inf:
-        return 0.0, depth_at(ground, radius, centre, down, forward, 0.0)
-    share = max(0.0, 1.0 - (best - second) / BLEND)
-    if share > 0.0:
-        best_phi = (best_phi + share * second_phi) / (1.0 + share)
-    return best_phi, best
+    phi, depth = peak_near(ground, radius, centre, down, forward, best_k)
+    if best - second > 4 * BLEND:
+        return phi, depth
+    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k)
+    share = max(0.0, 1.0 - abs(depth - other) / BLEND)
+    if other > depth:
+        phi, other_phi, depth = other_phi, phi, other
+    return (phi + share * other_phi) / (1.0 + share), depth

@@ -126,7 +126,7 @@ def standing(
     if ground.heights.size == 4:
         _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
         n = unit((-dx, -dy, 1.0))
-        return n, depth_at(ground, radius, centre, below(n, axle), n, 0.0) * n[2]
+        return n, depth_at(ground, centre, below(n, axle), n, radius, 0.0) * n[2]
     dx, dy = slope_below(ground, radius, centre, axle)
     n = unit((-dx, -dy, 1.0))
     f = unit(cross(axle, n))
