@@ -2,8 +2,8 @@
 
 Every member of `Path` has `at(t) -> Reference`, `speed_m_s` (the largest), `duration_s` (its natural duration),
 `turns_s` (start and end of each turn), `max_curvature` and `sharpest` (where that is). `at` goes on beyond both ends of
-the duration. The speed of `line`, `circle` and `figure_eight` is constant after a ramp; that of the others (`Timed`) keeps
-to limits. A `Parallel` also has `passes_s`.
+the duration. The speed of `line`, `circle` and `figure_eight` is constant after a ramp; that of the others (`Timed`)
+keeps to limits. A `Parallel` also has `passes_s`.
 """
 
 from typing import Annotated

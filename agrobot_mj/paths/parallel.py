@@ -7,8 +7,8 @@ A `Parallel` says where its first pass heads and on which side the others lie. T
 - `omega`: away from the next pass, round in a bulb, and away again: three arcs of the same radius, so that neighbours
   follow each other. Neighbours two radii apart or more take the `u`.
 
-The curvature steps where arcs and straights meet. The field ends where the passes end: turns lie outside. After the last
-pass the tractor leaves the field straight on. `passes_s` gives the times between which each pass counts: the first
+The curvature steps where arcs and straights meet. The field ends where the passes end: turns lie outside. After the
+last pass the tractor leaves the field straight on. `passes_s` gives the times between which each pass counts: the first
 `run_in_m` metres, in which the tractor swings in, do not.
 """
 
@@ -66,8 +66,8 @@ class Parallel(Timed):
             return tuple(range(self.count))
         if 1 < self.count < 2 * across + 1:
             raise ValueError(
-                f"count: U turns of radius {self.turn_radius_m:g} m over swaths of {self.swath_m:g} m need 1 or at least "
-                f'{2 * across + 1} passes, got {self.count}; set turn = "omega" or a smaller turn_radius_m'
+                f"count: U turns of radius {self.turn_radius_m:g} m over swaths of {self.swath_m:g} m need 1 or at "
+                f'least {2 * across + 1} passes, got {self.count}; set turn = "omega" or a smaller turn_radius_m'
             )
         return tuple(skipping(self.count, across))
 

@@ -8,6 +8,7 @@ its last speed beyond the end.
 
 from bisect import bisect_right
 from functools import cached_property, lru_cache
+from math import sqrt
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -47,10 +48,10 @@ class Motion:
         self.distances = course.distances()
         self.times = np.concatenate(([0.0], np.cumsum(durations)))
         self.speeds = v
-        self._starts = self.times.tolist()
+        self._starts: list[float] = self.times.tolist()
         self._poses = [Pose(*pose) for pose in zip(*(part.tolist() for part in course.joints()), strict=True)]
         self._curvatures = [*course.curvatures.tolist(), 0.0]
-        self._speeds = v.tolist()
+        self._speeds: list[float] = v.tolist()
         self._gains = [*(np.diff(v) / durations).tolist(), 0.0]
 
     @property
@@ -72,7 +73,7 @@ class Motion:
         """The time [s] at which the reference is `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
         way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
-        return self._starts[k] + 2 * way / max(v + max(v * v + 2 * a * way, 0.0) ** 0.5, 1e-12)
+        return self._starts[k] + 2 * way / max(v + sqrt(max(v * v + 2 * a * way, 0.0)), 1e-12)
 
     def at(self, t: float) -> Reference:
         """The reference at any time `t` [s]."""

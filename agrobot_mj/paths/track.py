@@ -1,8 +1,8 @@
 """A course: the way of a path without its time, as a chain of pieces of constant curvature.
 
-Straights and arcs are such pieces already; a curve becomes a chain of short arcs with the curve's heading at each joint.
-So every course is exactly tangent to its heading, and its curvature steps where two pieces meet. Lengths in metres,
-curvature in 1/m, left positive; yaw from east, counter-clockwise, not wrapped.
+Straights and arcs are such pieces already; a curve becomes a chain of short arcs with the curve's heading at each
+joint. So every course is exactly tangent to its heading, and its curvature steps where two pieces meet. Lengths in
+metres, curvature in 1/m, left positive; yaw from east, counter-clockwise, not wrapped.
 """
 
 from collections.abc import Iterable
@@ -103,7 +103,7 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """The course along y(x) of `slope` dy/dx, each of shape (n,), x along the axis that begins at `start` (x, y, yaw)."""
+    """The course along y(x) of `slope` dy/dx, each of shape (n,), x along the axis from `start` (x, y, yaw)."""
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)
     return through(x0 + c * x - s * y, y0 + s * x + c * y, yaw + np.arctan(slope))

@@ -1,14 +1,15 @@
 """A way through waypoints of a CSV file, smoothed by a cubic spline.
 
-The spline [Dierckx1993] passes the waypoints at a root mean square distance of at most `smoothing_m`, as smoothly as that
-allows; with 0 it goes through every one. Its curvature is continuous. An open way goes from the first waypoint to the
-last; a closed one joins the last to the first (a last row that repeats the first may stand or not) and goes round `laps`
-times, then straight on. A third column limits the speed from each waypoint to the next, linearly between them;
+The spline [Dierckx1993] passes the waypoints at a root mean square distance of at most `smoothing_m`, as smoothly as
+that allows; with 0 it goes through every one. Its curvature is continuous. An open way goes from the first waypoint to
+the last; a closed one joins the last to the first (a last row that repeats the first may stand or not) and goes round
+`laps` times, then straight on. A third column limits the speed from each waypoint to the next, linearly between them;
 `speed_m_s` stays the largest. The heading between waypoints is that of the spline: a zigzag of the points is a zigzag
 of the way, and a curvature that the tractor cannot steer is an error that names the place.
 """
 
 import warnings
+from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -42,7 +43,7 @@ class Waypoints(Timed):
         """(start, end) of each lap, an open way being one [s]."""
         length, laps = float(self.motion.distances[-1]), self._laps
         times = [self.motion.when(k * length / laps) for k in range(laps)] + [self.duration_s]
-        return tuple(zip(times, times[1:], strict=False))
+        return tuple(pairwise(times))
 
     @property
     def _laps(self) -> int:
