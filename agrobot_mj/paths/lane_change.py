@@ -24,7 +24,7 @@ class LaneChange(Timed):
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
     """To the other line, left positive [m]. Estimate: three track widths."""
     change_m: Positive = 12.0
-    """Length of the change along the line [m]. Estimate: with the offset, bends of 8.3 m radius."""
+    """Length of the change along the line [m]. Estimate: with the offset, bends of 8.8 m radius."""
     straight_m: Positive = 20.0
     """Length of each straight, before, between and after [m]. Estimate: room to swing in."""
     double: bool = False

@@ -25,14 +25,16 @@ from agrobot_mj.paths.track import Course, Piece, chain
 from agrobot_mj.spec import HUGE, NonNegative, Positive
 
 Count = Annotated[int, Field(ge=1, le=1000)]
+LEAVE_M = 5.0
+"""Straight on after the last pass, so that a tractor behind its time ends it too [m]."""
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Timed):
     """Parallel passes; a kind says which way they run."""
 
-    length_m: Positive = 60.0
-    """Length of a pass [m]; estimate: a small field."""
+    length_m: Positive = 100.0
+    """Length of a pass [m]; estimate: a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
     """Working width: from each pass to its neighbour [m]. Estimate: implements of compact tractors."""
     count: Count = 4
@@ -43,8 +45,8 @@ class Parallel(Timed):
     """Radius of all arcs of a turn [m]. Estimate: 25 deg of steering, half of what the tractor has."""
     turn_speed_m_s: Speed = 1.0
     """Largest speed in a turn [m/s]. Estimate: what a driver takes."""
-    run_in_m: NonNegative = 10.0
-    """Beginning of each pass that `passes_s` leaves out, at most half a pass [m]. Estimate."""
+    run_in_m: NonNegative = 20.0
+    """Beginning of each pass that `passes_s` leaves out, at most half a pass [m]. Estimate: until it has swung in."""
     start_x_m: Coordinate = 0.0
     """Start of the first pass, east [m]."""
     start_y_m: Coordinate = 0.0
@@ -97,7 +99,7 @@ class Parallel(Timed):
             for piece in self._turn(side * forth * (there - here) * self.swath_m):
                 yield piece, False
             yield Piece(self.length_m), True
-        yield Piece(self.run_in_m), False
+        yield Piece(LEAVE_M), False
 
     def _turn(self, left: float) -> list[Piece]:
         """A turn to the opposite pass `left` metres to the left."""

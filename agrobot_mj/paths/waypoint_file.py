@@ -32,12 +32,13 @@ Stamp = tuple[str, int, int]
 def stamp_of(name: str) -> Stamp:
     """What tells this state of the file from others. Raises ValueError if it cannot be one."""
     file = library_file(name)
-    if file.is_dir():
-        raise ValueError(f"{file.name}: is a folder; name a CSV file with the columns x, y[, speed]")
     try:
         status = file.stat()
     except (OSError, ValueError):
-        raise ValueError(f"{file.name}: no such file; give its path from the folder of the scenario") from None
+        shown = file.name if len(file.name) <= 80 else file.name[:80] + "..."
+        raise ValueError(f"{shown}: no such file; give its path from the folder of the scenario") from None
+    if file.is_dir():
+        raise ValueError(f"{file.name}: is a folder; name a CSV file with the columns x, y[, speed]")
     if status.st_size > MOST_BYTES:
         raise ValueError(
             f"{file.name}: has {status.st_size / 1e6:.3g} MB, at most {MOST_BYTES / 1e6:g}; leave out some of its rows"
