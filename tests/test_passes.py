@@ -57,8 +57,8 @@ def test_a_tractor_that_always_keeps_left_overlaps_and_misses_by_twice_that(path
     found = judged(path, lambda k, a: 0.05 * (-1) ** k)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0.1)
     assert abs(found["pass_to_pass_mean_m"]) == pytest.approx(0.1 / 3, rel=0.01), "too narrow, too wide, too narrow"
-    assert [one["xte_mean"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count)
-    assert [one["xte_rms"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count)
+    assert [one["xte_mean"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count, rel=0.01)
+    assert [one["xte_rms"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count, rel=0.01)
 
 
 def test_swaths_that_spread_are_too_wide() -> None:
