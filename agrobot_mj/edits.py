@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.problems import ScenarioError
-from agrobot_mj.resources import SCENARIOS, library_file
+from agrobot_mj.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.spec import Spec, members
 
 FILE_KEY = "file"
@@ -96,7 +96,7 @@ def locate(data: Any, folder: Path) -> None:
         locate(table, folder)
     if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str) and folder != SCENARIOS.resolve():
         beside = folder / file
-        if beside.is_file() or not (SCENARIOS / file).is_file():
+        if is_file(beside) or not is_file(SCENARIOS / file):
             data[FILE_KEY] = str(beside)
 
 

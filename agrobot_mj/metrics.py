@@ -4,7 +4,8 @@ Lengths in metres, angles in radians; `mse` in m2. Rows whose value is absent or
 the statistic concerned; a statistic without a single value is None, so that the result is always valid JSON.
 
 `lateral_*` and `longitudinal_*` are the time-based errors of the paper; `xte_*` is the cross-track error, the
-distance of the CG from the path itself, whatever the time.
+distance of the CG from the path itself, whatever the time (`crosstrack`). A path with passes also has the accuracy
+from pass to pass (`passes`).
 
 A row of the log belongs to the turn with start < t <= end (the first turn also owns its start). A run that
 ends early lacks the turns it did not reach; the turn in which it ended counts as far as it went and is not
@@ -16,15 +17,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from agrobot_mj.paths import Path
+from agrobot_mj.crosstrack import Track, track
+from agrobot_mj.passes import pass_to_pass
+from agrobot_mj.paths import Parallel, Path
 from agrobot_mj.signals import Array
 
 Rows = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
-XTE_STEP_M = 0.05
-"""Spacing of the points of the path among which the nearest is sought [m]."""
-XTE_WINDOW_M = 10.0
-"""How far the tractor may be ahead or behind along the path and still find its nearest point [m]."""
 COMPLETE = 0.99
 """Share of a turn that a run must cover for the turn to count as complete."""
 
@@ -53,8 +52,8 @@ class LogLike(Protocol):
 
 def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
     """All metrics of a run, ready for JSON, with `outcome` in front if it is given."""
-    xte, turns = cross_track_of(log), _turns(log)
-    t, ends = log.column("t"), log.scenario.path.turns_s
+    beside, turns = track_of(log), _turns(log)
+    t, ends, xte = log.column("t"), log.scenario.path.turns_s, beside.offset
     return {
         **({} if outcome is None else {"outcome": outcome}),
         **_errors(log, xte, np.ones(len(xte), dtype=bool)),
@@ -64,13 +63,21 @@ def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
         "nn_share": [nn_share(log, rows) for rows in turns],
         "position_nees": _mean(log.column("position_nees")),
         "steer_saturated_fraction": _mean(log.column("steer_saturated")),
-    }
+    } | _of_passes(log, beside)
+
+
+def _of_passes(log: LogLike, beside: Track) -> dict[str, Any]:
+    """The accuracy from pass to pass, where the path has passes."""
+    path = log.scenario.path
+    if not isinstance(path, Parallel):
+        return {}
+    return {"iso_12188_2_style": pass_to_pass(path, beside.time, log.column("x"), log.column("y"))}
 
 
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
     """The tracking errors over the rows with start_s < t <= end_s [s]."""
     t = log.column("t")
-    return _errors(log, cross_track_of(log), (t > start_s) & (t <= end_s))
+    return _errors(log, track_of(log).offset, (t > start_s) & (t <= end_s))
 
 
 def nn_share(log: LogLike, rows: Rows) -> float:
@@ -83,43 +90,9 @@ def nn_share(log: LogLike, rows: Rows) -> float:
     return tau_n / (tau_c + tau_n) if tau_n else 0.0
 
 
-def cross_track_of(log: LogLike) -> Array:
-    """Signed distance of the true CG from the path, left positive, shape (ticks,) [m]."""
-    return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
-
-
-def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Signed distance of the points (x, y) from `path`, left positive, shape as `t` [m].
-
-    The nearest point is sought in a window along the path about the reference at the same time, short enough
-    that the other branch of a crossing never enters it; from there the distance is that to the path's
-    osculating circle, which is exact on lines and arcs. NaN where the position is not finite.
-    """
-    if len(t) == 0:
-        return np.empty(0)
-    turn = min(end - start for start, end in path.turns_s) * path.speed_m_s
-    half = int(min(XTE_WINDOW_M, 0.2 * turn) / XTE_STEP_M)
-    step = XTE_STEP_M / path.speed_m_s
-    count = int((t[-1] - t[0]) / step) + 2 * half + 2
-    points = np.array([path.at(t[0] + (k - half) * step) for k in range(count)])
-    middle = np.rint((t - t[0]) / step).astype(int) + half
-    nearest = np.empty(len(t), dtype=int)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for rows in np.array_split(np.arange(len(t)), len(t) // 1000 + 1):
-            window = middle[rows, None] + np.arange(-half, half + 1)
-            distance = (points[window, 0] - x[rows, None]) ** 2 + (points[window, 1] - y[rows, None]) ** 2
-            nearest[rows] = window[np.arange(len(rows)), distance.argmin(axis=1)]
-        return _offset(points[nearest], x, y)
-
-
-def _offset(references: Array, x: Array, y: Array) -> Array:
-    """Signed distance of each (x, y) from the circle along its reference, left positive [m]."""
-    x_r, y_r, _, _, yaw, curvature = references.T
-    c, s = np.cos(yaw), np.sin(yaw)
-    ahead, left = c * (x - x_r) + s * (y - y_r), -s * (x - x_r) + c * (y - y_r)
-    to_centre = np.hypot(curvature * ahead, 1 - curvature * left)
-    offset: Array = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
-    return np.where(np.isfinite(offset), offset, np.nan)
+def track_of(log: LogLike) -> Track:
+    """Where the true CG is beside the path at each tick."""
+    return track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
 
 
 def _errors(log: LogLike, xte: Array, rows: Rows) -> dict[str, float | None]:

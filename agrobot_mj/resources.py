@@ -15,7 +15,15 @@ MODELS = resource_dir("models")
 SCENARIOS = resource_dir("scenarios")
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that cannot be one (too long, say) has none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def library_file(name: str) -> Path:
     """A data file that a scenario names: as given, or one that comes with the scenarios."""
     given, shipped = Path(name), SCENARIOS / name
-    return shipped if not given.is_absolute() and shipped.is_file() else given
+    return shipped if not given.is_absolute() and is_file(shipped) else given

@@ -137,8 +137,10 @@ def _misfits(s: Scenario) -> list[str]:
     found += clashes(s.fault)
     needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
     if needed >= s.tractor.steer_limit_deg:
+        place = s.path.sharpest
         found.append(
-            f"path: its curvature of {s.path.max_curvature:.3g} 1/m needs {needed:.1f} deg of steering, the limit is "
+            f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
+            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
             f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
         )
     if s.estimator.needs_gyro and not s.sensors.gyro.enabled:

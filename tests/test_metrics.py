@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agrobot_mj.metrics import cross_track, errors, metrics
+from agrobot_mj.crosstrack import cross_track
+from agrobot_mj.metrics import errors, metrics
 from agrobot_mj.paths import Circle, FigureEight, Line
 
 SIGNALS = ("x", "y", "e_lateral", "e_longitudinal", "e_yaw_rate", "tau_c", "tau_n")

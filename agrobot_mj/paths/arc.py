@@ -29,6 +29,17 @@ class Pose(NamedTuple):
     """Not wrapped [rad]."""
 
 
+class Place(NamedTuple):
+    """A point of a path, for messages."""
+
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    distance: float
+    """Way from the start [m]."""
+
+
 def advance(start: Pose, curvature: float, distance: float) -> Pose:
     """The pose `distance` [m] (may be negative) along an arc of `curvature` [1/m] that begins at `start`."""
     half_turn = curvature * distance / 2

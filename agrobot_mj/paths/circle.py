@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference, turns
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference, turns
 from agrobot_mj.signals import Reference
 from agrobot_mj.spec import Positive, Spec
 
@@ -48,6 +48,11 @@ class Circle(Spec):
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
         return 1 / self.radius_m
+
+    @property
+    def sharpest(self) -> Place:
+        """Where the curvature is largest: everywhere, so the start."""
+        return Place(0.0, 0.0, 0.0)
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the circle goes on."""

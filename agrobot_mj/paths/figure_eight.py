@@ -16,7 +16,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference, turns
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference, turns
 from agrobot_mj.signals import Reference
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
@@ -84,6 +84,12 @@ class FigureEight(Spec):
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
         return 1 / self.radius_m
+
+    @property
+    def sharpest(self) -> Place:
+        """Where the curvature is largest: the beginning of the first arc."""
+        arc = _pieces(self.radius_m, self.straight_m)[0][-2]
+        return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the 8 goes on."""

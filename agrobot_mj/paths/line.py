@@ -6,7 +6,7 @@ It has an end for the sake of a natural duration; the reference goes straight on
 from math import radians
 from typing import Literal
 
-from agrobot_mj.paths.arc import RAMP_S, Pose, Ramp, Speed, advance, progress, reference
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference
 from agrobot_mj.signals import Reference
 from agrobot_mj.spec import Positive, Spec
 
@@ -42,6 +42,11 @@ class Line(Spec):
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
         return 0.0
+
+    @property
+    def sharpest(self) -> Place:
+        """Where the curvature is largest: everywhere, so the start."""
+        return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the line has no end in space."""

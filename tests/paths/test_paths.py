@@ -1,6 +1,8 @@
 """The contract of every reference path: what `at` says agrees with itself and with the turns."""
 
+import json
 from math import cos, hypot, inf, pi, sin
+from timeit import timeit
 from typing import Any
 
 import numpy as np
@@ -8,14 +10,38 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from agrobot_mj.geometry import wrap
-from agrobot_mj.paths import Circle, FigureEight, Line, Path, sample
+from agrobot_mj.paths import (
+    Circle,
+    Contour,
+    FigureEight,
+    LaneChange,
+    Line,
+    Path,
+    Sinusoid,
+    Swaths,
+    Timed,
+    Waypoints,
+    sample,
+)
 from agrobot_mj.spec import every
 
-VARIANTS = [cls() for cls in every(Path)] + [
+RAMPED = [
+    *(Line(), Circle(), FigureEight()),
     Line(heading_deg=200, start_x_m=3, start_y_m=-4, length_m=50, speed_m_s=2.5, ramp_s=0),
     Circle(direction="right", radius_m=4, turns=3, speed_m_s=0.7),
     FigureEight(radius_m=6, straight_m=9, speed_m_s=1.7, turns=1, run_in_m=2),
 ]
+TIMED = [cls() for cls in every(Path) if issubclass(cls, Timed)] + [
+    Swaths(
+        heading_deg=130, start_x_m=-5, start_y_m=8, length_m=30, run_in_m=5, swath_m=7, turn="u", first_turn="right"
+    ),
+    Swaths(length_m=25, run_in_m=5, swath_m=1.5, turn="u", turn_radius_m=2, count=13, speed_m_s=2, turn_speed_m_s=0.6),
+    Contour(uphill_deg=20, first_uphill="right", length_m=40, swath_m=3, lateral_acceleration_m_s2=0.1),
+    Sinusoid(amplitude_m=-4, wavelength_m=25, count=2, heading_deg=75, speed_m_s=3, acceleration_m_s2=1),
+    LaneChange(offset_m=-4, double=True, heading_deg=-100, start_x_m=6, speed_m_s=2),
+    Waypoints(smoothing_m=0.5, speed_m_s=1.4),
+]
+VARIANTS = RAMPED + TIMED
 EPS = 1e-5
 
 
@@ -24,15 +50,77 @@ def times(path: Any) -> list[float]:
     return [*np.linspace(0, 1.1 * path.duration_s, 400).tolist(), path.duration_s]
 
 
+def test_every_kind_takes_part() -> None:
+    assert {type(path) for path in VARIANTS} == set(every(Path))
+
+
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_velocity_is_the_derivative_of_position_and_constant_after_the_ramp(path: Any) -> None:
+def test_velocity_is_the_derivative_of_position_along_the_heading(path: Any) -> None:
     for t in times(path)[1:]:
         before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
         assert (after.x - before.x) / (2 * EPS) == pytest.approx(now.vx, abs=1e-4)
         assert (after.y - before.y) / (2 * EPS) == pytest.approx(now.vy, abs=1e-4)
-        speed = path.speed_m_s * (min(t / path.ramp_s, 1.0) if path.ramp_s else 1.0)
+        speed = hypot(now.vx, now.vy)
         assert now.vx == pytest.approx(speed * cos(now.yaw))
         assert now.vy == pytest.approx(speed * sin(now.yaw))
+        assert 0 < speed <= path.speed_m_s * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("path", RAMPED, ids=repr)
+def test_the_speed_is_constant_after_the_ramp(path: Any) -> None:
+    for t in times(path)[1:]:
+        speed = path.speed_m_s * (min(t / path.ramp_s, 1.0) if path.ramp_s else 1.0)
+        assert hypot(path.at(t).vx, path.at(t).vy) == pytest.approx(speed)
+
+
+@pytest.mark.parametrize("path", TIMED, ids=repr)
+def test_the_speed_keeps_to_its_limits_and_reaches_them(path: Any) -> None:
+    grid = np.linspace(0, path.duration_s, 4000)
+    references = [path.at(t) for t in grid.tolist()]
+    v = np.array([hypot(r.vx, r.vy) for r in references])
+    sideways = v**2 * np.abs([r.curvature for r in references])
+    gained = np.abs(np.diff(v)) / np.diff(grid)
+    assert sideways.max() <= path.lateral_acceleration_m_s2 * (1 + 1e-9)
+    assert gained.max() <= path.acceleration_m_s2 * (1 + 1e-6)
+    assert gained[:5] == pytest.approx(path.acceleration_m_s2)
+    slowed = sideways.max() > 0.98 * path.lateral_acceleration_m_s2
+    assert slowed or v.max() == pytest.approx(path.speed_m_s)
+
+
+@pytest.mark.parametrize("path", VARIANTS, ids=repr)
+def test_the_way_has_no_jump(path: Any) -> None:
+    """No jump anywhere: the way between close times is never longer than the largest speed allows."""
+    grid = np.linspace(0, path.duration_s, 5000)
+    steps = np.hypot(*np.diff(sample(path, grid), axis=0).T)
+    assert steps.max() <= path.speed_m_s * (grid[1] - grid[0]) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("path", VARIANTS, ids=repr)
+def test_the_sharpest_place_lies_on_the_path_where_it_says(path: Any) -> None:
+    place, grid = path.sharpest, np.linspace(0, path.duration_s, 20000)
+    points = sample(path, grid)
+    way = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    there = int(np.searchsorted(way, place.distance))
+    assert points[there] == pytest.approx((place.x, place.y), abs=0.1)
+    near = [abs(path.at(t).curvature) for t in grid[max(there - 50, 0) : there + 50].tolist()]
+    assert max(near) == pytest.approx(path.max_curvature, rel=1e-3)
+
+
+@pytest.mark.parametrize("path", VARIANTS, ids=repr)
+def test_a_path_survives_its_serialisation(path: Any) -> None:
+    adapter: TypeAdapter[Any] = TypeAdapter(Path)
+    again = adapter.validate_json(json.dumps(path.model_dump(mode="json")))
+    assert again == path
+    assert hash(again) == hash(path)
+    assert again.at(12.3) == path.at(12.3)
+
+
+@pytest.mark.parametrize("path", VARIANTS, ids=repr)
+def test_a_reference_takes_microseconds(path: Any) -> None:
+    grid = np.linspace(0, path.duration_s, 2000).tolist()
+    path.at(0.0)
+    best = min(timeit(lambda: [path.at(t) for t in grid], number=1) for _ in range(5))
+    assert best / len(grid) < 20e-6
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
@@ -49,12 +137,12 @@ def test_curvature_is_the_change_of_heading_over_distance(path: Any) -> None:
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
 def test_turns_cover_the_duration_and_join(path: Any) -> None:
-    assert (path.turns_s[0][0] > 0) == (getattr(path, "run_in_m", 0) > 0)
+    assert (path.turns_s[0][0] > 0) == (path.kind == "figure_eight")
     assert path.turns_s[-1][1] == pytest.approx(path.duration_s)
     assert all(before[1] == after[0] for before, after in zip(path.turns_s, path.turns_s[1:], strict=False))
 
 
-@pytest.mark.parametrize("path", [p for p in VARIANTS if p.kind != "line"], ids=repr)
+@pytest.mark.parametrize("path", [p for p in RAMPED if p.kind != "line"], ids=repr)
 def test_each_turn_closes(path: Any) -> None:
     assert len(path.turns_s) == path.turns
     for start, end in path.turns_s:
@@ -69,10 +157,12 @@ def test_it_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
     assert before == path.at(-2.0)
     assert before[:2] == pytest.approx(start[:2])
     assert before.vx == before.vy == 0
-    end, later = path.at(path.ramp_s), path.at(path.ramp_s + 1.0)
+    ramp = path.ramp_s if path in RAMPED else 1.0
+    full = path.speed_m_s if path in RAMPED else path.acceleration_m_s2
+    end, later = path.at(ramp), path.at(ramp + 1e-9)
     way = hypot(end.x - start.x, end.y - start.y)
-    assert way == pytest.approx(path.speed_m_s * path.ramp_s / 2, rel=0.05)
-    assert hypot(later.vx, later.vy) == pytest.approx(path.speed_m_s)
+    assert way == pytest.approx(full * ramp / 2, rel=0.05)
+    assert hypot(later.vx, later.vy) == pytest.approx(full)
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)

@@ -1,0 +1,54 @@
+"""A lane change: straight, over to a parallel line, straight; and back again if it is a double one.
+
+The shape is that of the tracks of [ISO2018], as a line to follow instead of a lane between cones: over the length of
+the change the offset is 10 u^3 - 15 u^4 + 6 u^5 of its whole (u from 0 to 1), which begins and ends without curvature.
+"""
+
+from math import radians
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.paths.parallel import Coordinate
+from agrobot_mj.paths.profile import Timed
+from agrobot_mj.paths.track import Course, placed, samples
+from agrobot_mj.signals import Array
+from agrobot_mj.spec import HUGE, Positive
+
+
+class LaneChange(Timed):
+    """A single or double lane change."""
+
+    kind: Literal["lane_change"] = "lane_change"
+    offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
+    """To the other line, left positive [m]. Estimate: three track widths."""
+    change_m: Positive = 12.0
+    """Length of the change along the line [m]. Estimate: with the offset, bends of 8.8 m radius."""
+    straight_m: Positive = 20.0
+    """Length of each straight, before, between and after [m]. Estimate: room to swing in."""
+    double: bool = False
+    """Whether it comes back."""
+    heading_deg: float = 0.0
+    """Direction of the lines from east, counter-clockwise [deg]."""
+    start_x_m: Coordinate = 0.0
+    """Start, east [m]."""
+    start_y_m: Coordinate = 0.0
+    """Start, north [m]."""
+
+    def course(self) -> Course:
+        """Straights and changes."""
+        changes = 2 if self.double else 1
+        end = changes * (self.straight_m + self.change_m) + self.straight_m
+        count = max(samples(end + changes * abs(self.offset_m)), int(64 * min(end / self.change_m, 1e4)))
+        x = np.linspace(0.0, end, count)
+        y, slope = self._over(x - self.straight_m)
+        if self.double:
+            back, back_slope = self._over(x - 2 * self.straight_m - self.change_m)
+            y, slope = y - back, slope - back_slope
+        return placed((self.start_x_m, self.start_y_m, radians(self.heading_deg)), x, y, slope)
+
+    def _over(self, x: Array) -> tuple[Array, Array]:
+        """Offset [m] and slope [-] at `x` [m] from the beginning of a change."""
+        u = np.clip(x / self.change_m, 0.0, 1.0)
+        return self.offset_m * u**3 * (10 - 15 * u + 6 * u**2), self.offset_m * 30 * u**2 * (1 - u) ** 2 / self.change_m

@@ -1,0 +1,130 @@
+"""Work on a field: parallel straight passes, driven to and fro, with a turn at either end.
+
+A `Parallel` says where its first pass heads and on which side the others lie. Turns keep to two shapes:
+
+- `u`: two quarter arcs and a straight between them, for passes at least two radii apart. Closer neighbours are left
+  for later: it goes on n passes farther and comes back n + 1, n = 2 radii / swath rounded up, in blocks of 2 n + 1.
+- `omega`: away from the next pass, round in a bulb, and away again: three arcs of the same radius, so that neighbours
+  follow each other. Neighbours two radii apart or more take the `u`.
+
+The curvature steps where arcs and straights meet. The field ends where the passes end: turns lie outside. After the
+last pass the tractor leaves the field straight on. `passes_s` gives the times between which each pass counts: the first
+`run_in_m` metres, in which the tractor swings in, do not.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import acos, ceil, pi
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agrobot_mj.paths.arc import Pose, Speed
+from agrobot_mj.paths.profile import Timed
+from agrobot_mj.paths.track import Course, Piece, chain
+from agrobot_mj.spec import HUGE, NonNegative, Positive
+
+Count = Annotated[int, Field(ge=1, le=1000)]
+LEAVE_M = 5.0
+"""Straight on after the last pass, so that a tractor behind its time ends it too [m]."""
+Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
+
+
+class Parallel(Timed):
+    """Parallel passes; a kind says which way they run."""
+
+    length_m: Positive = 100.0
+    """Length of a pass [m]; estimate: a field of 1 ha is 100 m by 100 m."""
+    swath_m: Positive = 2.0
+    """Working width: from each pass to its neighbour [m]. Estimate: implements of compact tractors."""
+    count: Count = 4
+    """Number of passes [-]; estimate: a small field."""
+    turn: Literal["u", "omega"] = "omega"
+    """Shape of the turns; with `u` and a swath below two turn radii, passes are skipped and taken later."""
+    turn_radius_m: Positive = 3.0
+    """Radius of all arcs of a turn [m]. Estimate: 25 deg of steering, half of what the tractor has."""
+    turn_speed_m_s: Speed = 1.0
+    """Largest speed in a turn [m/s]. Estimate: what a driver takes."""
+    run_in_m: NonNegative = 20.0
+    """Beginning of each pass that `passes_s` leaves out, at most half a pass [m]. Estimate: until it has swung in."""
+    start_x_m: Coordinate = 0.0
+    """Start of the first pass, east [m]."""
+    start_y_m: Coordinate = 0.0
+    """Start of the first pass, north [m]."""
+
+    @property
+    def lie(self) -> tuple[float, float]:
+        """Direction of the first pass [rad] and the side on which the others lie: 1 left, -1 right."""
+        raise NotImplementedError
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The passes, numbered from the first across the field, in the order in which they are driven.
+
+        Raises ValueError where U turns leave no order.
+        """
+        across = ceil(2 * self.turn_radius_m / self.swath_m - 1e-9)
+        if self.turn == "omega" or across <= 1:
+            return tuple(range(self.count))
+        if 1 < self.count < 2 * across + 1:
+            raise ValueError(
+                f"count: U turns of radius {self.turn_radius_m:g} m over swaths of {self.swath_m:g} m need 1 or at "
+                f'least {2 * across + 1} passes, got {self.count}; set turn = "omega" or a smaller turn_radius_m'
+            )
+        return tuple(skipping(self.count, across))
+
+    @property
+    def passes_s(self) -> tuple[tuple[float, float], ...]:
+        """(start, end) of each pass in the order in which they are driven, its run-in left out [s]."""
+        pieces, motion, ends, way = self._pieces(), self.motion, [], 0.0
+        for piece, is_pass in pieces:
+            if is_pass:
+                ends.append((motion.when(way + self.run_in_m), motion.when(way + piece.length)))
+            way += piece.length
+        return tuple(ends)
+
+    def course(self) -> Course:
+        """All passes and turns."""
+        if self.run_in_m > self.length_m / 2:
+            raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g})")
+        start = Pose(self.start_x_m, self.start_y_m, self.lie[0])
+        return chain(start, (piece for piece, _ in self._pieces()))
+
+    def _pieces(self) -> Iterator[tuple[Piece, bool]]:
+        """Each piece, and whether it is a pass."""
+        side, order = self.lie[1], self.order
+        yield Piece(self.length_m), True
+        for k, (here, there) in enumerate(pairwise(order)):
+            forth = 1 if k % 2 == 0 else -1
+            for piece in self._turn(side * forth * (there - here) * self.swath_m):
+                yield piece, False
+            yield Piece(self.length_m), True
+        yield Piece(LEAVE_M), False
+
+    def _turn(self, left: float) -> list[Piece]:
+        """A turn to the opposite pass `left` metres to the left."""
+        r, v, away = self.turn_radius_m, self.turn_speed_m_s, abs(left)
+        bend = 1 / r if left > 0 else -1 / r
+        if away >= 2 * r * (1 - 1e-9):
+            quarter = Piece(r * pi / 2, bend, v)
+            return [quarter, Piece(away - 2 * r, 0.0, v), quarter]
+        flare = acos((1 + away / (2 * r)) / 2)
+        outwards = Piece(r * flare, -bend, v)
+        return [outwards, Piece(r * (pi + 2 * flare), bend, v), outwards]
+
+
+def skipping(count: int, across: int) -> Iterator[int]:
+    """An order of `count` passes, at least 2 `across` + 1, of which none follows one that is less than `across` away.
+
+    Blocks of 2 `across` + 1 go on by `across`, or back by one more; the rest at the end takes its two halves by turns.
+    """
+    block, first = 2 * across + 1, 0
+    while first < count:
+        rest = count - first
+        size = block if rest == block or rest >= 2 * block else rest
+        if size == block:
+            yield from (first + k * across % block for k in range(block))
+        else:
+            half = -(-size // 2)
+            yield from (first + k // 2 + half * (k % 2) for k in range(size))
+        first += size

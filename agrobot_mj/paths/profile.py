@@ -1,0 +1,141 @@
+"""When a course is where: the fastest speed from rest within all limits, and the reference that follows from it.
+
+The limits are the path's `speed_m_s`, the speed that a piece of the course allows, the lateral acceleration v^2 kappa
+and the acceleration along the path. The squared speed is linear in the distance between two joints, so that the
+position is the exact integral of the velocity. The reference waits at the start before time 0 and goes straight on at
+its last speed beyond the end.
+"""
+
+from bisect import bisect_right
+from functools import cached_property, lru_cache
+from math import sqrt
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
+from agrobot_mj.paths.track import Course, affordable
+from agrobot_mj.signals import Array, Reference
+from agrobot_mj.spec import Spec
+
+Acceleration = Annotated[float, Field(ge=0.01, le=10)]
+
+
+def fastest(lengths: Array, limits: Array, acceleration: float) -> Array:
+    """Largest speeds at the joints of pieces of `lengths` [m], shape (n,), from rest, shape (n + 1,) [m/s].
+
+    `limits` [m/s], shape (n,), hold on the whole piece; the speed changes by at most `acceleration` [m/s2].
+    """
+    most = np.concatenate(([0.0], np.minimum(limits[:-1], limits[1:]), limits[-1:])) ** 2
+    gained = 2 * acceleration * np.concatenate(([0.0], np.cumsum(lengths)))
+    rising = np.minimum.accumulate(most - gained) + gained
+    falling = np.minimum.accumulate((most + gained)[::-1])[::-1] - gained
+    return np.sqrt(np.maximum(np.minimum(rising, falling), 0.0))
+
+
+class Motion:
+    """A course with its times."""
+
+    def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
+        """Limits: `speed` [m/s], `lateral` acceleration and `acceleration` along the course [m/s2]."""
+        course = course.divided()
+        curvature = np.abs(course.curvatures)
+        in_bends = np.sqrt(lateral / np.maximum(curvature, 1e-12))
+        v = fastest(course.lengths, np.minimum(np.minimum(speed, course.speeds), in_bends), acceleration)
+        durations = 2 * course.lengths / (v[:-1] + v[1:])
+        self.course = course
+        self.distances = course.distances()
+        self.times = np.concatenate(([0.0], np.cumsum(durations)))
+        self.speeds = v
+        self._starts: list[float] = self.times.tolist()
+        self._poses = [Pose(*pose) for pose in zip(*(part.tolist() for part in course.joints()), strict=True)]
+        self._curvatures = [*course.curvatures.tolist(), 0.0]
+        self._speeds: list[float] = v.tolist()
+        self._gains = [*(np.diff(v) / durations).tolist(), 0.0]
+
+    @property
+    def duration(self) -> float:
+        """From rest to the end of the course [s]."""
+        return self._starts[-1]
+
+    @cached_property
+    def max_curvature(self) -> float:
+        """Largest absolute curvature [1/m]."""
+        return float(np.abs(self.course.curvatures).max())
+
+    @cached_property
+    def sharpest(self) -> Place:
+        """Where it is."""
+        return self.course.sharpest()
+
+    def when(self, distance: float) -> float:
+        """The time [s] at which the reference is `distance` [m] along the course."""
+        k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
+        way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
+        return self._starts[k] + 2 * way / max(v + sqrt(max(v * v + 2 * a * way, 0.0)), 1e-12)
+
+    def at(self, t: float) -> Reference:
+        """The reference at any time `t` [s]."""
+        if t <= 0.0:
+            return reference(self._poses[0], self._curvatures[0], 0.0)
+        k = bisect_right(self._starts, t) - 1
+        dt, v, a = t - self._starts[k], self._speeds[k], self._gains[k]
+        curvature = self._curvatures[k]
+        return reference(advance(self._poses[k], curvature, dt * (v + a * dt / 2)), curvature, v + a * dt)
+
+
+class Timed(Spec):
+    """What paths have in common whose speed follows from limits; a kind gives its `course`."""
+
+    kind: str
+    speed_m_s: Speed = 1.2
+    """Largest speed of the reference [m/s]; estimate: as the paper's figure 8."""
+    acceleration_m_s2: Acceleration = 0.3
+    """Largest change of speed, from rest at the start [m/s2]. Estimate: what a driver takes."""
+    lateral_acceleration_m_s2: Acceleration = 0.5
+    """Largest speed squared times curvature: it slows down in bends [m/s2]. Estimate: comfort on a tractor."""
+
+    @model_validator(mode="after")
+    def _has_a_course(self) -> Self:
+        affordable(float(self.course().lengths.sum()))
+        return self
+
+    def course(self) -> Course:
+        """The way, whatever the time. Raises ValueError where the keys make none."""
+        raise NotImplementedError
+
+    @property
+    def motion(self) -> Motion:
+        """The way and its times; built once."""
+        return _motion(self)
+
+    @property
+    def duration_s(self) -> float:
+        """From rest to the end [s]."""
+        return self.motion.duration
+
+    @property
+    def turns_s(self) -> tuple[tuple[float, float], ...]:
+        """The whole way is one turn: ((start, end),) [s]."""
+        return ((0.0, self.duration_s),)
+
+    @property
+    def max_curvature(self) -> float:
+        """Largest absolute curvature [1/m]."""
+        return self.motion.max_curvature
+
+    @property
+    def sharpest(self) -> Place:
+        """Where the curvature is largest."""
+        return self.motion.sharpest
+
+    def at(self, t: float) -> Reference:
+        """The reference at time `t` [s] since the start; any `t`, it goes straight on."""
+        return _motion(self).at(t)
+
+
+@lru_cache(maxsize=16)
+def _motion(path: Any) -> Motion:
+    limits = path.speed_m_s, path.lateral_acceleration_m_s2, path.acceleration_m_s2
+    return Motion(path.course(), *limits)

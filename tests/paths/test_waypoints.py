@@ -1,0 +1,190 @@
+"""Waypoints: the way through them, and what is said of files that are none."""
+
+import os
+from math import pi
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.cli import main
+from agrobot_mj.paths import Waypoints, sample
+from agrobot_mj.paths.waypoint_file import MOST_BYTES, MOST_ROWS
+from agrobot_mj.problems import ScenarioError
+
+
+def route(folder, rows, header="", name="route.csv"):
+    """A file of waypoints; its path."""
+    file = folder / name
+    file.write_text(header + "\n".join(",".join(str(value) for value in row) for row in rows) + "\n")
+    return str(file)
+
+
+def ring(radius=20.0, count=24):
+    angles = np.linspace(0, 2 * pi, count, endpoint=False)
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
+
+
+def polyline(path):
+    return sample(path, np.linspace(0, path.duration_s, 5000))
+
+
+def gaps(path, points):
+    """Distance of each waypoint from the way."""
+    way = polyline(path)
+    return np.array([np.hypot(*(way - point).T).min() for point in np.asarray(points)[:, :2]])
+
+
+@pytest.mark.parametrize("header", ["", "x,y\n", '"east [m]", north\n\n'])
+def test_without_smoothing_the_way_passes_every_waypoint(tmp_path, header):
+    points = ring()[:18]
+    path = Waypoints(file=route(tmp_path, points, header), smoothing_m=0)
+    assert gaps(path, points).max() < 0.02
+    assert path.at(0)[:2] == pytest.approx(points[0])
+    assert path.at(path.duration_s)[:2] == pytest.approx(points[-1], abs=0.01)
+
+
+def test_a_ring_of_waypoints_is_a_circle(tmp_path):
+    path = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, laps=2)
+    way = polyline(path)
+    assert np.hypot(*way.T) == pytest.approx(20, abs=0.01)
+    assert path.max_curvature == pytest.approx(1 / 20, rel=0.03)
+    assert path.motion.distances[-1] == pytest.approx(2 * 2 * pi * 20, rel=1e-3)
+    (a, b), (c, d) = path.turns_s
+    assert (a, b, d) == (0.0, c, path.duration_s)
+    assert path.at(b)[:2] == pytest.approx((20, 0), abs=0.01)
+    assert path.at(d)[:2] == pytest.approx((20, 0), abs=0.01)
+
+
+def test_a_last_row_that_repeats_the_first_may_stand(tmp_path):
+    closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0)
+    repeated = Waypoints(file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0)
+    assert repeated.duration_s == pytest.approx(closed.duration_s)
+
+
+def test_smoothing_takes_noise_out(tmp_path):
+    x = np.arange(0, 60, 1.0)
+    noisy = np.column_stack([x, np.random.default_rng(1).normal(0, 0.05, x.size)])
+    file = route(tmp_path, noisy)
+    smooth, through = Waypoints(file=file, smoothing_m=0.06), Waypoints(file=file, smoothing_m=0)
+    assert smooth.max_curvature < 0.05 * through.max_curvature
+    assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
+
+
+def test_the_speed_of_the_waypoints_is_a_limit_and_so_is_the_key(tmp_path):
+    rows = [(x, 0, 2.0 if x < 50 else 0.5) for x in range(0, 101, 10)]
+    path = Waypoints(file=route(tmp_path, rows, "x,y,speed\n"), speed_m_s=1.5)
+    grid = np.linspace(0, path.duration_s, 2000).tolist()
+    x, v = np.array([(r.x, r.vx) for r in map(path.at, grid)]).T
+    assert v[x > 50.5].max() == pytest.approx(0.5)
+    assert v.max() == pytest.approx(1.5)
+
+
+def test_three_waypoints_are_enough(tmp_path):
+    path = Waypoints(file=route(tmp_path, [(0, 0), (10, 1), (20, 0)]))
+    assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
+
+
+def test_a_changed_file_is_another_path(tmp_path):
+    file = route(tmp_path, [(0, 0), (10, 1), (20, 0)])
+    before = Waypoints(file=file)
+    end = before.at(before.duration_s).x
+    route(tmp_path, [(0, 0), (10, 1), (30, 0)])
+    os.utime(file, ns=(1, 1))
+    after = Waypoints(file=file)
+    assert before != after
+    assert after.at(after.duration_s).x == pytest.approx(end + 10, abs=0.1)
+
+
+GOOD = "0,0\n10,0\n20,0\n"
+FAULTS = {
+    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write metres with a decimal point"),
+    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has 3 columns|row 1: y is not a number"),
+    "not a number": (GOOD + "nan,0\n", "row 4: x is nan; give a finite number"),
+    "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; give a finite number"),
+    "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
+    "duplicates": ("x,y\n0,0\n\n10,0\n10,0\n20,0\n", "row 5: repeats the waypoint before it; leave it out"),
+    "empty": ("", "has 0 waypoints; give at least 3"),
+    "only a header": ("x,y\n", "has 0 waypoints; give at least 3"),
+    "two points": ("0,0\n1,1\n", "has 2 waypoints; give at least 3"),
+    "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one above 0 and at most 5"),
+    "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one above 0 and at most 5"),
+    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; give one above 0 and at most 5"),
+    "one column": ("0\n1\n2\n", "row 1: has 1 columns; give x, y or x, y, speed"),
+    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; give x, y or x, y, speed"),
+    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, those before 3; give every row the same"),
+    "a map's coordinates": (
+        "x,y\n6e5,5.6e6\n600010,5.6e6\n600020,5.6e6\n",
+        "row 2: x is 600000 m, more than 100 km from the origin; subtract",
+    ),
+    "a second header": (GOOD + "x,y\n", "row 4: x is not a number: 'x'"),
+    "too many": (
+        "".join(f"{k},0\n" for k in range(MOST_ROWS + 1)),
+        f"has {MOST_ROWS + 1} waypoints, at most {MOST_ROWS}",
+    ),
+    "long": ("0,0\n90e3,0\n0,1\n", "km long, at most 50 km"),
+    "a null byte": ("0,0\n1,\x001\n2,0\n", "row 2: y is not a number"),
+}
+
+
+def refused(tmp_path, file):
+    """The message for a scenario that names `file`."""
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(f'[path]\nkind = "waypoints"\nfile = "{file}"\n')
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(scenario)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_names_file_row_and_fix(tmp_path, name):
+    content, text = FAULTS[name]
+    (tmp_path / "route.csv").write_text(content)
+    message = refused(tmp_path, "route.csv")
+    where = "mine.toml: path" if name == "long" else "mine.toml: path.file: route.csv"
+    assert message.startswith(f"{where}: ")
+    assert any(part in message for part in text.split("|"))
+    assert "\n" not in message
+
+
+def test_what_is_no_text_file_is_refused(tmp_path):
+    (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
+    assert "binary.csv: is not a text file" in refused(tmp_path, "binary.csv")
+    (tmp_path / "folder.csv").mkdir()
+    assert "folder.csv: is a folder; name a CSV file" in refused(tmp_path, "folder.csv")
+    assert "nowhere.csv: no such file; give its path" in refused(tmp_path, "nowhere.csv")
+    with (tmp_path / "huge.csv").open("wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    assert "huge.csv: has 2 MB, at most 2; leave out" in refused(tmp_path, "huge.csv")
+    assert "path.file" in refused(tmp_path, "a" * 5000)
+
+
+def test_too_much_smoothing_is_refused(tmp_path):
+    file = route(tmp_path, ring(radius=3))
+    with pytest.raises(ValueError, match="smoothing_m: 900 m leaves no way"):
+        Waypoints(file=file, closed=True, smoothing_m=900)
+
+
+def test_a_hairpin_beyond_the_steering_names_its_place(tmp_path):
+    route(tmp_path, [(0, 0), (10, 0), (20, 0), (20.5, 0.5), (20, 1), (10, 1), (0, 1)])
+    message = refused(tmp_path, "route.csv")
+    assert message.startswith("mine.toml: path: its curvature of ")
+    place = message.split("at (")[1].split(")")[0].split(", ")
+    assert float(place[0]) == pytest.approx(20.5, abs=0.5)
+    assert float(place[1]) == pytest.approx(0.5, abs=0.5)
+    assert "the limit is 45 deg" in message
+
+
+def test_the_command_exits_with_2_and_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "route.csv").write_text(GOOD + "nan,0\n")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["agrobot-mj", "run", str(scenario)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2
+    assert said.count("\n") == 1
+    assert "route.csv: row 4" in said
+    assert "Traceback" not in said
