@@ -104,6 +104,7 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
         cone_index=1e3 * tyre.cone_index_kpa if isinstance(tyre, Soil) else 0.0,
         grip=np.ones(4),
         carcass=np.ones(4),
+        rolling=np.ones(4),
     )
 
 
@@ -166,7 +167,7 @@ def wheel_step(
     f_x, f_y, held, used = force(tyres.law, c, firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing)
     bristle[0], bristle[1] = held * z_x, held * z_y
     loaded = tyres.radius[i] - patch.penetration
-    axle_torque = rolling_torque(tyres, load, r_e, patch.spin) - (r_e - loaded) * f_x
+    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * f_x
     moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(
         tyres, slip_y, f_y
     )

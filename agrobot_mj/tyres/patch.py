@@ -55,6 +55,8 @@ class TyreSet(NamedTuple):
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
     """Scale of each wheel's slip stiffness, written by faults, shape (4,) [-]."""
+    rolling: Array
+    """Scale of each wheel's rolling resistance, written by faults, shape (4,) [-]."""
 
 
 class Footing(NamedTuple):
@@ -165,9 +167,9 @@ def soft_sign(v: float, width: float) -> float:
 
 
 @jit
-def rolling_torque(tyres: TyreSet, load: float, r_e: float, spin: float) -> float:
-    """Rolling resistance about the axle, against the spin [N m]."""
-    return -tyres.rolling_resistance * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
+def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
+    """Rolling resistance of wheel `i` about the axle, against the spin [N m]."""
+    return -tyres.rolling[i] * tyres.rolling_resistance * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
 @jit
