@@ -1,9 +1,10 @@
 """An implement at the hitch: plough, cultivator, trailer. It resists every motion with its pull."""
 
 from math import exp, log1p, sqrt
-from typing import Literal
+from typing import Annotated, Literal
 
 from numpy.random import Generator
+from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.noise import Noise, noise
@@ -20,7 +21,7 @@ class Drawbar(Scripted):
     machine = True
 
     kind: Literal["drawbar"] = "drawbar"
-    pull_n: NonNegative = 1500.0
+    pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
     """Mean pull [N]. Estimate: a fifth of the weight, a light cultivator (500-3000)."""
     noise_share: NonNegative = 0.0
     """Standard deviation over the mean [-]. None by default; in soil 0.1-0.3, estimate."""

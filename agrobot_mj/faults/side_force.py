@@ -1,8 +1,9 @@
 """A force from the side: wind, or the side draught of an implement."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from numpy.random import Generator
+from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.noise import Noise, noise
@@ -16,7 +17,7 @@ class SideForce(Scripted):
     machine = True
 
     kind: Literal["side_force"] = "side_force"
-    force_n: float = 300.0
+    force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
     """Mean force to the left [N]. Estimate: wind of 15 m/s on 2 m2; side draught up to 1000."""
     gust_share: NonNegative = 0.0
     """Standard deviation over the mean [-]. None by default; wind 0.2-0.5, estimate."""

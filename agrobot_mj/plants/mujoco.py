@@ -139,7 +139,7 @@ class MujocoPlant:
         )
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
-        """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when there is no such tractor."""
+        """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
         try:
             added = laden(self.chassis.bare, payload).mass - self.chassis.bare.mass
         except ValueError as error:

@@ -169,7 +169,8 @@ def soft_sign(v: float, width: float) -> float:
 @jit
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
     """Rolling resistance of wheel `i` about the axle, against the spin [N m]."""
-    return -tyres.rolling[i] * tyres.rolling_resistance * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
+    share = tyres.rolling_resistance * float(tyres.rolling[i])
+    return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
 @jit
