@@ -8,14 +8,32 @@ from pydantic import Field
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.drawbar import Drawbar
 from agrobot_mj.faults.friction import Friction
+from agrobot_mj.faults.gnss_float import GnssFloat
+from agrobot_mj.faults.gnss_latency import GnssLatency
 from agrobot_mj.faults.gnss_loss import GnssLoss
 from agrobot_mj.faults.payload import Payload
 from agrobot_mj.faults.side_force import SideForce
 from agrobot_mj.faults.soft_tyre import SoftTyre
+from agrobot_mj.faults.steering_pot_bias import SteeringPotBias
+from agrobot_mj.faults.steering_pot_stuck import SteeringPotStuck
+from agrobot_mj.faults.valve_wear import ValveWear
 from agrobot_mj.randomness import stream
 from agrobot_mj.signals import GOOD_DAY, Conditions, PointMass
 
-Fault = Annotated[Drawbar | Friction | GnssLoss | Payload | SideForce | SoftTyre, Field(discriminator="kind")]
+Fault = Annotated[
+    Drawbar
+    | Friction
+    | GnssFloat
+    | GnssLatency
+    | GnssLoss
+    | Payload
+    | SideForce
+    | SoftTyre
+    | SteeringPotBias
+    | SteeringPotStuck
+    | ValveWear,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 
 class Script:
@@ -24,8 +42,12 @@ class Script:
     def __init__(self, faults: Sequence[Scripted], seed: int) -> None:
         self.faults = tuple(faults)
         self.states: list[Any] = [
-            fault.init(stream(seed, f"fault.{fault.subject}.{fault.start_s:g}")) for fault in self.faults
+            fault.init(stream(seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults
         ]
+
+    def active(self, t: float) -> int:
+        """How many faults act at `t` [s]."""
+        return sum(fault.active(t) for fault in self.faults)
 
     def conditions(self, t: float, dt: float) -> Conditions:
         """Of the tick of length `dt` [s] that begins at `t` [s]; to be asked once a tick, in order."""
@@ -65,6 +87,20 @@ def _window(fault: Scripted) -> str:
 
 
 __all__ = [
-    *("Drawbar", "Fault", "Friction", "GnssLoss", "Payload", "Script", "Scripted", "SideForce", "SoftTyre"),
-    *("clashes", "loadings"),
+    "Drawbar",
+    "Fault",
+    "Friction",
+    "GnssFloat",
+    "GnssLatency",
+    "GnssLoss",
+    "Payload",
+    "Script",
+    "Scripted",
+    "SideForce",
+    "SoftTyre",
+    "SteeringPotBias",
+    "SteeringPotStuck",
+    "ValveWear",
+    "clashes",
+    "loadings",
 ]
