@@ -38,8 +38,7 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Rotation (3, 3) that stands on a plane of this normal and heads towards `yaw` [rad]."""
-    heading = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    forward = heading - (heading @ normal) * normal
+    """Rotation (3, 3) that stands on a plane of this normal, with its nose towards `yaw` as seen from above [rad]."""
+    forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)
