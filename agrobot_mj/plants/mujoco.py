@@ -109,6 +109,8 @@ class MujocoPlant:
         mujoco.mj_kinematics(self.model, self.data)
         for _ in range(self.settle_ticks):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+            if self._fallen:
+                break
         mujoco.mj_forward(self.model, self.data)
         self.ticks = 0
         return self.truth()
@@ -208,6 +210,10 @@ class MujocoPlant:
         x, y = self.motion[0], self.motion[1]
         if not isfinite(self.motion.sum()) or abs(self.motion[6:12]).max() > UNEARTHLY_SPEED:
             return "diverged"
-        if self.data.xmat[CHASSIS, 8] < ROLLOVER_COSINE:
+        if self._fallen:
             return "rolled_over"
         return None if self.ground.covers(x, y) else "left_terrain"
+
+    @property
+    def _fallen(self) -> bool:
+        return bool(self.data.xmat[CHASSIS, 8] < ROLLOVER_COSINE)
