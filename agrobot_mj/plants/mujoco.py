@@ -11,7 +11,7 @@ from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import wrap
 from agrobot_mj.hydraulics import Cylinder, Valve, ailing, come_to_rest, static_flow, valve_law
 from agrobot_mj.plants.contacts import Contacts
-from agrobot_mj.plants.loads import PULL, SIDE, no_loads
+from agrobot_mj.plants.loads import AHEAD, CENTRE, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.model import simulation_model, tractor_spec
 from agrobot_mj.plants.payload import Chassis, laden
 from agrobot_mj.plants.pose import pose_on
@@ -101,7 +101,7 @@ class MujocoPlant:
         self._befall(conditions)
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
-        self.loads.deflection[:] = 0.0
+        self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         come_to_rest(self.valve_memory)
         drive_at_rest(self.drive_memory)
         roll = self.model.joint("axle_roll").qposadr[0]
@@ -155,10 +155,13 @@ class MujocoPlant:
         self.valve = ailing(self.sound_valve, conditions.valve_gain, conditions.valve_dead_band)
         tyres = self.tyred.tyres
         tyres.grip[:] = conditions.grip
-        tyres.carcass[:] = conditions.tyre_stiffness
-        tyres.stiffness[:] = self.vertical * tyres.carcass
-        tyres.rolling[:] = conditions.tyre_rolling
-        self.loads.given[PULL], self.loads.given[SIDE] = conditions.drawbar, conditions.side_force
+        tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
+        tyres.stiffness[:] = self.vertical * tyres.carcass[:, 0]
+        self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
+        self.loads[CENTRE:] = self.model.body_ipos[CHASSIS]
+        if not conditions.drawbar:
+            self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        self.data.xfrc_applied[CHASSIS] = 0.0
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""

@@ -7,7 +7,7 @@ from agrobot_mj.compiled import jit
 from agrobot_mj.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.hydraulics import ValveLaw, ValveMemory, valve_step
 from agrobot_mj.plants.engine import kinematics, step1, step2
-from agrobot_mj.plants.loads import Loads, apply_loads
+from agrobot_mj.plants.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.views import CHASSIS, Views
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain.grid import Ground
@@ -103,7 +103,7 @@ def relieve(v: Views, oil: Oil) -> None:
 def run_steps(
     v: Views,
     tyred: Tyred,
-    loads: Loads,
+    loads: Array,
     oil: Oil,
     valve: ValveLaw,
     valve_memory: ValveMemory,
@@ -113,12 +113,14 @@ def run_steps(
     samples: Array,
 ) -> None:
     """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
+    loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
     for i in range(samples.shape[1]):
         v.ctrl[STEERING] = valve_step(valve, valve_memory, voltages[0]) / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
         relieve(v, oil)
         step1(v.model, v.data)
-        apply_loads(v, loads, drive.dt)
+        if loaded:
+            apply_loads(v, loads, drive.dt)
         if not tyred.native:
             apply_tyres(v, tyred, drive.dt)
         step2(v.model, v.data)

@@ -25,7 +25,6 @@ class Views(NamedTuple):
     qpos: Array
     qvel: Array
     xpos: Array
-    xipos: Array
     xmat: Array
     cvel: Array
     root_com: Array
@@ -53,7 +52,6 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         qpos=data.qpos,
         qvel=data.qvel,
         xpos=data.xpos,
-        xipos=data.xipos,
         xmat=data.xmat,
         cvel=data.cvel,
         root_com=data.subtree_com[CHASSIS],

@@ -9,7 +9,7 @@ import pytest
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Cylinder, Valve
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.plants.loads import GIVE
+from agrobot_mj.plants.loads import AHEAD, GIVE
 from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Drive, PointMass, Reference
 from agrobot_mj.spec import every
 from agrobot_mj.terrain import Flat, Slope
@@ -210,14 +210,14 @@ def test_parked_with_an_implement_it_stays_parked(pull, dt):
 def test_at_standstill_the_resistance_fades_and_does_not_push_back():
     under = Under(GOOD_DAY._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
-    full = abs(under.plant.loads.deflection[0])
+    full = abs(under.plant.loads[AHEAD])
     for _ in range(60):
         pedal = under.truth.pedal
         under.advance(Drive(NEUTRAL_V, NEUTRAL_V - 10 * pedal - 0.31 * np.sign(pedal)))
     stopped = under.truth
     speeds = [under.advance().speed for _ in range(600)]
     assert full == pytest.approx(GIVE, rel=0.01)
-    assert abs(under.plant.loads.deflection[0]) < 0.3 * GIVE
+    assert abs(under.plant.loads[AHEAD]) < 0.3 * GIVE
     assert np.abs(speeds[200:]).max() < 0.01
     assert abs(under.truth.x - stopped.x) < 0.05
 

@@ -24,7 +24,7 @@ def ground(**properties):
 def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
     """Report of a rear wheel after its relaxation; slips as ratio (driving positive) and tangent."""
     tyres = tyre_set(tyre, TractorParameters())
-    tyres.grip[:], tyres.carcass[:] = grip, share
+    tyres.grip[:], tyres.carcass[:, 0] = grip, share
     bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
     centre, velocity = (x, 0.0, RADIUS - SUNK), (SPEED, SPEED * slip_y, 0.0)
     rotation = (0.0, SPEED * (1 + slip_x) / (RADIUS - SUNK / 3), 0.0)
