@@ -73,12 +73,10 @@ def test_the_hash_knows_the_faults():
 
 
 def test_a_clock_that_rounds_moves_no_window():
-    """0.05 s times 3 is a little more than 0.15, times 6 in single steps a little less than 0.3."""
-    (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.3})
-    for step in (0.05, 25 * 0.002, 1 / 20):
-        assert [fault.active(k * step) for k in range(8)] == [3 <= k < 6 for k in range(8)]
-    clock = np.cumsum([0.0] + 7 * [0.05])
-    assert [fault.active(t) for t in clock] == [3 <= k < 6 for k in range(8)]
+    """0.05 s times 3 is a little more than 0.15, and the sum of eight a little less than 0.4."""
+    (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.4})
+    for clock in (0.05 * np.arange(10), 25 * 0.002 * np.arange(10), np.cumsum([0.0] + 9 * [0.05])):
+        assert [fault.active(t) for t in clock] == [3 <= k < 8 for k in range(10)]
 
 
 def test_the_log_counts_the_faults_that_act():
@@ -148,7 +146,23 @@ def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
     assert quality == 100 * [Quality.FLOAT] + 100 * [Quality.NONE] + 200 * [Quality.FLOAT] + 100 * [Quality.FIX]
 
 
-def test_faults_of_one_place_add_up():
+@pytest.mark.parametrize(
+    ("table", "field", "once", "twice"),
+    [
+        ({"kind": "gnss_latency", "latency_s": 0.2}, "gnss_latency_s", 0.2, 0.4),
+        ({"kind": "steering_pot_bias", "bias_deg": 3.0}, "steer_pot_bias", np.radians(3), np.radians(6)),
+        ({"kind": "valve_wear", "gain_share": 0.5}, "valve_gain", 0.5, 0.25),
+        ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
+    ],
+)
+def test_a_fault_adds_to_what_is_there(table, field, once, twice):
+    (fault,) = faults(table)
+    _, one = fault.apply(None, GOOD_DAY, 0.0, TICK_S)
+    _, two = fault.apply(None, one, 0.0, TICK_S)
+    assert (getattr(one, field), getattr(two, field)) == pytest.approx((once, twice))
+
+
+def test_faults_of_different_kinds_all_count():
     day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
     assert day == GOOD_DAY._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_stuck=True)
 
