@@ -24,9 +24,9 @@ GIVE = 0.03
 EASE = 10.0
 """At rest the resistance eases off over this time [s]. Estimate; it lets a stuck tractor creep by 3 mm/s at most."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
-"""Entries of the loads, shape (9,): pull and side force (left positive) [N]; place of the hitch behind the rear axle and
-above the ground [m]; z above, ahead and to the left in the chassis frame [m]; from there on the chassis' own centre of
-mass in its frame [m]. All in one array, since each argument of the compiled loop costs time."""
+"""Entries of the loads, shape (9,): pull and side force (left positive) [N]; place of the hitch behind the rear axle
+and above the ground [m]; z above, ahead and to the left in the chassis frame [m]; from there on the chassis' own centre
+of mass in its frame [m]. All in one array, since each argument of the compiled loop costs time."""
 
 
 def no_loads(behind: float, height: float) -> Array:
