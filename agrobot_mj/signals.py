@@ -79,6 +79,19 @@ class Quality:
     FIX = 2
 
 
+class PointMass(NamedTuple):
+    """A mass on the chassis."""
+
+    kg: float
+    """Negative for ballast taken away [kg]."""
+    ahead: float
+    """Of R, the point on the ground below the rear axle [m]."""
+    left: float
+    """Of R [m]."""
+    up: float
+    """Above R [m]."""
+
+
 class Conditions(NamedTuple):
     """What befalls the tractor in one tick; the defaults are those of a good day."""
 
@@ -96,18 +109,18 @@ class Conditions(NamedTuple):
     """Share of the steering valve's flow that is left [-]."""
     valve_dead_band: float = 0.0
     """Added to the steering valve's dead band, either side [V]."""
-    payload_kg: float = 0.0
-    """Mass rigidly added to the chassis, negative for ballast taken away [kg]."""
-    payload_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Its place ahead of, to the left of and above R [m]."""
+    payload: tuple[PointMass, ...] = ()
+    """Masses rigidly added to the chassis."""
     drawbar: float = 0.0
-    """Pull of an implement at the drawbar, against the motion [N]."""
+    """Pull of an implement at the hitch, against the motion [N]."""
     side_force: float = 0.0
-    """On the CG, horizontally, to the left of the heading [N]."""
+    """On the centre of mass, horizontally, to the left of the heading [N]."""
     grip: float = 1.0
     """Scale of the ground's friction under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     """Share of the vertical and slip stiffness that is left of the tyres fl, fr, rl, rr [-]."""
+    tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    """Rolling resistance of the tyres fl, fr, rl, rr over that of sound ones [-]."""
 
 
 GOOD_DAY = Conditions()

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from agrobot_mj.faults import Script
+from agrobot_mj.faults import Script, loadings
 from agrobot_mj.geometry import to_heading
 from agrobot_mj.log import COLUMNS, Log, Rows
 from agrobot_mj.metrics import metrics
@@ -51,7 +51,7 @@ class Loop:
         s = self.scenario = scenario
         self.plant, self.ground = build_plant(scenario), scenario.terrain.ground()
         self.l_r, self.limit = s.tractor.cg_to_rear_axle, s.tractor.steer_limit
-        self.truth = self.plant.reset(s.path.at(0.0))
+        self.truth = self.plant.reset(s.path.at(0.0), Script(s.fault, s.seed).conditions(0.0, TICK_S))
         truth = self.truth
         self.sensing = s.sensors.init(s.seed)
         self.estimation = s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor)
@@ -117,7 +117,10 @@ def build_plant(scenario: Scenario) -> RunningPlant:
     try:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, *common)
-        return MujocoPlant(s.plant, *common)
+        plant = MujocoPlant(s.plant, *common)
+        for k, payload in loadings(s.fault):
+            plant.weigh(payload, f"fault[{k}]")
+        return plant
     except ValueError as error:
         raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None
 

@@ -59,6 +59,10 @@ class TractorParameters(Spec):
     """Stops of the steering at the bicycle's virtual wheel, either way [deg]. Paper, section V-B."""
     antenna_height_m: NonNegative = 2.0
     """GNSS antenna above level ground, straight above the rear axle [m]. Paper, section V-A."""
+    hitch_behind_m: NonNegative = 0.55
+    """Hitch behind the rear axle [m]. Estimate (0.45-0.7)."""
+    hitch_height_m: NonNegative = 0.35
+    """Hitch above level ground [m]. Estimate (0.3-0.45)."""
 
     @model_validator(mode="after")
     def _cg_between_the_axles(self) -> "TractorParameters":

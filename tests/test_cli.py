@@ -151,6 +151,8 @@ def test_another_plant_for_a_scenario_with_tyres(call):
     [
         ("left_terrain", ["terrain.half_size_m=2", "plant.kind=bicycle"]),
         ("rolled_over", ["terrain.kind=slope", "terrain.grade_deg=44.0", "plant.settle_s=0.0"]),
+        ("stuck", ["fault=[{kind='drawbar', pull_n=8000.0}]"]),
+        ("stuck", ["plant.tyre={kind='soil', cone_index_kpa=60.0}"]),
     ],
 )
 def test_a_run_that_ends_otherwise_leaves_its_files_and_status_1(call, outcome, sets):

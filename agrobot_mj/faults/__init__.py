@@ -6,21 +6,29 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
+from agrobot_mj.faults.drawbar import Drawbar
 from agrobot_mj.faults.friction import Friction
 from agrobot_mj.faults.gnss_float import GnssFloat
 from agrobot_mj.faults.gnss_latency import GnssLatency
 from agrobot_mj.faults.gnss_loss import GnssLoss
+from agrobot_mj.faults.payload import Payload
+from agrobot_mj.faults.side_force import SideForce
+from agrobot_mj.faults.soft_tyre import SoftTyre
 from agrobot_mj.faults.steering_pot_bias import SteeringPotBias
 from agrobot_mj.faults.steering_pot_stuck import SteeringPotStuck
 from agrobot_mj.faults.valve_wear import ValveWear
 from agrobot_mj.randomness import stream
-from agrobot_mj.signals import GOOD_DAY, Conditions
+from agrobot_mj.signals import GOOD_DAY, Conditions, PointMass
 
 Fault = Annotated[
-    Friction
+    Drawbar
+    | Friction
     | GnssFloat
     | GnssLatency
     | GnssLoss
+    | Payload
+    | SideForce
+    | SoftTyre
     | SteeringPotBias
     | SteeringPotStuck
     | ValveWear,
@@ -64,20 +72,35 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
     return found
 
 
+def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
+    """Every payload that the tractor ever carries, each with the index of the fault whose begin or end brings it."""
+    found = []
+    for k, fault in enumerate(faults):
+        if isinstance(fault, Payload):
+            times = (fault.start_s,) if fault.end_s is None else (fault.start_s, fault.end_s)
+            found += [(k, tuple(f.load for f in faults if isinstance(f, Payload) and f.active(t))) for t in times]
+    return found
+
+
 def _window(fault: Scripted) -> str:
     return f"{fault.start_s:g} to {'the end' if fault.end_s is None else f'{fault.end_s:g} s'}"
 
 
 __all__ = [
+    "Drawbar",
     "Fault",
     "Friction",
     "GnssFloat",
     "GnssLatency",
     "GnssLoss",
+    "Payload",
     "Script",
     "Scripted",
+    "SideForce",
+    "SoftTyre",
     "SteeringPotBias",
     "SteeringPotStuck",
     "ValveWear",
     "clashes",
+    "loadings",
 ]

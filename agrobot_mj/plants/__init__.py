@@ -17,8 +17,8 @@ class RunningPlant(Protocol):
 
     scene: Scene
 
-    def reset(self, start: Reference) -> Truth:
-        """Place the tractor at rest on the path's start."""
+    def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
+        """Place the tractor at rest on the path's start, under the conditions of the first tick."""
 
     def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
         """One tick under constant voltages and conditions."""

@@ -199,7 +199,7 @@ class BicyclePlant:
         self.ghost = Ghost(tractor)
         self.scene = self.ghost.scene
 
-    def reset(self, start: Reference) -> Truth:
+    def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
         """Place the tractor at rest with its CG on the path's start."""
         self.state[:] = 0.0
         self.samples[:] = 0.0

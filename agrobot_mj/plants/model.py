@@ -160,13 +160,13 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
         position = _offset(body)
         mass -= body.mass
         moment = moment - body.mass * position
-        inertia = inertia - np.diag(body.inertia) - _steiner(body.mass, position - cg)
+        inertia = inertia - np.diag(body.inertia) - steiner(body.mass, position - cg)
     if mass <= 0:
         raise ValueError(f"tractor.mass_kg: wheels and axle alone weigh {tractor.mass_kg - mass:.0f} kg; raise it")
     centre = moment / mass
-    inertia = inertia - _steiner(mass, centre - cg)
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] <= 0 or principal[2] > principal[0] + principal[1]:
+    inertia = inertia - steiner(mass, centre - cg)
+    if not possible(inertia):
+        principal = np.linalg.eigvalsh(inertia)
         raise ValueError(
             "tractor: roll_, pitch_ and yaw_inertia_kg_m2 leave the chassis an impossible inertia "
             f"(principal moments {np.round(principal, 1).tolist()} kg m2); raise them or make the wheels lighter"
@@ -183,9 +183,15 @@ def _offset(body: mujoco.MjsBody) -> Array:
     return position
 
 
-def _steiner(mass: float, d: Array) -> Array:
+def steiner(mass: float, d: Array) -> Array:
     """Inertia of a point mass at `d` (3,) about the origin, shape (3, 3)."""
     return mass * (d @ d * np.eye(3) - np.outer(d, d))
+
+
+def possible(inertia: Array) -> bool:
+    """Whether a body can have this inertia (3, 3): positive moments, none above the sum of the others."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    return bool(low > 0 and high <= low + middle)
 
 
 def simulation_model(

@@ -1,6 +1,6 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
-from math import atan2, cos, hypot, isfinite, radians
+from math import cos, isfinite, radians
 from typing import Annotated, Literal
 
 import mujoco
@@ -10,17 +10,20 @@ from pydantic import Field
 from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import wrap
 from agrobot_mj.hydraulics import Cylinder, Valve, ailing, come_to_rest, static_flow, valve_law
-from agrobot_mj.plants.model import WHEELS, simulation_model, tractor_spec
+from agrobot_mj.plants.contacts import Contacts
+from agrobot_mj.plants.loads import AHEAD, CENTRE, LEFT, PULL, SIDE, no_loads
+from agrobot_mj.plants.model import simulation_model, tractor_spec
+from agrobot_mj.plants.payload import Chassis, laden
+from agrobot_mj.plants.pose import pose_on
 from agrobot_mj.plants.scene import body_poses, scene_of
-from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
-from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.plants.stepping import Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.views import CHASSIS, views_of
+from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Array, Conditions, Drive, PointMass, Reference, Truth
 from agrobot_mj.spec import Spec
-from agrobot_mj.terrain import Ground, height_and_gradient
-from agrobot_mj.terrain.grid import heights
+from agrobot_mj.terrain import Ground
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
 from agrobot_mj.tyres.laws import tyre_set
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO
 
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
@@ -82,25 +85,32 @@ class MujocoPlant:
         self.sound_valve, self.valve_memory = valve_law(valve, physics_dt)
         self.valve, self.conditions = self.sound_valve, GOOD_DAY
         self.drive, self.drive_memory = drive_law(driveline, physics_dt)
-        self.views = _views(self.model, self.data)
+        self.views = views_of(self.model, self.data)
+        self.contacts = Contacts(self.model, self.data, ground, law, contact.friction)
+        self.loads = no_loads(tractor.hitch_behind_m, tractor.hitch_height_m)
+        self.chassis, self.vertical = Chassis(self.model), law.stiffness.copy()
         self.samples = np.zeros((2, steps))
         self.settle_ticks = round(spec.settle_s / (steps * physics_dt))
         self.tick_s, self.ticks = steps * physics_dt, 0
         self.scene = scene_of(self.model)
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
         self.motion = np.zeros(18)
-        self.velocity = np.zeros(6)
 
-    def reset(self, start: Reference) -> Truth:
-        """Place the tractor at rest with its CG above the path's start, and let it settle on its tyres."""
+    def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
+        """Place the tractor at rest with its CG above the path's start; let it settle under these conditions."""
+        self._befall(conditions)
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
-        self._befall(GOOD_DAY)
+        self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         come_to_rest(self.valve_memory)
         drive_at_rest(self.drive_memory)
-        self.data.qpos[:7] = _pose_on(self.ground, start, self.tractor)
+        roll = self.model.joint("axle_roll").qposadr[0]
+        self.data.qpos[:7], self.data.qpos[roll] = pose_on(self.ground, start, self.tractor)
+        mujoco.mj_kinematics(self.model, self.data)
         for _ in range(self.settle_ticks):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+            if self._fallen:
+                break
         mujoco.mj_forward(self.model, self.data)
         self.ticks = 0
         return self.truth()
@@ -115,9 +125,12 @@ class MujocoPlant:
 
     def step_through(self, drive: Drive) -> None:
         """The physics steps of one tick under constant voltages, without looking at the outcome."""
+        if self.tyred.native:
+            self.contacts.set_friction()
         run_steps(
             self.views,
             self.tyred,
+            self.loads,
             self.oil,
             self.valve,
             self.valve_memory,
@@ -127,11 +140,28 @@ class MujocoPlant:
             self.samples,
         )
 
+    def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
+        """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
+        try:
+            added = laden(self.chassis.bare, payload).mass - self.chassis.bare.mass
+        except ValueError as error:
+            raise ValueError(f"{key}.{error}") from None
+        return self.tractor.mass_kg + added
+
     def _befall(self, conditions: Conditions) -> None:
-        """Put the machine under these conditions."""
+        """Put the machine under these conditions. Raises ValueError for a payload that cannot be."""
+        self.chassis.carry(conditions.payload)
         self.conditions = conditions
         self.valve = ailing(self.sound_valve, conditions.valve_gain, conditions.valve_dead_band)
-        self.tyred.tyres.grip[:] = conditions.grip
+        tyres = self.tyred.tyres
+        tyres.grip[:] = conditions.grip
+        tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
+        tyres.stiffness[:] = self.vertical * tyres.carcass[:, 0]
+        self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
+        self.loads[CENTRE:] = self.model.body_ipos[CHASSIS]
+        if not conditions.drawbar:
+            self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        self.data.xfrc_applied[CHASSIS] = 0.0
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
@@ -165,7 +195,7 @@ class MujocoPlant:
     def wheels(self) -> Array:
         """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
         if self.tyred.native:
-            self._read_contacts()
+            self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
 
     def actuation(self) -> tuple[float, float, float]:
@@ -173,26 +203,6 @@ class MujocoPlant:
         flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
         steering, drive = self.data.actuator_force.tolist()
         return flow, steering / self.oil.displacement, drive
-
-    def _read_contacts(self) -> None:
-        """Fill the report from MuJoCo's contact sensors and the wheels' own motion, in the plane of the ground."""
-        for i, wheel in enumerate(WHEELS):
-            body = self.model.body(f"wheel_{wheel}").id
-            force = self.data.sensor(f"contact_{wheel}").data[:3]
-            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
-            axle = self.data.xmat[body].reshape(3, 3)[:, 1]
-            _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
-            n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
-            forward = np.cross(axle, n)
-            forward /= np.linalg.norm(forward)
-            left = np.cross(n, forward)
-            v_x, v_y = float(self.velocity[3:] @ forward), float(self.velocity[3:] @ left)
-            rim = float(self.velocity[:3] @ axle) * float(self.tyred.tyres.radius[i])
-            upward = force if force @ n >= 0 else -force
-            report = self.tyred.report[i]
-            report[LOAD], report[FORCE_X], report[FORCE_Y] = upward @ n, upward @ forward, upward @ left
-            report[SLIP_ANGLE] = atan2(v_y, max(abs(v_x), 1e-3))
-            report[SLIP_RATIO] = (rim - v_x) / max(abs(v_x), abs(rim), 1e-3)
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
@@ -203,54 +213,10 @@ class MujocoPlant:
         x, y = self.motion[0], self.motion[1]
         if not isfinite(self.motion.sum()) or abs(self.motion[6:12]).max() > UNEARTHLY_SPEED:
             return "diverged"
-        if self.data.xmat[1, 8] < ROLLOVER_COSINE:
+        if self._fallen:
             return "rolled_over"
         return None if self.ground.covers(x, y) else "left_terrain"
 
-
-def _views(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
-    return Views(
-        model=model._address,
-        data=data._address,
-        ctrl=data.ctrl,
-        act=data.act,
-        qpos=data.qpos,
-        qvel=data.qvel,
-        xpos=data.xpos,
-        xmat=data.xmat,
-        cvel=data.cvel,
-        root_com=data.subtree_com[1],
-        xfrc=data.xfrc_applied,
-        wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
-        steer_q=int(model.joint("steer").qposadr[0]),
-        spins_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("rl", "rr")], dtype=np.int64),
-        steer_v=int(model.joint("steer").dofadr[0]),
-        spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
-    )
-
-
-def _pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> Array:
-    """Free-joint position (7,) with the chassis aligned to the ground below its wheels and the CG above the start."""
-    heading = np.array([np.cos(start.yaw), np.sin(start.yaw), 0.0])
-    height, n = _footprint(ground, start, tractor)
-    forward = heading - (heading @ n) * n
-    forward /= np.linalg.norm(forward)
-    rotation = np.stack([forward, np.cross(n, forward), n], axis=1)
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, rotation.ravel())
-    cg = rotation @ np.array([tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m])
-    z = height + cg[:2] @ n[:2] / n[2]
-    return np.concatenate([[start.x - cg[0], start.y - cg[1], z], quat])
-
-
-def _footprint(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[float, Array]:
-    """Height at the start [m] and normal (3,) of the plane along the ground below the wheels that clears them all."""
-    L, l_r, half = tractor.wheelbase_m, tractor.cg_to_rear_axle, tractor.track_m / 2
-    c, s = np.cos(start.yaw), np.sin(start.yaw)
-    wheels = np.array([[L - l_r, half], [L - l_r, -half], [-l_r, half], [-l_r, -half]])
-    x, y = (wheels @ np.array([[c, s], [-s, c]]) + (start.x, start.y)).T
-    below = heights(ground, x, y)
-    ahead = (below[:2].sum() - below[2:].sum()) / (2 * L)
-    left = (below[::2].sum() - below[1::2].sum()) / (4 * half)
-    n = np.array([left * s - ahead * c, -ahead * s - left * c, 1.0])
-    return float((below - wheels @ (ahead, left)).max()), n / np.linalg.norm(n)
+    @property
+    def _fallen(self) -> bool:
+        return bool(self.data.xmat[CHASSIS, 8] < ROLLOVER_COSINE)

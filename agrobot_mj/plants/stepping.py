@@ -1,51 +1,21 @@
-"""One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, tyres, `mj_step2`."""
+"""One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
 from math import atan2, cos, hypot, sin
 from typing import NamedTuple
-
-import numpy as np
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.hydraulics import ValveLaw, ValveMemory, valve_step
 from agrobot_mj.plants.engine import kinematics, step1, step2
+from agrobot_mj.plants.loads import PULL, SIDE, apply_loads
+from agrobot_mj.plants.views import CHASSIS, Views
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, cross
 
-Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-
-
-class Views(NamedTuple):
-    """The arrays of one MjModel and MjData that the loop reads and writes, and where things lie in them."""
-
-    model: int
-    """Address of the mjModel."""
-    data: int
-    """Address of the mjData."""
-    ctrl: Array
-    act: Array
-    qpos: Array
-    qvel: Array
-    xpos: Array
-    xmat: Array
-    cvel: Array
-    root_com: Array
-    """Centre of mass of the tractor, the point to which `cvel` refers, shape (3,)."""
-    xfrc: Array
-    wheels: Index
-    """Body ids, shape (4,)."""
-    steer_q: int
-    """Index of the virtual steering angle in qpos."""
-    spins_q: Index
-    """Indices of the driven wheels' angles in qpos, shape (2,)."""
-    steer_v: int
-    """Index of the virtual steering rate in qvel."""
-    spins_v: Index
-    """Indices of the driven wheels' rates in qvel, shape (2,)."""
 
 
 class Oil(NamedTuple):
@@ -133,6 +103,7 @@ def relieve(v: Views, oil: Oil) -> None:
 def run_steps(
     v: Views,
     tyred: Tyred,
+    loads: Array,
     oil: Oil,
     valve: ValveLaw,
     valve_memory: ValveMemory,
@@ -142,11 +113,14 @@ def run_steps(
     samples: Array,
 ) -> None:
     """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
+    loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
     for i in range(samples.shape[1]):
         v.ctrl[STEERING] = valve_step(valve, valve_memory, voltages[0]) / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
         relieve(v, oil)
         step1(v.model, v.data)
+        if loaded:
+            apply_loads(v, loads, drive.dt)
         if not tyred.native:
             apply_tyres(v, tyred, drive.dt)
         step2(v.model, v.data)
@@ -159,7 +133,7 @@ def run_steps(
 def observe(v: Views, cg: Array, antenna: Array, out: Array) -> None:
     """Write the chassis' motion into `out` (18,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll,
     speed, lateral speed, yaw rate; `cg` and `antenna` (3,) in the chassis frame [m]."""
-    R = v.xmat[1]
+    R = v.xmat[CHASSIS]
     q, w = v.qpos, v.qvel
     omega = (
         R[0] * w[3] + R[1] * w[4] + R[2] * w[5],

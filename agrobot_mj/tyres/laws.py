@@ -103,7 +103,7 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
         trail=trail,
         cone_index=1e3 * tyre.cone_index_kpa if isinstance(tyre, Soil) else 0.0,
         grip=np.ones(4),
-        carcass=np.ones(4),
+        carcass=np.ones((4, 2)),
     )
 
 
@@ -161,12 +161,12 @@ def wheel_step(
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    c, firm = tyres.coefficients[i], tyres.carcass[i]
+    c, firm = tyres.coefficients[i], tyres.carcass[i, 0]
     footing = footing_of(tyres, i, ground, centre[0] + patch.arm[0], centre[1] + patch.arm[1])
     f_x, f_y, held, used = force(tyres.law, c, firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing)
     bristle[0], bristle[1] = held * z_x, held * z_y
     loaded = tyres.radius[i] - patch.penetration
-    axle_torque = rolling_torque(tyres, load, r_e, patch.spin) - (r_e - loaded) * f_x
+    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * f_x
     moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(
         tyres, slip_y, f_y
     )

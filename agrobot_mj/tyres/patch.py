@@ -55,7 +55,7 @@ class TyreSet(NamedTuple):
     grip: Array
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
-    """Scale of each wheel's slip stiffness, written by faults, shape (4,) [-]."""
+    """Scales of each wheel's slip stiffness and rolling resistance, written by faults, shape (4, 2) [-]."""
 
 
 class Footing(NamedTuple):
@@ -186,9 +186,10 @@ def soft_sign(v: float, width: float) -> float:
 
 
 @jit
-def rolling_torque(tyres: TyreSet, load: float, r_e: float, spin: float) -> float:
-    """Rolling resistance about the axle, against the spin [N m]."""
-    return -tyres.rolling_resistance * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
+def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
+    """Rolling resistance of wheel `i` about the axle, against the spin [N m]."""
+    share = tyres.rolling_resistance * float(tyres.carcass[i, 1])
+    return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
 @jit

@@ -421,19 +421,25 @@ import numba
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Cylinder, Valve
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.signals import Drive, Reference
+from agrobot_mj.signals import GOOD_DAY, Drive, PointMass, Reference
 from agrobot_mj.spec import every
 from agrobot_mj.terrain import Slope
+from agrobot_mj.terrain.patches import Circle
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Tyre
 
 def run(tyre):
-    ground = Slope(grade_deg=7, direction_deg=20).ground()
+    wet = Circle(x_m=0.2, y_m=0.5, radius_m=1.0, friction=0.6, cone_index_kpa=700.0)
+    ground = Slope(grade_deg=7, direction_deg=20, patch=(wet,)).ground()
+    rough = GOOD_DAY._replace(
+        payload=(PointMass(90.0, -0.5, 0.2, 0.8),), drawbar=800.0, side_force=-300.0, grip=0.9,
+        tyre_stiffness=(1.0, 0.5, 1.0, 1.0), tyre_rolling=(1.0, 1.4, 1.0, 1.0),
+    )
     spec = Mujoco(tyre=tyre, settle_s=0.1)
     plant = MujocoPlant(spec, TractorParameters(), Valve(delay_s=0.02), Cylinder(), Driveline(), ground, 0.002, 25)
     plant.reset(Reference(0, 0, 0, 0, 0.3, 0))
     for k in range(3):
-        truth = plant.advance(Drive(9.0, 11.0))
+        truth = plant.advance(Drive(9.0, 11.0), rough)
     return [*truth[:14], *truth.antenna, *plant.wheels().tolist(), *plant.data.qvel.tolist()]
 
 answers = [run(tyre()) for tyre in every(Tyre) if tyre is not Contact]

@@ -1,0 +1,39 @@
+"""An implement at the hitch: plough, cultivator, trailer. It resists every motion with its pull."""
+
+from math import exp, log1p, sqrt
+from typing import Annotated, Literal
+
+from numpy.random import Generator
+from pydantic import Field
+
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.faults.noise import Noise, noise
+from agrobot_mj.signals import Conditions
+from agrobot_mj.spec import NonNegative, Positive
+
+
+class Drawbar(Scripted):
+    """A pull against the motion, constant or as uneven as the soil.
+
+    The uneven pull is log-normal, so that it is never negative and keeps its mean. Its place is the tractor's hitch.
+    """
+
+    machine = True
+
+    kind: Literal["drawbar"] = "drawbar"
+    pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
+    """Mean pull [N]. Estimate: a fifth of the weight, a light cultivator (500-3000)."""
+    noise_share: NonNegative = 0.0
+    """Standard deviation over the mean [-]. None by default; in soil 0.1-0.3, estimate."""
+    noise_time_s: Positive = 0.5
+    """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""
+
+    def init(self, generator: Generator) -> Noise:
+        """The unevenness."""
+        return noise(generator)
+
+    def apply(self, state: Noise, conditions: Conditions, t: float, dt: float) -> tuple[Noise, Conditions]:
+        """Add the pull."""
+        spread = log1p(self.noise_share**2)
+        pull = self.pull_n * exp(sqrt(spread) * state.value - spread / 2)
+        return state.step(dt, self.noise_time_s), conditions._replace(drawbar=conditions.drawbar + pull)

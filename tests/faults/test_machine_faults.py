@@ -1,0 +1,104 @@
+"""Faults of the machine as specs: what they ask of the plant, how they overlap, and what is refused before a run."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.faults import Drawbar, Payload, Script, SideForce, SoftTyre, loadings
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.scenario import resolve
+from agrobot_mj.signals import GOOD_DAY, TICK_S, PointMass
+from agrobot_mj.simulate import Loop, build_plant
+
+
+def days(*faults, seconds=10.0, seed=1):
+    script = Script(faults, seed)
+    return [script.conditions(k * TICK_S, TICK_S) for k in range(round(seconds / TICK_S))]
+
+
+def correlation_time(x):
+    """Time over which the autocorrelation falls to 37 % [s], from its first lag."""
+    y = x - x.mean()
+    return -TICK_S / np.log((y[1:] @ y[:-1]) / (y @ y))
+
+
+def test_an_uneven_pull_keeps_its_mean_and_is_never_negative():
+    pulls = np.array([day.drawbar for day in days(Drawbar(pull_n=2000, noise_share=0.5), seconds=3000)])
+    assert pulls.min() > 0
+    assert pulls.mean() == pytest.approx(2000, rel=0.05)
+    assert pulls.std() == pytest.approx(1000, rel=0.1)
+    assert correlation_time(np.log(pulls)) == pytest.approx(0.5, rel=0.15)
+
+
+def test_a_constant_pull_is_constant():
+    assert {day.drawbar for day in days(Drawbar(pull_n=1234.5))} == {1234.5}
+
+
+def test_gusts_vary_about_the_mean():
+    forces = np.array([day.side_force for day in days(SideForce(force_n=-400, gust_share=0.3), seconds=4000)])
+    assert forces.mean() == pytest.approx(-400, rel=0.05)
+    assert forces.std() == pytest.approx(120, rel=0.1)
+    assert correlation_time(forces) == pytest.approx(2.0, rel=0.2)
+
+
+def test_payloads_at_different_places_add_up():
+    front, rear = Payload(mass_kg=80, ahead_m=1.6, end_s=1.0), Payload(mass_kg=-50, ahead_m=-0.4)
+    first, *_, last = days(front, rear)
+    assert first.payload == (PointMass(80, 1.6, 0, 0.7), PointMass(-50, -0.4, 0, 0.7))
+    assert last.payload == (PointMass(-50, -0.4, 0, 0.7),)
+    assert loadings((front, rear)) == [(0, first.payload), (0, last.payload), (1, first.payload)]
+
+
+def test_two_tyres_may_be_soft_but_not_one_twice():
+    first, *_ = days(SoftTyre(wheel="fl"), SoftTyre(wheel="rr", stiffness_share=0.5, rolling_share=2.0))
+    assert first.tyre_stiffness == (0.4, 1, 1, 0.5)
+    assert first.tyre_rolling == (1.6, 1, 1, 2.0)
+    resolve({"fault": [{"kind": "soft_tyre", "wheel": wheel} for wheel in ("fl", "fr")]}, "x")
+    with pytest.raises(ScenarioError, match=r"fault\[1\]: overlaps fault\[0\]"):
+        resolve({"fault": [{"kind": "soft_tyre", "wheel": "fl"}] * 2}, "x")
+
+
+def test_nothing_asks_for_nothing():
+    nothing = (
+        Payload(mass_kg=0),
+        Drawbar(pull_n=0, noise_share=1),
+        SideForce(force_n=0),
+        SoftTyre(stiffness_share=1, rolling_share=1),
+    )
+    assert set(days(*nothing)) == {GOOD_DAY}
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        (
+            [{"mass_kg": -600.0, "ahead_m": 0.5, "start_s": 30.0}],
+            r"fault\[0\]\.mass_kg: leaves the chassis -10 of its 59",
+        ),
+        ([{"mass_kg": -200.0, "ahead_m": 1.8}], r"fault\[0\]\.mass_kg: .*impossible inertia"),
+        (
+            [
+                {"mass_kg": 300.0, "ahead_m": 0.5, "end_s": 5.0},
+                {"mass_kg": -500.0, "ahead_m": 0.5, "up_m": 0.6},
+                {"mass_kg": -150.0, "ahead_m": 0.5, "up_m": 0.65},
+            ],
+            r"fault\[0\]\.mass_kg: ",
+        ),
+    ],
+    ids=["too much", "too far out", "once the other has gone"],
+)
+def test_an_impossible_tractor_is_refused_before_the_run(tables, message):
+    scenario = resolve({"fault": [{"kind": "payload", **table} for table in tables]}, "mine")
+    with pytest.raises(ScenarioError, match=message):
+        build_plant(scenario)
+
+
+def test_the_tractor_settles_under_what_befalls_it_from_the_start():
+    loaded = load_scenario("straight_line").changed({"fault": [{"kind": "payload", "mass_kg": 200.0}]})
+    loop = Loop(loaded)
+    pitch = loop.truth.pitch
+    for _ in range(20):
+        drive, _ = loop.tick()
+        loop.advance(drive._replace(pedal_voltage=6.0))
+    assert pitch < -0.005  # it sits on its rear tyres from the start
+    assert loop.truth.pitch == pytest.approx(pitch, abs=5e-4)

@@ -1,0 +1,337 @@
+"""Payload, drawbar, side force and soft tyres on the MuJoCo tractor, against statics and the tyres' own curves."""
+
+from math import atan, degrees, radians
+
+import mujoco
+import numpy as np
+import pytest
+
+from agrobot_mj.driveline import Driveline
+from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.loads import AHEAD, GIVE
+from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Drive, PointMass, Reference
+from agrobot_mj.spec import every
+from agrobot_mj.terrain import Flat, Slope
+from agrobot_mj.tractor import GRAVITY, TractorParameters
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
+from agrobot_mj.tyres.laws import force, tyre_set
+from agrobot_mj.tyres.patch import FORCE_X, LOAD, SLIP_RATIO, Footing
+from agrobot_mj.validation.driver import Driver, track_course
+
+TRACTOR, REST = TractorParameters(), Drive(NEUTRAL_V, NEUTRAL_V)
+L, L_R, T = TRACTOR.wheelbase_m, TRACTOR.cg_to_rear_axle, TRACTOR.track_m
+ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FORCE_TYRES = [tyre for tyre in every(Tyre) if tyre is not Contact]
+TANK = PointMass(150.0, -0.6, 0.2, 0.9)
+SOFT_LEFT = GOOD_DAY._replace(tyre_stiffness=(1, 1, 0.4, 1), tyre_rolling=(1, 1, 1.6, 1))
+
+
+class Under:
+    """A plant under constant conditions, as a `Driver` takes it."""
+
+    def __init__(self, conditions=GOOD_DAY, tyre=None, terrain=Flat(), settled=None, dt=0.002, **driveline):
+        steps = round(0.05 / dt)
+        self.plant = MujocoPlant(
+            Mujoco(tyre=tyre or MagicFormula()),
+            *(TRACTOR, Valve(), Cylinder(), Driveline(**driveline), terrain.ground(), dt, steps),
+        )
+        self.conditions = conditions
+        self.truth = self.plant.reset(ORIGIN, conditions if settled is None else settled)
+
+    def advance(self, drive=REST):
+        self.truth = self.plant.advance(drive, self.conditions)
+        return self.truth
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / 0.05)):
+            self.advance()
+        return self.truth
+
+    def wheels(self):
+        return self.plant.wheels()
+
+    def report(self):
+        return self.wheels().reshape(6, 4)
+
+    def drive(self, speed, seconds, steer=0.0):
+        self.driver = Driver(self, self.truth, speed)
+        return self.driver.go(seconds, steer)
+
+    def state(self):
+        return self.plant.data.qpos.tobytes() + self.plant.data.qvel.tobytes() + self.wheels().tobytes()
+
+
+# --- payload ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tyre", every(Tyre))
+@pytest.mark.parametrize(
+    "payload",
+    [(TANK,), (PointMass(-60.0, 1.3, 0.0, 0.6),), (PointMass(80.0, 1.6, 0.0, 0.7), PointMass(80.0, -0.6, 0.0, 0.7))],
+    ids=["tank", "ballast taken away", "both ends"],
+)
+def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
+    under = Under(GOOD_DAY._replace(payload=payload), tyre())
+    under.wait(4.0)
+    load = under.report()[LOAD]
+    extra = sum(m.kg for m in payload)
+    front = TRACTOR.front_axle_load + GRAVITY * sum(m.kg * m.ahead for m in payload) / L
+    assert load.sum() == pytest.approx((TRACTOR.mass_kg + extra) * GRAVITY, rel=1e-3)
+    assert load[:2].sum() == pytest.approx(front, rel=0.01)
+    assert load[2:].sum() == pytest.approx((TRACTOR.mass_kg + extra) * GRAVITY - front, rel=0.01)
+    assert under.plant.model.body_subtreemass[1] == pytest.approx(TRACTOR.mass_kg + extra)
+    assert under.plant.weigh(payload, "") == pytest.approx(TRACTOR.mass_kg + extra)
+
+
+def test_a_payload_on_the_left_loads_the_left_wheels_and_the_tractor_leans_to_it():
+    under = Under(GOOD_DAY._replace(payload=(TANK,)))
+    roll = under.wait(4.0).roll
+    load = under.report()[LOAD]
+    height = (TRACTOR.mass_kg * TRACTOR.cg_height_m + TANK.kg * TANK.up) / (TRACTOR.mass_kg + TANK.kg)
+    moment = GRAVITY * (TANK.kg * TANK.left + (TRACTOR.mass_kg + TANK.kg) * height * np.sin(-roll))
+    assert roll < 0
+    assert (load[::2].sum() - load[1::2].sum()) * T / 2 == pytest.approx(moment, rel=0.01)
+
+
+def test_centre_and_inertia_of_the_whole_are_those_of_the_sum():
+    """Against a model that MuJoCo itself compiles with a point mass on its chassis."""
+    under = Under()
+    under.plant.chassis.carry((TANK,))
+    found = mujoco.MjData(under.plant.model)
+    mujoco.mj_forward(under.plant.model, found)
+    bare = Under().plant.model
+    data = mujoco.MjData(bare)
+    mujoco.mj_forward(bare, data)
+    d = np.array(TANK[1:]) - data.subtree_com[1]
+    share = TANK.kg / (TRACTOR.mass_kg + TANK.kg)
+    assert found.subtree_com[1] == pytest.approx(data.subtree_com[1] + share * d, abs=1e-12)
+    # the mass matrix seen by the free joint's rotation about R
+    arm = np.array(TANK[1:])
+    M, M_bare = np.zeros((2, bare.nv, bare.nv))
+    mujoco.mj_fullM(under.plant.model, found, M)
+    mujoco.mj_fullM(bare, data, M_bare)
+    added = TANK.kg * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    assert (M - M_bare)[3:6, 3:6] == pytest.approx(added, abs=1e-9)
+    assert (M - M_bare)[:3, :3] == pytest.approx(TANK.kg * np.eye(3), abs=1e-9)
+
+
+def test_dropping_a_payload_on_the_way_disturbs_nothing_but_the_loads():
+    under = Under(GOOD_DAY._replace(payload=(TANK,)))
+    under.drive(1.2, 6.0)
+    before = under.truth
+    model = under.plant.model
+    under.plant._befall(GOOD_DAY)
+    assert under.plant.truth()._replace(steer_samples=0, pedal_samples=0) == before._replace(
+        steer_samples=0, pedal_samples=0
+    )
+    fresh = Under().plant.model
+    for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat", "body_subtreemass", "dof_invweight0"):
+        assert getattr(model, name).tobytes() == getattr(fresh, name).tobytes(), name
+    under.conditions = GOOD_DAY
+    trace = under.drive(1.2, 6.0)
+    assert np.abs(np.diff(trace["speed"])).max() < 0.05
+    assert under.report()[LOAD].sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=0.01)
+    assert under.plant.warnings() == 0
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [((PointMass(-700.0, 0.5, 0.0, 0.6),), "take less away"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
+    ids=["mass", "inertia"],
+)
+def test_more_than_there_is_cannot_be_taken_away(payload, words):
+    plant = Under().plant
+    before = plant.model.body_mass.tobytes()
+    with pytest.raises(ValueError, match=rf"^fault\[3\]\.mass_kg: .*{words}"):
+        plant.weigh(payload, "fault[3]")
+    assert plant.model.body_mass.tobytes() == before
+
+
+# --- drawbar ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pull", [1000.0, 2500.0])
+@pytest.mark.parametrize("tyre", [Linear(rolling_resistance=0.05), MagicFormula(), Soil()], ids=lambda t: t.kind)
+def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
+    under = Under(GOOD_DAY._replace(drawbar=pull), tyre)
+    trace = under.drive(1.2, 15.0)
+    report = trace.wheels[-40:].mean(axis=0)
+    free = Under(GOOD_DAY, tyre).drive(1.2, 15.0).wheels[-40:].mean(axis=0)
+    load, slip, forward = report[LOAD], report[SLIP_RATIO], report[FORCE_X]
+    sunk = load[2] / TRACTOR.rear_tyre_stiffness_n_m
+    assert trace.mean("speed", 2.0) == pytest.approx(1.2, rel=0.005)
+    assert forward.sum() == pytest.approx(pull, rel=0.01)
+    height = TRACTOR.hitch_height_m + 2 / 3 * sunk  # above the line of the tyres' effective radius
+    assert (free - report)[LOAD, :2].sum() == pytest.approx(pull * height / L, rel=0.03)
+    assert load.sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=2e-3)
+
+    tyres = tyre_set(tyre, TRACTOR)
+    footing = Footing(1.0, tyres.cone_index)
+    gross, *_ = force(tyres.law, tyres.coefficients[2], -slip[2], 0.0, load[2], sunk, 1.2, footing)
+    if not isinstance(tyre, Soil):  # whose motion resistance is in the report, but not in the curve
+        assert forward[2] == pytest.approx(gross, rel=0.02)
+    r_e = TRACTOR.rear_wheel_radius_m - sunk / 3
+    rolling = tyres.rolling_resistance * load[2:].sum()
+    torque = under.plant.actuation()[2]
+    assert torque == pytest.approx((2 * gross + rolling) * r_e, rel=0.02)
+    if not isinstance(tyre, Soil):  # the work of the pull and of all rolling resistance
+        assert torque == pytest.approx((pull + tyres.rolling_resistance * TRACTOR.mass_kg * GRAVITY) * r_e, rel=0.02)
+
+
+def test_slip_grows_with_the_pull_faster_than_the_pull():
+    slips = []
+    for pull in (500.0, 1500.0, 3000.0):
+        slips.append(Under(GOOD_DAY._replace(drawbar=pull)).drive(1.2, 10.0).wheels[-20:].mean(axis=0)[SLIP_RATIO, 2])
+    assert slips == sorted(slips)
+    assert (slips[2] - slips[1]) / 1500 > 1.2 * (slips[1] - slips[0]) / 1000
+
+
+def test_an_implement_resists_backwards_too():
+    under = Under(GOOD_DAY._replace(drawbar=1500.0))
+    trace = under.drive(-0.8, 12.0)
+    assert trace.mean("speed", 2.0) == pytest.approx(-0.8, rel=0.01)
+    assert trace.wheels[-20:].mean(axis=0)[FORCE_X].sum() == pytest.approx(-1500.0, rel=0.01)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.005])
+@pytest.mark.parametrize("pull", [1500.0, 1e5])
+def test_parked_with_an_implement_it_stays_parked(pull, dt):
+    """Its tyres take over from the soil while that eases, and nothing trembles."""
+    under = Under(GOOD_DAY._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
+    early = under.wait(5.0)
+    speeds = [under.advance().speed for _ in range(200)]
+    late = under.truth
+    assert np.hypot(late.x - early.x, late.y - early.y) < 2e-3
+    assert np.abs(speeds[-100:]).max() < 2e-4
+    assert under.plant.warnings() == 0
+
+
+def test_at_standstill_the_resistance_fades_and_does_not_push_back():
+    under = Under(GOOD_DAY._replace(drawbar=1500.0))
+    under.drive(1.0, 8.0)
+    full = abs(under.plant.loads[AHEAD])
+    for _ in range(60):
+        pedal = under.truth.pedal
+        under.advance(Drive(NEUTRAL_V, NEUTRAL_V - 10 * pedal - 0.31 * np.sign(pedal)))
+    stopped = under.truth
+    speeds = [under.advance().speed for _ in range(600)]
+    assert full == pytest.approx(GIVE, rel=0.01)
+    assert abs(under.plant.loads[AHEAD]) < 0.3 * GIVE
+    assert np.abs(speeds[200:]).max() < 0.01
+    assert abs(under.truth.x - stopped.x) < 0.05
+
+
+def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
+    under = Under(GOOD_DAY._replace(drawbar=8000.0), settled=GOOD_DAY)
+    trace = under.drive(1.2, 12.0)
+    late = trace["x"][-100:]
+    assert np.ptp(late) < 0.1
+    assert under.report()[SLIP_RATIO, 2] > 0.9
+    assert abs(trace.mean("speed", 3.0)) < 0.02
+    assert under.plant.warnings() == 0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_in_a_turn_the_hitch_is_held_back_along_its_own_course(side):
+    """The hitch runs wide of the turn, so that its pull has a part that turns the tractor out of it."""
+    free, held = (Under(GOOD_DAY._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
+    assert 0 < side * held.mean("yaw_rate", 2.0) < 0.99 * side * free.mean("yaw_rate", 2.0)
+
+
+# --- side force ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_side_force_makes_the_tractor_crab_as_the_cornering_stiffness_says(side):
+    """The rear axle carries F l_f / L; with heading and steering the weighted mean slip is F / (C_f + C_r)."""
+    tyre, wind = Linear(), 600.0
+    under = Under(GOOD_DAY._replace(side_force=side * wind), tyre)
+    trace = under.drive(1.2, 30.0, track_course())
+    C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
+    heading, steer = trace.mean("yaw", 3.0), trace.mean("steer", 3.0)
+    assert heading == pytest.approx(-side * atan(wind * (L - L_R) / L / C_r), rel=0.03)
+    weighted = (C_f * (heading + steer) + C_r * heading) / (C_f + C_r)
+    assert weighted == pytest.approx(-side * wind / (C_f + C_r), rel=0.03)
+    forces = trace.wheels[-20:].mean(axis=0)
+    assert forces[4].sum() == pytest.approx(-side * wind, rel=0.02)
+    assert side * trace.mean("roll", 1.0) < 0
+    leaning = TRACTOR.mass_kg * GRAVITY * abs(trace.mean("roll", 1.0))
+    moment = (wind + leaning) * TRACTOR.cg_height_m
+    lifted = side * (forces[LOAD, ::2].sum() - forces[LOAD, 1::2].sum()) * T / 2
+    assert lifted == pytest.approx(moment, rel=0.03)
+
+
+def test_a_parked_tractor_leans_on_a_side_force_and_stays():
+    under = Under(GOOD_DAY._replace(side_force=800.0))
+    early = under.wait(5.0)
+    late = under.wait(10.0)
+    assert late.roll < -radians(0.2)  # the left side down
+    assert np.hypot(late.x - early.x, late.y - early.y) < 1e-3
+
+
+# --- soft tyres ---------------------------------------------------------------------------------------------------
+
+
+def test_on_a_soft_rear_tyre_the_tractor_leans_as_its_spring_says():
+    under = Under(SOFT_LEFT)
+    roll = under.wait(4.0).roll
+    load = under.report()[LOAD]
+    k = TRACTOR.rear_tyre_stiffness_n_m
+    sunk = load[2] / (0.4 * k) - load[3] / k
+    assert roll == pytest.approx(-sunk / T, rel=0.02)
+    assert degrees(roll) < -0.7
+    assert load.sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=1e-3)
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_a_soft_tyre_pulls_to_its_side(left):
+    conditions = SOFT_LEFT if left else GOOD_DAY._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
+    sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (GOOD_DAY, conditions))
+    assert abs(sound) < radians(0.01)
+    assert (soft if left else -soft) > radians(0.5)
+
+
+def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
+    both = GOOD_DAY._replace(tyre_stiffness=(1, 1, 0.4, 0.4), tyre_rolling=(1, 1, 1.6, 1.6))
+    sound, soft = Under(tyre=MagicFormula()), Under(both, tyre=MagicFormula())
+    push = []
+    for under in (sound, soft):
+        under.drive(1.2, 18.0)
+        push.append(np.mean([under.driver.go(0.05) and under.plant.actuation()[2] for _ in range(40)]))
+    rolling = 0.05 * TRACTOR.rear_axle_load * 0.6 * TRACTOR.rear_wheel_radius_m
+    assert push[1] - push[0] == pytest.approx(rolling, rel=0.06)
+    windy = [Under(c._replace(side_force=500.0)) for c in (GOOD_DAY, both)]
+    wind = [under.drive(1.2, 25.0, track_course()).mean("yaw", 3.0) for under in windy]
+    assert wind[1] / wind[0] == pytest.approx(1 / 0.4, rel=0.1)
+
+
+# --- all of them --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tyre", every(Tyre))
+def test_disturbances_of_nothing_change_no_bit(tyre):
+    """Also after they have been there: a reset forgets them."""
+    nothing = GOOD_DAY._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
+    plain, other = Under(GOOD_DAY, tyre()), Under(nothing, tyre())
+    for under in (plain, other):
+        for k in range(40):
+            under.advance(Drive(NEUTRAL_V + 2 * np.sin(k), 8.0))
+    assert plain.state() == other.state()
+    rough = GOOD_DAY._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.5)
+    other.conditions = rough
+    other.wait(1.0)
+    other.conditions = GOOD_DAY
+    other.plant.reset(ORIGIN)
+    other.truth = None
+    for k in range(40):
+        other.advance(Drive(NEUTRAL_V + 2 * np.sin(k), 8.0))
+    assert plain.state() == other.state()
+
+
+@pytest.mark.parametrize("tyre", FORCE_TYRES)
+def test_halving_the_step_changes_little_under_all_of_them(tyre):
+    rough = SOFT_LEFT._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.8)
+    coarse, fine = (Under(rough, tyre(), dt=dt).drive(1.2, 6.0, 0.1) for dt in (0.002, 0.001))
+    for name, room in (("x", 0.02), ("y", 0.02), ("speed", 0.02), ("yaw", 0.01), ("roll", 0.01)):
+        assert np.abs(coarse[name] - fine[name]).max() < room, name

@@ -1,0 +1,104 @@
+"""Friction and soil of the ground below a wheel, under every law of the tyre."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.spec import every
+from agrobot_mj.terrain import Flat
+from agrobot_mj.terrain.patches import Rectangle
+from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD
+
+LAWS = [law for law in every(Tyre) if law is not Contact]
+REAR, SUNK, SPEED = 2, 0.0144, 1.5
+RADIUS = TractorParameters().rear_wheel_radius_m
+
+
+def ground(**properties):
+    """Level, with a patch of 4 m about the origin."""
+    return Flat(patch=(Rectangle(length_m=4.0, width_m=4.0, **properties),)).ground()
+
+
+def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
+    """Report of a rear wheel after its relaxation; slips as ratio (driving positive) and tangent."""
+    tyres = tyre_set(tyre, TractorParameters())
+    tyres.grip[:], tyres.carcass[:, 0] = grip, share
+    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    centre, velocity = (x, 0.0, RADIUS - SUNK), (SPEED, SPEED * slip_y, 0.0)
+    rotation = (0.0, SPEED * (1 + slip_x) / (RADIUS - SUNK / 3), 0.0)
+    for _ in range(3000):
+        wheel_step(tyres, REAR, on, centre, (0.0, 1.0, 0.0), velocity, rotation, 0.002, bristle, wrench, report)
+    return report
+
+
+@pytest.mark.parametrize("where", ["patch", "fault"])
+@pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+def test_friction_scales_the_peak_and_not_the_stiffness_at_small_slip(tyre, where):
+    dry, grip = Flat().ground(), 0.5
+    wet = ground(friction=grip) if where == "patch" else dry
+    scale = 1.0 if where == "patch" else grip
+    for slips, force in (((1.0, 0.0), FORCE_X), ((0.0, 1.0), FORCE_Y)):
+        push = resisting(tyre) if force == FORCE_X else 0.0
+        x, y = slips
+        peaks = [
+            max(abs(steady(tyre, on, s * x, s * y, grip=g)[force] + push) for s in (0.05, 0.1, 0.2, 0.4, 0.8, 1.2))
+            for on, g in ((dry, 1.0), (wet, scale))
+        ]
+        assert peaks[1] / peaks[0] == pytest.approx(grip, rel=0.1)
+        small = [steady(tyre, on, 0.002 * x, 0.002 * y, grip=g)[force] + push for on, g in ((dry, 1.0), (wet, scale))]
+        assert small[1] == pytest.approx(small[0], rel=0.03)
+
+
+def resisting(tyre):
+    """What the soil takes off the forward force at no slip [N]."""
+    return -steady(tyre, Flat().ground())[FORCE_X] if isinstance(tyre, Soil) else 0.0
+
+
+@pytest.mark.parametrize("law", [MagicFormula, Soil])
+def test_the_same_force_uses_more_of_less_friction(law):
+    dry, wet = (steady(law(), on, slip_x=0.03) for on in (Flat().ground(), ground(friction=0.5)))
+    assert wet[FRICTION_USE] > 1.5 * dry[FRICTION_USE]
+    assert dry[FRICTION_USE] > 0.1
+
+
+@pytest.mark.parametrize("slips", [(0.1, 0.0), (0.0, -0.15), (-0.3, 0.2)])
+def test_a_patch_of_soil_is_as_a_tyre_on_that_soil(slips):
+    on_patch = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips)
+    own = steady(Soil(cone_index_kpa=500), Flat().ground(), *slips)
+    beside = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips, x=5.0)
+    firm = steady(Soil(cone_index_kpa=1500), Flat().ground(), *slips)
+    assert on_patch.tobytes() == own.tobytes()
+    assert beside.tobytes() == firm.tobytes()
+    assert np.abs(own - firm).max() > 50
+
+
+def test_a_patch_of_friction_alone_leaves_the_soil_as_it_is():
+    alone = steady(Soil(), ground(friction=1.0), 0.1, 0.1)
+    assert alone.tobytes() == steady(Soil(), Flat().ground(), 0.1, 0.1).tobytes()
+
+
+@pytest.mark.parametrize("slips", [(0.02, 0.0), (0.3, 0.3)])
+def test_the_linear_tyre_knows_neither(slips):
+    special = steady(Linear(), ground(friction=0.2, cone_index_kpa=300.0), *slips, grip=0.5)
+    assert special.tobytes() == steady(Linear(), Flat().ground(), *slips).tobytes()
+
+
+@pytest.mark.parametrize("slips", [(0.3, 0.3)])
+def test_the_magic_formula_knows_no_soil(slips):
+    special = steady(MagicFormula(), ground(cone_index_kpa=300.0), *slips)
+    assert special.tobytes() == steady(MagicFormula(), Flat().ground(), *slips).tobytes()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_soft_carcass_lowers_the_stiffness_and_not_the_peak(law):
+    firm, soft = (steady(law(), Flat().ground(), slip_y=0.004, share=share)[FORCE_Y] for share in (1.0, 0.4))
+    assert soft == pytest.approx(0.4 * firm, rel=0.03)
+    if law is not Linear:
+        slips = (0.2, 0.5, 1.0, 3.0)
+        peaks = [
+            max(-steady(law(), Flat().ground(), slip_y=s, share=share)[FORCE_Y] for s in slips) for share in (1, 0.4)
+        ]
+        assert peaks[1] == pytest.approx(peaks[0], rel=0.05)
+    assert steady(law(), Flat().ground(), share=0.4)[LOAD] == steady(law(), Flat().ground())[LOAD]
