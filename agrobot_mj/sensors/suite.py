@@ -1,4 +1,4 @@
-"""RTK-GNSS, steering and pedal potentiometers, optional gyro: truth in, measurement out, once a tick.
+"""RTK-GNSS, steering and pedal potentiometers, optional gyro and IMU: truth in, measurement out, once a tick.
 
 GNSS: position error per axis = white part + first-order Gauss-Markov part [Brown2012], white velocity error;
 it reports the antenna, which swings with roll and pitch. Potentiometers: 100 samples a tick, each with noise
@@ -18,6 +18,7 @@ from pydantic import Field, field_validator, model_validator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
+from agrobot_mj.sensors.imu import Imu, ImuState
 from agrobot_mj.signals import GOOD_DAY, TICK_S, Array, Conditions, Fix, Measurement, Quality, Truth
 from agrobot_mj.spec import Fraction, NonNegative, Positive, Spec
 
@@ -170,6 +171,7 @@ class SensorState(NamedTuple):
     steering_pot: Generator
     pedal_pot: Generator
     gyro: Generator
+    imu: ImuState
 
 
 class Sensors(Spec):
@@ -183,6 +185,8 @@ class Sensors(Spec):
     """On the pedal."""
     gyro: Gyro = Gyro()
     """Yaw rate, off by default."""
+    imu: Imu = Imu()
+    """Roll and pitch, off by default."""
 
     def init(self, seed: int) -> SensorState:
         """Sensors at rest, their noise drawn from the named streams of `seed`."""
@@ -191,6 +195,7 @@ class Sensors(Spec):
             steering_pot=stream(seed, "steering_pot"),
             pedal_pot=stream(seed, "pedal_pot"),
             gyro=stream(seed, "gyro"),
+            imu=self.imu.init(seed),
         )
 
     def measure(
@@ -201,6 +206,7 @@ class Sensors(Spec):
         `conditions` say what ails the sensors now.
         """
         gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, conditions.gnss_quality)
+        imu, roll, pitch = self.imu.measure(state.imu, truth.roll, truth.pitch, dt)
         measurement = Measurement(
             t=truth.t,
             fix=fix,
@@ -208,8 +214,10 @@ class Sensors(Spec):
             steer=self.steering_pot.read(truth.steer_samples, state.steering_pot),
             pedal=self.pedal_pot.read(truth.pedal_samples, state.pedal_pot),
             gyro=self.gyro.read(truth.yaw_rate, state.gyro),
+            roll=roll,
+            pitch=pitch,
         )
-        return SensorState(gnss, state.steering_pot, state.pedal_pot, state.gyro), measurement
+        return SensorState(gnss, state.steering_pot, state.pedal_pot, state.gyro, imu), measurement
 
 
 @lru_cache(maxsize=16)
