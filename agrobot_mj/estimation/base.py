@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agrobot_mj.estimation.lever import moved, offset
-from agrobot_mj.estimation.velocity_kf import VelocityKf
+from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
 from agrobot_mj.geometry import wrap
 from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
 from agrobot_mj.spec import NonNegative, Positive, Spec
@@ -67,6 +67,8 @@ class PoseEstimator(Spec):
     """Yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU); not in the paper."""
+    turning_velocity: bool = False
+    """Whether the velocity belief turns with the yaw from tick to tick, or goes straight on as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
     """Low pass on the EKF's yaw difference, time constant, 0 for none [s]. Estimate: noise against lag."""
     gnss_sigma_m: Positive = 0.02
@@ -134,7 +136,10 @@ class PoseEstimator(Spec):
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         sigma = self.gnss_float_sigma_m if measurement.quality == Quality.FLOAT else self.gnss_sigma_m
         fix, noise = self._fix(state, measurement), _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
-        motion, motion_covariance = state.velocity_kf.step(state.motion, state.motion_covariance, fix, noise, dt)
+        motion, motion_covariance = state.motion, state.motion_covariance
+        if self.turning_velocity:
+            motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
+        motion, motion_covariance = state.velocity_kf.step(motion, motion_covariance, fix, noise, dt)
         inputs = (_along(state.pose[2], motion), measurement.steer, dt)
         pose, pose_covariance = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
         keep = exp(-dt / self.yaw_rate_filter_s) if self.yaw_rate_filter_s > 0.0 else 0.0
@@ -147,6 +152,11 @@ class PoseEstimator(Spec):
             yaw_rate=yaw_rate,
         )
         return state, self._estimate(state, measurement)
+
+    def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
+        """By how much the yaw turns in `dt` [s] at a measured steering angle [rad]."""
+        delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
+        return u * tan(delta) / state.pose_filter.wheelbase * dt
 
     def _attitude(self, measurement: Measurement) -> tuple[float, float]:
         """Roll and pitch as far as this estimator knows of them [rad]."""

@@ -24,6 +24,8 @@ class EkfBias(PoseEstimator):
     """x, y, course, steering bias and correlated GNSS error; `[estimator] kind = "ekf_bias"`."""
 
     kind: Literal["ekf_bias"] = "ekf_bias"
+    turning_velocity: bool = True
+    """Whether the velocity belief turns with the yaw from tick to tick: without a fix the speed holds in a bend."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
