@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow check validate bench figures lock
+.PHONY: help install demo test slow check validate bench figures library lock
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -47,6 +47,9 @@ bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 
 figures: $(STAMP) ## Draw the README's results again
 	@$(PY) scripts/make_figures.py
+
+library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages again
+	@$(PY) scripts/make_library.py
 
 lock: ## Resolve the dependencies anew (needs uv)
 	$(UV) lock

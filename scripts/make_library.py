@@ -1,0 +1,174 @@
+"""The library's pages: run every scenario with PD and with the network, and write docs/scenarios.md's list of them.
+
+Each scenario gets its picture (map and lateral error), what its file says that it shows, and its metrics. A scenario
+without one of these controllers (open loop, say) is shown with its own.
+"""
+
+import argparse
+import itertools
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LightSource, ListedColormap
+from matplotlib.figure import Figure
+
+from agrobot_mj import load_scenario
+from agrobot_mj.log import Log
+from agrobot_mj.paths import sample
+from agrobot_mj.progress import task
+from agrobot_mj.report import COLOURS, NAMES, STYLE
+from agrobot_mj.scenario import Scenario, scenario_files
+from agrobot_mj.simulate import run
+from agrobot_mj.storage import whole
+from agrobot_mj.terrain import Ground
+from agrobot_mj.terrain.grid import heights
+
+ROOT = Path(__file__).parent.parent
+PAGE, IMAGES = ROOT / "docs" / "scenarios.md", ROOT / "docs" / "images" / "scenarios"
+BEGIN, END = "<!-- library -->\n", "<!-- end of library -->"
+CONTROLLERS = ("pd", "pd_t2fnn")
+MARGIN_M, PIXELS = 6.0, 260
+GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
+SIZE_IN, DPI = (9.0, 3.1), 110
+HEADS = (
+    *("controller", "outcome", "time [s]", "lateral rms [m]", "lateral p95 [m]", "cross-track p95 [m]"),
+    "yaw rate error rms [deg/s]",
+)
+
+
+def runs_of(scenario: Scenario) -> dict[str, Log]:
+    """The logs by controller."""
+    kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
+    return {kind: run(scenario.changed({"controller.kind": kind})) for kind in kinds}
+
+
+def shows(name: str) -> str:
+    """The comment at the head of a scenario's file, as one paragraph."""
+    lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
+    head = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    return " ".join(line.lstrip("# ").rstrip() for line in head)
+
+
+def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
+    """Map and lateral error side by side."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=SIZE_IN, layout="constrained")
+        FigureCanvasAgg(figure)
+        place, error = figure.subplots(1, 2, width_ratios=[1.15, 1])
+        draw_map(place, scenario, logs)
+        draw_error(error, scenario, logs)
+        with whole(file) as path:
+            figure.savefig(path, dpi=DPI, format="png")
+
+
+def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
+    """The ground from above with the path and the tracks."""
+    longest = max(logs.values(), key=lambda log: log.column("t")[-1])
+    path = sample(scenario.path, longest.column("t"))
+    points = np.concatenate([path, *(np.column_stack([log.column("x"), log.column("y")]) for log in logs.values())])
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    short = np.maximum(0.45 * (high - low).max() - (high - low), 0) / 2
+    paint_ground(axes, scenario.terrain.ground(), low - short, high + short)
+    axes.plot(*path.T, color="white", lw=0.8, ls="--", label="path")
+    for kind, log in logs.items():
+        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
+        axes.plot(log.column("x")[-1], log.column("y")[-1], "o", ms=3, color=COLOURS.get(kind, "black"))
+    (x_min, y_min), (x_max, y_max) = low - short, high + short
+    axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
+    axes.grid(visible=False)
+
+
+def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) -> None:
+    """Shaded relief, with patches of wet and of soft ground, and contour lines where there are any."""
+    pixel = (high - low).max() / PIXELS
+    x, y = np.arange(low[0], high[0], pixel), np.arange(low[1], high[1], pixel)
+    X, Y = np.meshgrid(x, y)
+    z = heights(ground, X, Y)
+    shade = LightSource(azdeg=315, altdeg=40).hillshade(z, vert_exag=1.0, dx=pixel, dy=pixel)
+    colour = np.array(mpl.colors.to_rgb(GREEN)) * (0.55 + 0.6 * shade[..., None])
+    box = (low[0], high[0], low[1], high[1])
+    axes.imshow(np.clip(colour, 0, 1), extent=box, origin="lower", interpolation="bilinear")
+    surface = ground.surface
+    if surface.friction.size:
+        rows, columns = surface.friction.shape
+        extent = (surface.x0, surface.x0 + columns * surface.spacing, surface.y0, surface.y0 + rows * surface.spacing)
+        for mask, tint in ((surface.friction < 1, WET), (surface.cone_index > 0, SOFT)):
+            shown = np.ma.masked_where(~mask, np.ones(mask.shape))
+            axes.imshow(shown, extent=extent, origin="lower", cmap=ListedColormap([tint]), alpha=0.55)
+    if np.ptp(z) > 1.0:
+        lines = axes.contour(X, Y, z, levels=6, colors="#2F3B1E", linewidths=0.4)
+        axes.clabel(lines, fmt="%g m", fontsize=6)
+
+
+def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
+    """The lateral error over time, with the windows of the faults."""
+    end = max(log.column("t")[-1] for log in logs.values())
+    for k, fault in enumerate(scenario.fault):
+        window = (fault.start_s, end if fault.end_s is None else fault.end_s)
+        axes.axvspan(*window, color="#CCCCCC", alpha=0.6, lw=0, label=fault.kind.replace("_", " ") if k < 3 else None)
+    for kind, log in logs.items():
+        axes.plot(log.column("t"), 100 * log.column("e_lateral"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
+    axes.set(xlabel="time [s]", ylabel="lateral error [cm]", xlim=(0, end))
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
+
+
+def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
+    """The scenario's part of the page."""
+    return "\n".join(
+        [
+            *(f"### `{name}`", "", f"**{scenario.title}.** {shows(name)}", ""),
+            *(f"![Map and lateral error of {name}](images/scenarios/{name}.png)", ""),
+            f"| {' | '.join(HEADS)} |",
+            "|---" * len(HEADS) + "|",
+            *(row(kind, log) for kind, log in logs.items()),
+            "",
+        ]
+    )
+
+
+def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
+    """The scenario's line in the table at the head."""
+    found = [logs[kind].metrics["lateral_abs_p95"] if kind in logs else None for kind in CONTROLLERS]
+    cells = " | ".join("-" if n is None else f"{n:.2f}" for n in found)
+    return f"| `{name}` | {scenario.title} | {scenario.expected_outcome.replace('_', ' ')} | {cells} |"
+
+
+def row(kind: str, log: Log) -> str:
+    """One line of a scenario's table."""
+    m: dict[str, Any] = log.metrics
+    numbers = [m["lateral_rms"], m["lateral_abs_p95"], m["xte_abs_p95"]]
+    cells = [f"{log.column('t')[-1]:.0f}", *("-" if n is None else f"{n:.3f}" for n in numbers)]
+    return f"| {kind} | {log.outcome} | {' | '.join(cells)} | {np.degrees(m['yaw_rate_error_rms'] or 0):.2f} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="draw these only, and leave the page alone")
+    chosen = parser.parse_args().names
+    names = chosen or list(scenario_files())
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    sections, index = [], ["| name | what it is | ends | lateral p95 [m]: PD | PD + T2FNN |", "|---|---|---|---|---|"]
+    with task(f"{len(names)} scenarios", len(names)) as advance:
+        for name in names:
+            scenario = load_scenario(name)
+            logs = runs_of(scenario)
+            picture(scenario, logs, IMAGES / f"{name}.png")
+            sections.append(section(name, scenario, logs))
+            index.append(line(name, scenario, logs))
+            advance()
+    if chosen:
+        print("\n".join(sections))
+        return
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    PAGE.write_text(
+        before + BEGIN + "\n" + "\n".join([*index, "", *sections]) + "\n" + END + rest.split(END)[1], encoding="utf-8"
+    )
+
+
+if __name__ == "__main__":
+    main()

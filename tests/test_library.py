@@ -1,0 +1,50 @@
+"""The library: every scenario ends as its file says, without a warning of the physics, and its recording is sound."""
+
+import subprocess
+import sys
+
+import pytest
+
+from agrobot_mj.recording import Recording
+from agrobot_mj.scenario import load_scenario, scenario_files
+from agrobot_mj.simulate import run
+
+BRIEFLY_S = 8.0
+
+
+def check(log):
+    scenario = log.scenario
+    assert log.outcome == scenario.expected_outcome
+    assert log.metrics["physics_warnings"] == 0
+
+
+def test_it_is_a_library():
+    assert len(scenario_files()) >= 20
+
+
+@pytest.mark.parametrize("name", scenario_files())
+def test_it_says_what_it_shows(name):
+    head = scenario_files()[name].read_text(encoding="utf-8").splitlines()
+    assert head[0].startswith("# ")
+    assert any(line.startswith("# ") and "Look at: " in line for line in head)
+    assert load_scenario(name).title
+
+
+@pytest.mark.parametrize("name", scenario_files())
+def test_it_begins_well_or_ends_as_expected(name):
+    scenario = load_scenario(name)
+    if scenario.expected_outcome == "completed":
+        scenario = scenario.changed({"duration_s": BRIEFLY_S})
+    check(run(scenario))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_files())
+def test_it_ends_as_expected_and_its_recording_is_sound(name, tmp_path):
+    file = tmp_path / "run.rrd"
+    check(run(load_scenario(name), (Recording(file),)))
+    verified = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(file)], capture_output=True, check=False
+    )
+    assert verified.returncode == 0, verified.stderr
+    assert file.stat().st_size < 12e6 * max(1.0, load_scenario(name).ticks / 4800)
