@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from agrobot_mj.estimation.lever import moved, offset
+from agrobot_mj.estimation.lever import Lever, at_foot, offset
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
 from agrobot_mj.geometry import wrap
 from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
@@ -57,6 +57,8 @@ class EstimatorState(NamedTuple):
     """Shape (n, n)."""
     yaw_rate: float
     """Low-passed difference of the estimated yaw [rad/s]."""
+    lever: Lever | None = None
+    """How the antenna leans; None before the first tick, and without compensation."""
 
 
 class PoseEstimator(Spec):
@@ -67,6 +69,8 @@ class PoseEstimator(Spec):
     """Yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU); not in the paper."""
+    swing_filter_s: NonNegative = 0.1
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
     turning_velocity: bool = False
     """Whether the velocity belief turns with the yaw from tick to tick, or goes straight on as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
@@ -135,7 +139,9 @@ class PoseEstimator(Spec):
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         sigma = self.gnss_float_sigma_m if measurement.quality == Quality.FLOAT else self.gnss_sigma_m
-        fix, noise = self._fix(state, measurement), _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
+        lever = self._lever(state, measurement, dt)
+        fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
+        noise = _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
         motion, motion_covariance = state.motion, state.motion_covariance
         if self.turning_velocity:
             motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
@@ -150,6 +156,7 @@ class PoseEstimator(Spec):
             pose=pose,
             pose_covariance=pose_covariance,
             yaw_rate=yaw_rate,
+            lever=lever,
         )
         return state, self._estimate(state, measurement)
 
@@ -162,14 +169,12 @@ class PoseEstimator(Spec):
         """Roll and pitch as far as this estimator knows of them [rad]."""
         return (measurement.roll, measurement.pitch) if self.terrain_compensation else (0.0, 0.0)
 
-    def _fix(self, state: EstimatorState, measurement: Measurement) -> Fix | None:
-        """The fix, moved from the antenna to R as far as the lean is known."""
-        if measurement.fix is None or not self.terrain_compensation:
-            return measurement.fix
-        roll, pitch = self._attitude(measurement)
-        east, north = offset(state.antenna, roll, pitch, state.pose[2])
-        swing = (-state.yaw_rate * north, state.yaw_rate * east)
-        return moved(measurement.fix, (east, north), swing)
+    def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
+        """The lean of the antenna at the end of a tick, if it is to be known."""
+        if not self.terrain_compensation:
+            return None
+        now = offset(state.antenna, measurement.roll, measurement.pitch, state.pose[2])
+        return state.lever.after(now, dt, self.swing_filter_s) if state.lever else Lever(now)
 
     def _estimate(self, state: EstimatorState, measurement: Measurement) -> Estimate:
         x, y, psi = state.pose[:3].tolist()
