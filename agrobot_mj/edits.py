@@ -22,7 +22,11 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
         raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
     table: Any = data
     for depth, name in enumerate(tables):
-        table = _item(table, name, dotted) if isinstance(table, list) else table.setdefault(name, {})
+        if isinstance(table, list):
+            table = _item(table, name, dotted, ".".join(tables[:depth]))
+        else:
+            counted = (*tables, last)[depth + 1].isdecimal()
+            table = table.setdefault(name, [] if counted else {})
         if not isinstance(table, dict | list):
             raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
     if isinstance(table, list):
@@ -38,9 +42,13 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
         table[last] = dict(value) if isinstance(value, Mapping) else value
 
 
-def _item(items: list[Any], name: str, dotted: str) -> Any:
-    if not name.isdecimal() or int(name) >= len(items):
-        raise ScenarioError(f"--set {dotted}: {name!r} is none of the {len(items)} items, which count from 0")
+def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
+    if not name.isdecimal():
+        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value")
+    if int(name) >= len(items):
+        raise ScenarioError(
+            f"--set {dotted}: the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
+        )
     return items[int(name)]
 
 

@@ -26,6 +26,7 @@ _TEXTS = {
     "string_type": "must be a text, got {input!r}",
     "bool_type": "must be true or false, got {input!r}",
     "list_type": "must be a list, got {input!r}",
+    "tuple_type": "must be a list, got {input!r}",
     "literal_error": "must be one of {expected}, got {input!r}",
     "model_type": "must be a table, got {input!r}",
     "dict_type": "must be a table, got {input!r}",
@@ -52,11 +53,16 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
     if kind == "extra_forbidden":
         known = sorted(owner.model_fields) if owner else []
         text = f"unknown key{suggestion(keys[-1], known)} (known: {', '.join(known)})"
-    elif kind in ("union_tag_invalid", "union_tag_not_found"):
+    elif kind == "union_tag_not_found":
+        field = owner.model_fields.get(keys[-1].partition("[")[0]) if owner else None
+        keys, text = [*keys, "kind"], f"is missing (known: {', '.join(members(field.annotation) if field else ())})"
+    elif kind == "union_tag_invalid":
         keys = [*keys, "kind"]
         tag, expected = str(context.get("tag", "")), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
         text = f"unknown kind {tag!r}{suggestion(tag, known)} (known: {', '.join(known)})"
+    elif kind == "tuple_type" and isinstance(error["input"], Mapping):
+        text = f"must be a list of tables; write [[{'.'.join(keys)}]]"
     elif kind == "value_error":
         text = str(error["msg"]).removeprefix("Value error, ")
         if keys and re.match(r"[a-z0-9_.]+: ", text):

@@ -185,7 +185,7 @@ class Command(NamedTuple):
     tau_c: float
     """Output of the conventional (PD) controller [rad]."""
     tau_n: float
-    """Output of the network, or of the integral that stands in for it; steer = tau_c - tau_n [rad]."""
+    """Output of the network, or of the integral that stands in for it; steer = tau_c - tau_n within limits [rad]."""
     q: float
     """Share of the lower firing level in the network's output; NaN without a network [-]."""
 

@@ -57,7 +57,7 @@ class Loop:
         self.estimation = s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor)
         self.speeding = s.speed.init()
         self.yawing: Any = s.controller.init()
-        self.steering = s.steering.loop.init()
+        self.steering, self.steer_ref = s.steering.loop.init(), 0.0
         self.script, self.conditions = Script(s.fault, s.seed), GOOD_DAY
 
     def tick(self) -> tuple[Drive, tuple[float, ...]]:
@@ -70,6 +70,8 @@ class Loop:
         speed_ref, yaw_rate_ref = s.guidance.references(estimate, reference, self.l_r)
         e_yaw_rate = yaw_rate_ref - estimate.yaw_rate
         self.yawing, command = s.controller.update(self.yawing, truth.t, e_yaw_rate, TICK_S, self.limit)
+        self.steer_ref = s.steering.loop.reference(self.steer_ref, command.steer, TICK_S)
+        command = command._replace(steer=self.steer_ref)
         self.speeding, (pedal_ref, pedal_voltage) = s.speed.update(
             self.speeding, speed_ref, estimate.speed, measured.pedal, TICK_S
         )
@@ -77,7 +79,8 @@ class Loop:
         drive = Drive(steer_voltage, pedal_voltage)
         z_ref = height_and_gradient(self.ground, reference.x, reference.y)[0]
         wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref, z_ref)
-        return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit)
+        faults = self.script.active(truth.t)
+        return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit, faults)
 
     def advance(self, drive: Drive) -> None:
         """Let the plant take its steps."""
@@ -128,8 +131,9 @@ def row(
     command: Command,
     drive: Drive,
     limit: float,
+    faults: int,
 ) -> tuple[float, ...]:
-    """One row in the order of `log.COLUMNS`, less the plant's own three."""
+    """One row in the order of `log.COLUMNS`, less the plant's own three; `faults` counts those that act."""
     t, p, fix = truth, estimate.covariance, measured.fix
     e_longitudinal, e_lateral = to_heading(reference.yaw, reference.x - t.x, reference.y - t.y)
     dx, dy = t.rear_x - estimate.rear_x, t.rear_y - estimate.rear_y
@@ -140,7 +144,7 @@ def row(
         *(t.x, t.y, t.z, t.yaw, t.pitch, t.roll, t.speed, t.lateral_speed, t.yaw_rate, t.rear_x, t.rear_y),
         *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.steer_bias),
         *(estimate.rear_x, estimate.rear_y, p_xx, p_xy, p_yy, float(p[2, 2]), nees, estimate.nis),
-        *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality)),
+        *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality), float(faults)),
         *(e_longitudinal, e_lateral, wanted.speed, wanted.yaw_rate, wanted.e_yaw_rate),
         *(command.tau_c, command.tau_n, command.q, command.steer, t.steer, measured.steer),
         *(float(abs(command.steer) > limit - NOSE), drive.steer_voltage),

@@ -1,14 +1,29 @@
 """The base of every piece of configuration: frozen, strict about unknown keys, finite numbers only."""
 
+from math import isclose
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from agrobot_mj.signals import TICK_S
 
 HUGE = 1e9
 """No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+def whole_ticks(seconds: float) -> float:
+    """`seconds` as they are. Raises ValueError when they are no whole number of ticks."""
+    ticks = round(seconds / TICK_S)
+    if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
+        raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
+    return seconds
+
+
+Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
+"""[s]."""
 
 
 class Spec(BaseModel):

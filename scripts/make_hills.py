@@ -1,8 +1,8 @@
-"""The library's digital elevation model, `scenarios/hills.asc`, and a route along one of its contours.
+"""The library's digital elevation model, `scenarios/hills.asc`, and two routes over it.
 
 A made landscape with the look of a real one: a ridge and a valley, smooth noise whose power falls with the cube of the
 frequency, and a terrace as old fields have them. Grid of 2 m as national height models have it, heights in centimetres.
-The route follows the contour line through the field's middle, a point every 4 m.
+One route is drawn across the flanks, the other follows the contour line through the field's middle, a point every 4 m.
 """
 
 from pathlib import Path
@@ -18,6 +18,20 @@ CORNER = (612_400.0, 5_643_200.0)
 """Of the south-west cell, as a national grid would have it [m]."""
 SEED, ROUGHNESS_M, SMOOTH_M = 11, 1.1, 7.0
 POINT_M, ROUTE_M = 4.0, 150.0
+ACROSS = (
+    (-80, -50),
+    (-60, -47),
+    (-42, -35),
+    (-32, -16),
+    (-22, 4),
+    (-6, 20),
+    (14, 24),
+    (34, 18),
+    (50, 2),
+    (60, -18),
+    (76, -30),
+)
+"""The route across [m]."""
 
 
 def landscape() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,8 +76,9 @@ def main() -> None:
     lines += [" ".join(f"{h:.2f}" for h in row) for row in heights[::-1]]
     (SCENARIOS / "hills.asc").write_text("\n".join(lines) + "\n", encoding="utf-8")
     points = route(x, y, heights)
-    text = "x_m,y_m\n" + "".join(f"{a:.2f},{b:.2f}\n" for a, b in points)
-    (SCENARIOS / "hills_contour.csv").write_text(text, encoding="utf-8")
+    for name, way in (("hills_contour.csv", points), ("hills_route.csv", ACROSS)):
+        text = "x_m,y_m\n" + "".join(f"{a:.2f},{b:.2f}\n" for a, b in way)
+        (SCENARIOS / name).write_text(text, encoding="utf-8")
     slope = np.degrees(np.arctan(np.hypot(*np.gradient(heights, CELL_M))))
     print(f"{heights.min():.1f} to {heights.max():.1f} m, slopes to {slope.max():.1f} deg; {len(points)} points")
 

@@ -29,6 +29,7 @@ OWNERS = {
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
+    "PIL": {"terrain"},
     "matplotlib": {"report", "rig", "validation"},
     "typer": {"cli"},
     "tomli_w": {"scenario"},

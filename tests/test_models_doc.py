@@ -11,7 +11,10 @@ from agrobot_mj.scenario import Scenario, resolve
 from agrobot_mj.spec import Spec, members
 
 TEXT = (Path(__file__).parent.parent / "docs" / "models.md").read_text(encoding="utf-8")
-SECTION = re.compile(r"^## .*?`\[([a-z_.0-9]+)\]`(?: `kind = \"(\w+)\"`)?\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+SECTION = re.compile(
+    r"^## .*?`(\[\[?)([a-z_.0-9]+)\]\]?`(?: `kind = \"(\w+)\"`)?\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL
+)
+"""A heading with a `[table]`, or with `[[table]]` for a list of them, and maybe a kind."""
 ROW = re.compile(r"^\| `([a-z_.0-9]+)` \| ([^|]+) \| ([^|]+) \|$", re.M)
 
 
@@ -28,10 +31,12 @@ class Entry(NamedTuple):
 
 def entries() -> list[Entry]:
     found = []
-    for table, kind, body in SECTION.findall(TEXT):
-        tables = table.split(".")
-        data = reduce(lambda inner, name: {name: inner}, reversed(tables), {"kind": kind} if kind else {})
-        part: Spec = reduce(getattr, tables, resolve(data, "docs"))
+    for brackets, table, kind, body in SECTION.findall(TEXT):
+        tables, several = table.split("."), brackets == "[["
+        item: Any = {"kind": kind} if kind else {}
+        data = reduce(lambda inner, name: {name: inner}, reversed(tables), [item] if several else item)
+        part: Any = reduce(getattr, tables, resolve(data, "docs"))
+        part = part[0] if several else part
         for key, value, source in ROW.findall(body):
             *inner, last = key.split(".")
             found.append(Entry(table, last, float(value), source.strip(), reduce(getattr, inner, part)))

@@ -100,7 +100,7 @@ def errors(gnss, ticks, quality=Quality.FIX):
     """Of x, y (m) and vx, vy (m/s), shape (ticks, 4)."""
     state, now, fixes = gnss.init(5), truth(), []
     for _ in range(ticks):
-        state, fix, _ = gnss.measure(state, now, DT, quality)
+        state, fix, _ = gnss.measure(state, now, DT, GOOD_DAY._replace(gnss_quality=quality))
         fixes.append(fix)
     return np.array(fixes) - [*now.antenna[:2], *now.antenna_velocity[:2]]
 
@@ -138,14 +138,14 @@ def test_velocity_error_is_white_and_of_its_sigma():
 
 
 def test_a_float_solution_scatters_with_its_own_sigma():
-    n, gnss = 2000, Gnss(correlated_fraction=0.0)
+    n, gnss = 2000, Gnss(float_correlated_fraction=0.0)
     error = errors(gnss, n, Quality.FLOAT)[:, :2]
     assert np.allclose(error.std(axis=0), gnss.float_sigma_m, rtol=5 / sqrt(2 * n))
 
 
 def test_the_error_starts_in_its_stationary_distribution():
     gnss, n = Gnss(correlated_fraction=1.0), 2000
-    first = [gnss.measure(gnss.init(seed), truth(), DT, Quality.FIX)[1].x - 10.0 for seed in range(n)]
+    first = [gnss.measure(gnss.init(seed), truth(), DT)[1].x - 10.0 for seed in range(n)]
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 

@@ -130,10 +130,20 @@ class SteeringLoop(Spec):
     """Jump over the valve's dead band [V]. Estimate, below the band itself."""
     tolerance_deg: Positive = 0.1
     """Angle error that is left alone [deg]. Estimate, below the potentiometer's 1 deg."""
+    reference_rate_deg_s: Positive | None = None
+    """Fastest change of the reference [deg/s]; as the yaw controller says when left out, which is the paper's way. The
+    valve itself does 26 deg/s; a limit there takes the jump out of the command when GNSS comes back."""
 
     def init(self) -> PidState:
         """At rest."""
         return self.pid.init()
+
+    def reference(self, last: float, wanted: float, dt: float) -> float:
+        """The angle [rad] to steer to now, `dt` [s] after `last`, on the way to `wanted`."""
+        if self.reference_rate_deg_s is None:
+            return wanted
+        reach = radians(self.reference_rate_deg_s) * dt
+        return clip(wanted, last - reach, last + reach)
 
     def update(self, state: PidState, steer_ref: float, steer: float, dt: float) -> tuple[PidState, float]:
         """Steering valve voltage [V] from the wanted and the measured angle [rad]."""

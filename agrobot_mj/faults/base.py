@@ -9,6 +9,9 @@ from pydantic import model_validator
 from agrobot_mj.signals import Conditions
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
+ROUNDING_S = 1e-6
+"""Far above the rounding of a time, far below a tick [s]."""
+
 
 class Scripted(Spec):
     """A fault with its window; a kind overrides `apply`, and `init` if it remembers anything."""
@@ -34,8 +37,12 @@ class Scripted(Spec):
         return self.kind
 
     def active(self, t: float) -> bool:
-        """Whether `t` [s] lies in the window, its end left out."""
-        return self.start_s <= t < (inf if self.end_s is None else self.end_s)
+        """Whether `t` [s] lies in the window, its end left out, give or take the rounding of a clock in ticks."""
+        return self.start_s <= t + ROUNDING_S < (inf if self.end_s is None else self.end_s)
+
+    def grown(self, t: float, ramp_s: float) -> float:
+        """Share of a fault that grows evenly over `ramp_s` [s] from the start of its window, 1 from then on [-]."""
+        return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
         """Whether both windows share any time."""

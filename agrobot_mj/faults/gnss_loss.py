@@ -13,4 +13,4 @@ class GnssLoss(Scripted):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """No solution."""
-        return None, conditions._replace(gnss_quality=Quality.NONE)
+        return None, conditions._replace(gnss_quality=min(conditions.gnss_quality, Quality.NONE))

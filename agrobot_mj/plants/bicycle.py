@@ -190,7 +190,8 @@ class BicyclePlant:
             displacement=cylinder.displacement,
         )
         self.tractor, self.ground = tractor, ground
-        self.valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.sound_valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.valve = self.sound_valve
         self.drive, self.drive_memory = drive_law(driveline, physics_dt)
         self.state = np.zeros(7)
         self.samples = np.zeros((2, steps))
@@ -210,12 +211,12 @@ class BicyclePlant:
 
     def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
         """One tick under constant voltages; of the conditions only the valve's count."""
-        valve = ailing(self.valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.valve = ailing(self.sound_valve, conditions.valve_gain, conditions.valve_dead_band)
         voltages = (drive.steer_voltage, drive.pedal_voltage)
         run_steps(
             self.law,
             self.state,
-            valve,
+            self.valve,
             self.valve_memory,
             self.drive,
             self.drive_memory,

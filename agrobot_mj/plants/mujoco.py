@@ -16,6 +16,7 @@ from agrobot_mj.plants.stepping import Oil, Tyred, Views, observe, run_steps
 from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain import Ground, height_and_gradient
+from agrobot_mj.terrain.grid import heights
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
 from agrobot_mj.tyres.laws import tyre_set
@@ -229,17 +230,27 @@ def _views(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
 
 
 def _pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> Array:
-    """Free-joint position (7,) with the chassis aligned to the ground and the CG above the start."""
-    l_r = tractor.cg_to_rear_axle
-    _, dx, dy = height_and_gradient(ground, start.x, start.y)
-    n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
+    """Free-joint position (7,) with the chassis aligned to the ground below its wheels and the CG above the start."""
     heading = np.array([np.cos(start.yaw), np.sin(start.yaw), 0.0])
+    height, n = _footprint(ground, start, tractor)
     forward = heading - (heading @ n) * n
     forward /= np.linalg.norm(forward)
     rotation = np.stack([forward, np.cross(n, forward), n], axis=1)
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, rotation.ravel())
-    cg = rotation @ np.array([l_r, 0.0, tractor.cg_height_m])
-    x, y = start.x - cg[0], start.y - cg[1]
-    z, _, _ = height_and_gradient(ground, x, y)
-    return np.concatenate([[x, y, z], quat])
+    cg = rotation @ np.array([tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m])
+    z = height + cg[:2] @ n[:2] / n[2]
+    return np.concatenate([[start.x - cg[0], start.y - cg[1], z], quat])
+
+
+def _footprint(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[float, Array]:
+    """Height at the start [m] and normal (3,) of the plane along the ground below the wheels that clears them all."""
+    L, l_r, half = tractor.wheelbase_m, tractor.cg_to_rear_axle, tractor.track_m / 2
+    c, s = np.cos(start.yaw), np.sin(start.yaw)
+    wheels = np.array([[L - l_r, half], [L - l_r, -half], [-l_r, half], [-l_r, -half]])
+    x, y = (wheels @ np.array([[c, s], [-s, c]]) + (start.x, start.y)).T
+    below = heights(ground, x, y)
+    ahead = (below[:2].sum() - below[2:].sum()) / (2 * L)
+    left = (below[::2].sum() - below[1::2].sum()) / (4 * half)
+    n = np.array([left * s - ahead * c, -ahead * s - left * c, 1.0])
+    return float((below - wheels @ (ahead, left)).max()), n / np.linalg.norm(n)

@@ -1,26 +1,26 @@
 """RTK-GNSS, steering and pedal potentiometers, optional gyro and IMU: truth in, measurement out, once a tick.
 
-GNSS: position error per axis = white part + first-order Gauss-Markov part [Brown2012], white velocity error;
-it reports the antenna, which swings with roll and pitch. Potentiometers: 100 samples a tick, each with noise
-and rounded to the resolution, then Savitzky-Golay [Savitzky1964] and mean, as in the paper's section V-B.
-Every sensor draws from its own random stream, as much with a fix as without, so that only its own keys move
-its noise. SI units and radians outside, degrees inside the potentiometers; a tick has any number of physics
-steps.
+GNSS: position error per axis = white part + first-order Gauss-Markov part [Brown2012], white velocity error; a
+float solution has both parts of its own. It reports the antenna, which swings with roll and pitch.
+Potentiometers: 100 samples a tick, each with noise and rounded to the resolution, then Savitzky-Golay
+[Savitzky1964] and mean, as in the paper's section V-B. Every sensor draws from its own random streams, as much
+with a fix as without and whatever ails it, so that only its own keys move its noise. SI units and radians
+outside, degrees inside the potentiometers; a tick has any number of physics steps.
 """
 
 from functools import lru_cache
-from math import exp, isclose, nan, pi, radians, sqrt
-from typing import Annotated, NamedTuple
+from math import exp, nan, pi, radians, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
 from agrobot_mj.sensors.imu import Imu, ImuState
-from agrobot_mj.signals import GOOD_DAY, TICK_S, Array, Conditions, Fix, Measurement, Quality, Truth
-from agrobot_mj.spec import Fraction, NonNegative, Positive, Spec
+from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Fix, Measurement, Quality, Truth
+from agrobot_mj.spec import Fraction, Latency, NonNegative, Positive, Spec
 
 
 class GnssState(NamedTuple):
@@ -30,8 +30,12 @@ class GnssState(NamedTuple):
     """Advances in place."""
     correlated: tuple[float, float]
     """Gauss-Markov part of the east and north error, in units of its standard deviation [-]."""
-    pending: tuple[tuple[Fix | None, int], ...]
-    """Solutions under way with their quality, oldest first."""
+    float_generator: Generator
+    """Advances in place."""
+    float_correlated: tuple[float, float]
+    """The same part of a float solution's error [-]."""
+    pending: tuple[tuple[Fix | None, int], ...] = ()
+    """Solutions under way with their quality, one a tick, oldest first."""
 
 
 class Gnss(Spec):
@@ -45,51 +49,70 @@ class Gnss(Spec):
     """Share of the correlated part in the variance (multipath, atmosphere) [-]. Estimate."""
     correlation_time_s: Positive = 30.0
     """Of the correlated part [s]. Estimate (multipath: ten seconds to minutes)."""
+    float_correlated_fraction: Fraction = 0.9
+    """Share of the correlated part when the ambiguities float [-]. Estimate: they converge together."""
+    float_correlation_time_s: Positive = 120.0
+    """Of that part [s]. Estimate (minutes, the time in which ambiguities converge)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
-    latency_s: Annotated[float, Field(ge=0, le=5)] = 0.0
+    latency_s: Latency = 0.0
     """Of the delivered solution, whole ticks [s]. Estimate: the receiver's own is under a tick."""
-
-    @field_validator("latency_s")
-    @classmethod
-    def _whole_ticks(cls, latency_s: float) -> float:
-        ticks = round(latency_s / TICK_S)
-        if not isclose(latency_s, ticks * TICK_S, abs_tol=1e-9):
-            raise ValueError(f"{latency_s} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
-        return latency_s
 
     def init(self, seed: int) -> GnssState:
         """The error starts in its stationary distribution; no solution is under way."""
-        generator = stream(seed, "gnss")
-        east, north = generator.standard_normal(2).tolist()
-        return GnssState(generator, (east, north), ())
+        generator, float_generator = stream(seed, "gnss"), stream(seed, "gnss.float")
+        return GnssState(generator, _pair(generator), float_generator, _pair(float_generator))
 
-    def measure(self, state: GnssState, truth: Truth, dt: float, quality: int) -> tuple[GnssState, Fix | None, int]:
+    def measure(
+        self, state: GnssState, truth: Truth, dt: float, conditions: Conditions = GOOD_DAY
+    ) -> tuple[GnssState, Fix | None, int]:
         """The solution delivered at this tick, None without one, and its quality.
 
-        `quality` is that of the solution which the antenna gives now.
+        Quality and offset in `conditions` are those of the solution which the antenna gives now, the latency is that of
+        the solution which is delivered now. While the latency grows nothing new arrives; when it shrinks, the solutions
+        that have been overtaken are lost.
         """
         w = state.generator.standard_normal(6).tolist()
-        phi = exp(-dt / self.correlation_time_s)
-        b_x, b_y = (phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.correlated, w[:2], strict=True))
-        fix = None if quality == Quality.NONE else self._fix(truth, quality, (b_x, b_y), w[2:])
+        state = state._replace(
+            correlated=_gauss_markov(state.correlated, (w[0], w[1]), exp(-dt / self.correlation_time_s)),
+            float_correlated=_gauss_markov(
+                state.float_correlated, _pair(state.float_generator), exp(-dt / self.float_correlation_time_s)
+            ),
+        )
+        quality = conditions.gnss_quality
+        fix = None if quality == Quality.NONE else self._fix(state, truth, conditions, w[2:])
         pending = (*state.pending, (fix, quality))
-        if len(pending) <= round(self.latency_s / dt):
-            return GnssState(state.generator, (b_x, b_y), pending), None, Quality.NONE
-        (fix, quality), *rest = pending
-        return GnssState(state.generator, (b_x, b_y), tuple(rest)), fix, quality
+        due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
+        if due < 0:
+            return state._replace(pending=pending), None, Quality.NONE
+        return state._replace(pending=pending[due + 1 :]), *pending[due]
 
-    def _fix(self, truth: Truth, quality: int, correlated: tuple[float, float], white: list[float]) -> Fix:
-        sigma = self.sigma_m if quality == Quality.FIX else self.float_sigma_m
-        slow, fast = sigma * sqrt(self.correlated_fraction), sigma * sqrt(1.0 - self.correlated_fraction)
+    def _fix(self, state: GnssState, truth: Truth, conditions: Conditions, white: list[float]) -> Fix:
+        if conditions.gnss_quality == Quality.FIX:
+            sigma, share, correlated = self.sigma_m, self.correlated_fraction, state.correlated
+        else:
+            sigma, share, correlated = self.float_sigma_m, self.float_correlated_fraction, state.float_correlated
+        slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
         x, y, _ = truth.antenna
         vx, vy, _ = truth.antenna_velocity
+        dx, dy = conditions.gnss_offset
         return Fix(
-            x=x + slow * correlated[0] + fast * white[0],
-            y=y + slow * correlated[1] + fast * white[1],
+            x=x + dx + slow * correlated[0] + fast * white[0],
+            y=y + dy + slow * correlated[1] + fast * white[1],
             vx=vx + self.velocity_sigma_m_s * white[2],
             vy=vy + self.velocity_sigma_m_s * white[3],
         )
+
+
+def _pair(generator: Generator) -> tuple[float, float]:
+    east, north = generator.standard_normal(2).tolist()
+    return east, north
+
+
+def _gauss_markov(value: tuple[float, float], white: tuple[float, float], keep: float) -> tuple[float, float]:
+    """The next value of a process of variance 1 that keeps a share `keep` of the last one [-]."""
+    fresh = sqrt(1.0 - keep * keep)
+    return keep * value[0] + fresh * white[0], keep * value[1] + fresh * white[1]
 
 
 class Potentiometer(Spec):
@@ -172,6 +195,8 @@ class SensorState(NamedTuple):
     pedal_pot: Generator
     gyro: Generator
     imu: ImuState
+    steer: float | None = None
+    """Last reading of the steering potentiometer, None before the first [rad]."""
 
 
 class Sensors(Spec):
@@ -205,19 +230,22 @@ class Sensors(Spec):
 
         `conditions` say what ails the sensors now.
         """
-        gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, conditions.gnss_quality)
+        gnss, fix, delivered = self.gnss.measure(state.gnss, truth, dt, conditions)
+        steer = self.steering_pot.read(truth.steer_samples, state.steering_pot) + conditions.steer_pot_bias
+        if conditions.steer_pot_stuck and state.steer is not None:
+            steer = state.steer
         imu, roll, pitch = self.imu.measure(state.imu, truth.roll, truth.pitch, dt)
         measurement = Measurement(
             t=truth.t,
             fix=fix,
             quality=delivered,
-            steer=self.steering_pot.read(truth.steer_samples, state.steering_pot),
+            steer=steer,
             pedal=self.pedal_pot.read(truth.pedal_samples, state.pedal_pot),
             gyro=self.gyro.read(truth.yaw_rate, state.gyro),
             roll=roll,
             pitch=pitch,
         )
-        return SensorState(gnss, state.steering_pot, state.pedal_pot, state.gyro, imu), measurement
+        return state._replace(gnss=gnss, imu=imu, steer=steer), measurement
 
 
 @lru_cache(maxsize=16)

@@ -4,10 +4,33 @@ from typing import Annotated
 
 from pydantic import Field
 
+from agrobot_mj.terrain.bumps import Bumps
 from agrobot_mj.terrain.flat import Flat
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
+from agrobot_mj.terrain.heightmap import Heightmap
+from agrobot_mj.terrain.ridges import Ridges
+from agrobot_mj.terrain.rough import Rough
 from agrobot_mj.terrain.slope import Slope
 
-Terrain = Annotated[Flat | Slope, Field(discriminator="kind")]
+Terrain = Annotated[
+    Flat
+    | Slope
+    | Bumps
+    | Ridges
+    | Rough
+    | Heightmap,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
-__all__ = ["Flat", "Ground", "Slope", "Terrain", "height_and_gradient", "surface_at"]
+__all__ = [
+    "Bumps",
+    "Flat",
+    "Ground",
+    "Heightmap",
+    "Ridges",
+    "Rough",
+    "Slope",
+    "Terrain",
+    "height_and_gradient",
+    "surface_at",
+]

@@ -1,10 +1,20 @@
-"""What every terrain is: a relief, and patches of special ground on it."""
+"""What every terrain is: a relief, patches of special ground on it, and for most kinds a tilted plane below."""
 
 from functools import lru_cache
+from math import cos, radians, sin, tan
+from typing import Annotated
 
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.resources import library_file
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.patches import Patch, surface
+
+STEEPEST_DEG = 60.0
+"""Between neighbouring nodes; nothing that a tractor drives on is steeper [deg]. Estimate."""
+Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
 class Landscape(Spec):
@@ -20,11 +30,44 @@ class Landscape(Spec):
 
     def stamp(self) -> tuple[object, ...]:
         """Changes whenever a file that the relief or a patch is read from does."""
-        return ()
+        return tuple(_state_of(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
         """The height grid with the properties of the ground. Raises ValueError, naming the key."""
         return _ground(self, self.stamp())
+
+
+class Tilted(Landscape):
+    """A terrain on a plane that rises by `grade_deg` towards `direction_deg`, through height zero at the origin."""
+
+    grade_deg: Grade = 0.0
+    """Angle between the plane and the horizontal [deg]."""
+    direction_deg: float = 90.0
+    """Direction of steepest ascent, from east, counter-clockwise [deg]."""
+
+    @property
+    def gradient(self) -> tuple[float, float]:
+        """Of the plane, dh/dx and dh/dy [-]."""
+        grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
+        return grade * cos(direction), grade * sin(direction)
+
+    def tilted(self, ground: Ground) -> Ground:
+        """The grid with the plane added."""
+        rows, columns = ground.heights.shape
+        x = ground.x0 + ground.spacing * np.arange(columns)
+        y = ground.y0 + ground.spacing * np.arange(rows)
+        grade_x, grade_y = self.gradient
+        heights = ground.heights + grade_x * x[None, :] + grade_y * y[:, None]
+        return ground._replace(heights=np.ascontiguousarray(heights))
+
+
+def _state_of(file: str) -> tuple[object, ...]:
+    """Size and time of a file, nothing where there is none."""
+    try:
+        state = library_file(file).stat()
+    except (OSError, ValueError):
+        return ()
+    return state.st_size, state.st_mtime_ns
 
 
 @lru_cache(maxsize=4)

@@ -13,12 +13,13 @@ A driven wheel's force acts with the effective rolling radius r_e as its lever (
 r_e lies a third of the deflection below the free radius [Pacejka2012].
 """
 
-from math import exp, sqrt, tanh
+from math import cos, exp, sin, sqrt, tanh
 from typing import NamedTuple
 
 from agrobot_mj.compiled import jit
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
+from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Entries of a wheel's report; shape of the whole (4, 6)."""
@@ -111,6 +112,31 @@ def unit(a: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 @jit
+def below(n: tuple[float, float, float], axle: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The way down in the plane of a wheel, against the normal `n`."""
+    tilt = dot(n, axle)
+    return unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
+
+
+@jit
+def standing(
+    ground: Ground, radius: float, centre: tuple[float, float, float], axle: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], float]:
+    """Normal of the ground where a wheel stands on it, and the penetration along it [m]."""
+    if ground.heights.size == 4:
+        _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
+        n = unit((-dx, -dy, 1.0))
+        return n, depth_at(ground, centre, below(n, axle), n, radius, 0.0) * n[2]
+    dx, dy = slope_below(ground, radius, centre, axle)
+    n = unit((-dx, -dy, 1.0))
+    f = unit(cross(axle, n))
+    phi, depth = deepest(ground, radius, centre, below(n, axle), f)
+    c, s = cos(phi), sin(phi)
+    turned = unit((c * n[0] - s * f[0], c * n[1] - s * f[1], c * n[2] - s * f[2]))
+    return turned, depth * turned[2]
+
+
+@jit
 def find_patch(
     ground: Ground,
     radius: float,
@@ -120,15 +146,10 @@ def find_patch(
     rotation: tuple[float, float, float],
 ) -> Patch:
     """Where and how a wheel touches: `centre` [m], `axle` (unit, left), velocity [m/s] and rotation [rad/s], world."""
-    _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
-    n = unit((-dx, -dy, 1.0))
+    n, penetration = standing(ground, radius, centre, axle)
     f = unit(cross(axle, n))
     left = cross(n, f)
-    tilt = dot(n, axle)
-    down = unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
-    tip = (centre[0] + radius * down[0], centre[1] + radius * down[1], centre[2] + radius * down[2])
-    height, _, _ = height_and_gradient(ground, tip[0], tip[1])
-    penetration = (height - tip[2]) * n[2]
+    down = below(n, axle)
     r = radius - penetration
     arm = (r * down[0], r * down[1], r * down[2])
     spin = dot(rotation, axle)

@@ -31,8 +31,8 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Reports, shape (n, 5, 4): quantity (see `tyres.patch`) and wheel."""
-        return np.array(self._wheels).reshape(len(self._wheels), 5, -1)
+        """Reports, shape (n, 6, 4): quantity (see `tyres.patch`) and wheel."""
+        return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
         """Mean of a field over the last `seconds`."""

@@ -14,20 +14,20 @@ import numpy as np
 from agrobot_mj.geometry import wrap
 from agrobot_mj.log import Log
 from agrobot_mj.scenario import Scenario, load_scenario
-from agrobot_mj.sensors import Sensors
-from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Measurement, Truth
+from agrobot_mj.signals import Array
 from agrobot_mj.simulate import run
 
 BEGIN_S = 20.0
 """What lies before does not count [s]."""
 LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 40.0, "end_s": 45.0}], "duration_s": 60.0}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
+TURNED = {"fault": [{"kind": "steering_pot_bias", "bias_deg": 2.0}]}
 LINE = {"path.length_m": 144.0, "duration_s": 120.0}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "figure eight, bicycle": ("figure_eight", {"plant.kind": "bicycle"}),
     "figure eight": ("figure_eight", {}),
     "figure eight, correlated share 0.8": ("figure_eight", {"sensors.gnss.correlated_fraction": 0.8}),
-    "figure eight, potentiometer off by 2 deg": ("figure_eight", {}),
+    "figure eight, potentiometer off by 2 deg": ("figure_eight", TURNED),
     "figure eight, side slope 10 deg": ("figure_eight", SLOPE),
     "line, side slope 10 deg": ("straight_line", {**LINE, **SLOPE}),
     "GNSS loss of 5 s in a turn": ("figure_eight", LOSS),
@@ -46,18 +46,6 @@ REMEDIES: dict[str, dict[str, Any]] = {
     "ekf_bias, gnss_correlated_fraction 0": {"kind": "ekf_bias", "gnss_correlated_fraction": 0.0},
 }
 """Against too small a stated uncertainty on the figure eight."""
-TURNED = "potentiometer off"
-
-
-class TurnedPotentiometer(Sensors):
-    """Sensors whose steering potentiometer reads 2 deg too much."""
-
-    def measure(
-        self, state: Any, truth: Truth, dt: float, conditions: Conditions = GOOD_DAY
-    ) -> tuple[Any, Measurement]:
-        """As the sensors measure, and the error."""
-        state, measured = super().measure(state, truth, dt, conditions)
-        return state, measured._replace(steer=measured.steer + np.radians(2.0))
 
 
 class Row(NamedTuple):
@@ -80,8 +68,7 @@ class Row(NamedTuple):
 def scenario_of(case: str, estimator: dict[str, Any], seed: int) -> Scenario:
     """The experiment; its IMU is on, its noise is default."""
     name, given = CASES[case]
-    s = load_scenario(name, {**given, "seed": seed, "sensors.imu.enabled": True, "estimator": estimator})
-    return s.model_copy(update={"sensors": TurnedPotentiometer(imu=s.sensors.imu)}) if TURNED in case else s
+    return load_scenario(name, {**given, "seed": seed, "sensors.imu.enabled": True, "estimator": estimator})
 
 
 def row(log: Log) -> Row:

@@ -1,5 +1,5 @@
 from collections import deque
-from math import copysign, radians
+from math import copysign, degrees, radians
 
 import numpy as np
 import pytest
@@ -131,3 +131,13 @@ def test_speed_out_of_reach_does_not_wind_up() -> None:
         state, (pedal_ref, _) = loop.update(state, 9.0, 5.0, 1.0, TICK)
     assert pedal_ref == 1.0
     assert loop.update(state, 2.0, 5.0, 1.0, TICK)[1][0] < 0.7
+
+
+def test_the_steering_reference_changes_no_faster_than_it_may() -> None:
+    loop, angle, seen = SteeringLoop(reference_rate_deg_s=20.0), 0.1, []
+    for wanted in (0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.15, -1.0):
+        angle = loop.reference(angle, wanted, TICK)
+        seen.append(degrees(angle - 0.1))
+    there = degrees(0.1)
+    assert seen == pytest.approx([0, 1, 2, 3, 4, 5, there, there - 1, there - 2])
+    assert SteeringLoop().reference(0.1, -1.0, TICK) == -1.0

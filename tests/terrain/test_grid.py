@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from agrobot_mj.spec import every
-from agrobot_mj.terrain import Flat, Ground, Slope, Terrain, height_and_gradient
+from agrobot_mj.terrain import Flat, Ground, Slope, height_and_gradient
 from agrobot_mj.terrain.grid import plane
 
 unhurried = settings(deadline=None)  # the first call compiles
@@ -108,17 +107,6 @@ def test_only_an_untwisted_cell_is_a_plane():
     assert plane(0.3, -0.2, 10.0).is_plane
     assert not Ground(0.0, 0.0, 1.0, np.array([[0.0, 0.0], [0.0, 0.1]])).is_plane
     assert not ROUGH.is_plane
-
-
-@pytest.mark.parametrize("terrain", every(Terrain))
-def test_every_terrain_makes_a_grid_about_the_origin(terrain):
-    ground = terrain().ground()
-    assert ground.covers(0.0, 0.0)
-    assert min(ground.heights.shape) >= 2
-    assert ground.heights.flags["C_CONTIGUOUS"]
-    assert np.isfinite(ground.heights).all()
-    x_min, x_max, y_min, y_max = terrain(half_size_m=12.0).ground().extent
-    assert (x_min, x_max, y_min, y_max) == pytest.approx((-12.0, 12.0, -12.0, 12.0))
 
 
 def test_level_ground_is_level():

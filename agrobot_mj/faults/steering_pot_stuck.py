@@ -1,0 +1,16 @@
+"""The steering potentiometer goes on telling its last reading: a frozen bus message, a sheared shaft."""
+
+from typing import Literal
+
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.signals import Conditions
+
+
+class SteeringPotStuck(Scripted):
+    """The steering angle's reading stays as it was before the window; from the start of a run, at its first value."""
+
+    kind: Literal["steering_pot_stuck"] = "steering_pot_stuck"
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Freeze the reading."""
+        return None, conditions._replace(steer_pot_stuck=True)

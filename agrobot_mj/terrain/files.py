@@ -1,0 +1,202 @@
+"""Grids from files: NumPy arrays, grey PNG pictures, ESRI ASCII grids.
+
+Every reader looks at the size of the file and at its header before it reads the values. All of them raise ValueError
+that begins with `file: NAME: ` and names the fix.
+"""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+from PIL import Image
+
+from agrobot_mj.resources import library_file
+from agrobot_mj.signals import Array
+from agrobot_mj.terrain.grid import MOST_NODES
+
+MOST_BYTES = 128 * 1024**2
+"""Of a file: the largest grid as text fits in."""
+GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
+"""White in Pillow's modes of a grey picture."""
+HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
+"""What the head of an ESRI grid may say."""
+
+
+LONGEST_HEAD = 2000
+"""Characters that a header fits in."""
+
+
+class Sheet(NamedTuple):
+    """A grid as a file has it."""
+
+    values: Array
+    """Shape (rows, columns); row 0 is south."""
+    cell: float | None = None
+    """Distance between nodes, where the file states it [m]."""
+    white: float = 1.0
+    """Value of white in a picture."""
+
+
+def read_grid(file: str) -> Sheet:
+    """Finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
+    path = _checked(file, READERS)
+    sheet = READERS[path.suffix.lower()](path)
+    _fits(path, sheet.values.shape)
+    if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
+        value = sheet.values[tuple(bad[0])]
+        _refuse(path, f"holds {'NaN' if np.isnan(value) else 'inf'} in {len(bad)} places; fill the holes")
+    return sheet
+
+
+def read_picture(file: str) -> Array:
+    """Brightness of a grey PNG, from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    sheet = _read_png(_checked(file, [".png"]))
+    return sheet.values / sheet.white
+
+
+def _refuse(path: Path, what: str) -> NoReturn:
+    raise ValueError(f"file: {path.name}: {what}") from None
+
+
+def _checked(file: str, suffixes: Any) -> Path:
+    """The path of a regular file of sensible size."""
+    path = library_file(file)
+    known = ", ".join(suffixes)
+    try:
+        if path.is_dir():
+            _refuse(path, f"is a folder; name a file ({known})")
+        if not path.exists():
+            _refuse(path, f"no such file in {path.parent.resolve()}")
+        if not path.is_file():
+            _refuse(path, "is not a regular file")
+        size = path.stat().st_size
+    except OSError as error:
+        _refuse(path, f"cannot be read: {error.strerror}")
+    if path.suffix.lower() not in suffixes:
+        _refuse(path, f"unknown type {path.suffix!r}; convert it to one of {known}")
+    if size == 0:
+        _refuse(path, "is empty; write it again")
+    if size > MOST_BYTES:
+        _refuse(path, f"has {size / 1e6:.0f} MB, the limit is {MOST_BYTES / 1e6:.0f}; crop or thin it out")
+    return path
+
+
+def _fits(path: Path, shape: tuple[int, ...]) -> None:
+    """Refuse a shape that is no grid, or too large a one."""
+    if len(shape) != 2:
+        _refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
+    rows, columns = shape
+    if min(shape) < 2:
+        _refuse(path, f"has {rows} x {columns} nodes; at least 2 x 2 are needed")
+    if rows * columns > MOST_NODES:
+        _refuse(path, f"has {rows} x {columns} nodes, the limit is {MOST_NODES}; crop it or thin it out")
+
+
+def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
+    """What `read` returns; whatever a broken file makes a library raise becomes a message."""
+    try:
+        return read()
+    except Exception as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        _refuse(path, f"cannot be read ({reason}); {fix}")
+
+
+def _read_npy(path: Path) -> Sheet:
+    mapped = _try(
+        path,
+        "write it with numpy.save, numbers only",
+        lambda: np.lib.format.open_memmap(path, mode="r"),
+    )
+    if mapped.dtype.kind not in "fiu":
+        _refuse(path, f"holds values of type {mapped.dtype}; store real numbers, e.g. float32")
+    _fits(path, mapped.shape)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Sheet(np.array(mapped, dtype=np.float64))
+
+
+def _read_png(path: Path) -> Sheet:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            picture = Image.open(path, formats=["PNG"])
+        except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+            _refuse(path, f"unpacks to far more than {MOST_NODES} pixels, the limit; crop it or make it smaller")
+        except Exception:
+            _refuse(path, "is no PNG picture; export it again as grey PNG of 16 bits")
+    with picture:
+        _fits(path, (picture.height, picture.width))
+        if picture.mode not in GREY:
+            _refuse(path, f"is a picture of type {picture.mode}; export it as plain grey of 16 (or 8) bits")
+        values = _try(path, "export it again", lambda: np.asarray(picture, dtype=np.float64))
+        return Sheet(np.flipud(values), white=GREY[picture.mode])
+
+
+def _read_asc(path: Path) -> Sheet:
+    head = _head_of(path)
+    shape, cell = _shape_of(path, head), _cell_of(path, head)
+    _fits(path, shape)
+    words = _text(path)[2 * len(head) :]
+    if len(words) != shape[0] * shape[1]:
+        _refuse(
+            path,
+            f"has {len(words)} values where its header says {shape[0]} x {shape[1]} = {shape[0] * shape[1]}; "
+            "it is cut short or its header is wrong, export it again",
+        )
+    values = _try(path, "use numbers with a decimal point", lambda: np.array(words, dtype=np.float64)).reshape(shape)
+    if (holes := int((values == head.get("nodata_value", np.nan)).sum())) > 0:
+        _refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
+    return Sheet(np.flipud(values), cell)
+
+
+def _text(path: Path, size: int = -1) -> list[str]:
+    """The words among the first `size` characters, or of the whole file."""
+
+    def read() -> list[str]:
+        with path.open(encoding="ascii") as stream:
+            return stream.read(size).split()
+
+    words: list[str] = _try(path, "export it again as ESRI ASCII grid", read)
+    return words
+
+
+def _head_of(path: Path) -> dict[str, float]:
+    """Keys in small letters, and their numbers."""
+    found: dict[str, float] = {}
+    words = _text(path, LONGEST_HEAD)
+    for word, number in zip(words[::2], words[1::2], strict=False):
+        key = word.lower()
+        if key not in HEADER:
+            break
+        if key in found:
+            _refuse(path, f"says {key} twice in its header; leave one out")
+        found[key] = _try(path, f"give {word} a number", partial(float, number))
+    return found
+
+
+def _shape_of(path: Path, head: dict[str, float]) -> tuple[int, int]:
+    for key in ("nrows", "ncols"):
+        if key not in head:
+            _refuse(path, f"has no {key} in its header; export it again as ESRI ASCII grid")
+        if not (1 <= head[key] < 1e9 and head[key] == int(head[key])):
+            _refuse(path, f"says {key} {head[key]:g} in its header; it must be a whole number above 0")
+    return int(head["nrows"]), int(head["ncols"])
+
+
+def _cell_of(path: Path, head: dict[str, float]) -> float:
+    dx, dy = head.get("dx", head.get("cellsize")), head.get("dy", head.get("cellsize"))
+    if dx is None or dy is None:
+        _refuse(path, "has no cellsize in its header; export it again as ESRI ASCII grid")
+    if not (0 < dx < np.inf and 0 < dy < np.inf):
+        _refuse(path, f"says cellsize {dx:g} in its header; it must be above 0 m")
+    if dx != dy:
+        _refuse(
+            path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones, e.g. with gdalwarp -tr {dx:g} {dx:g}"
+        )
+    return dx
+
+
+READERS: dict[str, Callable[[Path], Sheet]] = {".npy": _read_npy, ".png": _read_png, ".asc": _read_asc}
+"""By suffix."""

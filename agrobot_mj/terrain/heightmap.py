@@ -1,0 +1,72 @@
+"""Heights from a file: a digital elevation model, or anything that a user draws or computes.
+
+The middle of the grid lies at the origin. Row 0 of a picture (`.png`) and of an ESRI grid (`.asc`) is the north edge,
+as maps have it; row 0 of an array (`.npy`) is the south edge, so that rows and columns count with y and x. Column 0 is
+west.
+"""
+
+from math import radians, tan
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.signals import Array
+from agrobot_mj.spec import Positive
+from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
+from agrobot_mj.terrain.files import Sheet, read_grid
+from agrobot_mj.terrain.grid import Ground, rounded_down
+
+
+class Heightmap(Tilted):
+    """Heights from a `.npy`, `.png` (grey, 16 or 8 bits) or `.asc` file."""
+
+    kind: Literal["heightmap"] = "heightmap"
+    file: str = Field(default="rolling_field.asc", min_length=1)
+    """Relative to the scenario's folder, or one that comes with the scenarios."""
+    scale: float = 1.0
+    """Metres a unit of the file [m]; of a 16-bit picture the range of heights over 65535."""
+    offset_m: float = 0.0
+    """Added to all heights [m]."""
+    spacing_m: Positive | None = None
+    """Between nodes of a .npy or .png; 1 when left out [m]. An .asc states its own."""
+    rectangular: bool = False
+    """Whether a .npy or .png may have more columns than rows, or fewer: such files do not state their shape."""
+
+    def relief(self) -> Ground:
+        """The height grid. Raises ValueError, naming the key."""
+        sheet = read_grid(self.file)
+        rows, columns = sheet.values.shape
+        if rows != columns and sheet.cell is None and not self.rectangular:
+            raise ValueError(
+                f"file: {self._name}: has {rows} rows and {columns} columns; set rectangular = true if that is its "
+                "shape, else make it square"
+            )
+        spacing = self._spacing(sheet)
+        corner = -spacing * (columns - 1) / 2, -spacing * (rows - 1) / 2
+        ground = Ground(*corner, spacing, self._heights(sheet.values))
+        if ground.steepest > (limit := tan(radians(STEEPEST_DEG))):
+            raise ValueError(
+                f"scale: {self._name} climbs {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
+                f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit: set scale, at most "
+                f"{rounded_down(abs(self.scale) * limit / ground.steepest):g} fits"
+            )
+        return self.tilted(ground)
+
+    @property
+    def _name(self) -> str:
+        return self.file.replace("\\", "/").rpartition("/")[2]
+
+    def _spacing(self, sheet: Sheet) -> float:
+        if sheet.cell is None:
+            return 1.0 if self.spacing_m is None else self.spacing_m
+        if self.spacing_m is not None and self.spacing_m != sheet.cell:
+            raise ValueError(f"spacing_m: {self._name} states its own cellsize of {sheet.cell:g} m; leave the key out")
+        return sheet.cell
+
+    def _heights(self, values: Array) -> Array:
+        with np.errstate(over="ignore", invalid="ignore"):
+            heights = self.scale * values + self.offset_m
+        if not np.abs(heights).max() < 1e6:
+            raise ValueError(f"scale: makes heights of {self._name} beyond 1000 km; make it smaller")
+        return heights

@@ -1,0 +1,61 @@
+"""Furrows: parallel ridges of one depth and one spacing.
+
+Across the furrows the height is, with d the distance from a crest over the spacing (0 at a crest, 0.5 at a trough),
+
+    sine:  h = (depth / 2) cos(2 pi d)
+    flat:  h = +- depth / 2 on level crests and troughs, joined by flanks of half a cosine.
+
+Wheels touch the ground in one point each, so that they follow furrows that a real tyre would partly bridge.
+"""
+
+from math import cos, radians, sin
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from agrobot_mj.signals import Array
+from agrobot_mj.spec import Positive
+from agrobot_mj.terrain.generated import Generated, Node
+
+LEVEL_SHARE = 0.3
+"""Of the spacing that is level on a flat crest, and as much in a trough [-]. Estimate."""
+
+
+class Ridges(Generated):
+    """Furrows across or along the way."""
+
+    VERTICAL: ClassVar[str] = "depth_m"
+
+    kind: Literal["ridges"] = "ridges"
+    half_size_m: Positive = 60.0
+    """From the origin to each edge of the field [m]."""
+    node_m: Node = 0.0625
+    """Largest distance between nodes of the grid [m]. Twelve nodes a furrow, so that the depth is right within 3 %."""
+    depth_m: Positive = 0.1
+    """From crest to trough [m]. Estimate: ploughed and settled ground; 0.05-0.25."""
+    spacing_m: Positive = 0.75
+    """From crest to crest, across [m]. Estimate: row crops, 0.5-0.9."""
+    furrow_direction_deg: float = 90.0
+    """Direction in which the furrows run, from east, counter-clockwise [deg]. 90: a path to the east crosses them."""
+    offset_m: float = 0.0
+    """Of a crest from the origin, to the right of that direction [m]."""
+    profile: Literal["sine", "flat"] = "sine"
+    """Round, or with level crests and troughs as of beds."""
+
+    def finest(self) -> float:
+        """Eight nodes a furrow."""
+        return self.spacing_m / 8
+
+    def bare(self, nodes: Array) -> Array:
+        """Heights about the mean level."""
+        direction = radians(self.furrow_direction_deg)
+        right = sin(direction) * nodes[None, :] - cos(direction) * nodes[:, None]
+        d = np.abs(_wrapped((right - self.offset_m) / self.spacing_m))
+        if self.profile == "flat":
+            d = np.clip((d - LEVEL_SHARE / 2) / (1 - 2 * LEVEL_SHARE), 0.0, 0.5)
+        return self.depth_m / 2 * np.cos(2 * np.pi * d)
+
+
+def _wrapped(turns: Array) -> Array:
+    """To the range from -0.5 to 0.5."""
+    return turns - np.round(turns)

@@ -1,0 +1,81 @@
+"""Random roughness of an ISO 8608 class.
+
+Profiles of the ground along any straight line have the one-sided power spectral density of the displacement
+
+    G_d(n) = G_d(n_0) (n / n_0)^-2,     n_0 = 0.1 cycle/m,
+
+with the geometric means of the classes [ISO8608]. The surface is isotropic: a two-dimensional spectrum S(k) of the
+wave number k [cycle/m] whose integral across a line is G_d / 2. For the power law alone that is S = G_d(n_0) n_0^2 /
+(4 k^3); a grid ends at its Nyquist wave number, so G_d is rolled off below it and S is the inverse Abel transform
+
+    S(k) = -1/pi int_k^inf G'(u) / sqrt(u^2 - k^2) du = -1/pi int_0^inf G'(k cosh v) dv,     G = G_d / 2.
+
+Amplitudes are exact and phases random, so that every draw, and not only their mean, has the spectrum of its class. The
+field is one period of the surface.
+
+The band: the spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 /
+node_m) cycle/m, where 2.83 is the end of the range of ISO 8608 (above it the contact patch of a tyre averages), and
+down to one cycle over the field for a periodogram of whole rows; windows over parts of it leak below 5 cycles a window.
+Tyres read between nodes too, where bilinear interpolation smooths: any line is within 10 % up to 0.07 / node_m.
+"""
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
+
+from agrobot_mj.randomness import stream
+from agrobot_mj.signals import Array
+from agrobot_mj.terrain.generated import Generated
+
+REFERENCE_WAVE_NUMBER = 0.1
+"""n_0 [cycle/m] [ISO8608]."""
+ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
+"""G_d(n_0) of the classes, geometric mean [m3] [ISO8608]."""
+HIGHEST_WAVE_NUMBER = 2.83
+"""End of the range of the standard [cycle/m] [ISO8608]."""
+ROLL_OFF = 0.7
+"""The spectrum is whole up to this share of the wave number where it ends [-]. Estimate."""
+
+
+class Rough(Generated):
+    """Ground of one roughness class all over."""
+
+    VERTICAL: ClassVar[str] = "iso_class"
+
+    kind: Literal["rough"] = "rough"
+    iso_class: Literal["A", "B", "C", "D", "E"] = "C"
+    """ISO 8608 class: A a very good road, C a gravel road or farm track, D and E fields and poor tracks."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Of the phases; the same field for every seed of the run."""
+
+    def bare(self, nodes: Array) -> Array:
+        """Heights, zero at the middle node."""
+        cells = nodes.size - 1
+        size = float(nodes[-1] - nodes[0])
+        nyquist = cells / (2 * size)
+        end = min(HIGHEST_WAVE_NUMBER / ROLL_OFF, nyquist)
+        k = np.hypot(fftfreq(cells, size / cells)[:, None], rfftfreq(cells, size / cells)[None, :])
+        noise = rfft2(stream(self.seed, "terrain.rough").normal(size=(cells, cells)))
+        amplitude = np.sqrt(plane_spectrum(k, ROUGHNESS[self.iso_class], end)) / size
+        tile = irfft2(noise / np.maximum(np.abs(noise), 1e-300) * amplitude * cells**2, s=(cells, cells))
+        return np.pad(tile - tile[cells // 2, cells // 2], ((0, 1), (0, 1)), mode="wrap")
+
+
+def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
+    """Two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m] that ends at `end`; zero at k = 0."""
+    table = end * np.geomspace(1e-4, 1.0, 800)
+    v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
+    s = np.trapezoid(-_line_slope(table[:, None] * np.cosh(v), roughness, end), v, axis=1) / np.pi
+    inside = (k > 0) & (k < end)
+    safe = np.where(inside, k, end)
+    return np.where(inside, np.interp(safe, table, s * table**3) / safe**3, 0.0)
+
+
+def _line_slope(n: Array, roughness: float, end: float) -> Array:
+    """Derivative of the two-sided spectrum of profiles, power law times roll-off, at wave numbers `n` [m4]."""
+    start = ROLL_OFF * end
+    phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
+    whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))
+    return roughness * REFERENCE_WAVE_NUMBER**2 / 2 * (falling / n**2 - 2 * whole / n**3)

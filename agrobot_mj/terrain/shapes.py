@@ -1,0 +1,168 @@
+"""Shapes of patches of ground: rectangle, circle, polygon, picture."""
+
+from math import cos, radians, sin
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from agrobot_mj.signals import Array
+from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.terrain.files import read_picture
+
+Bounds = tuple[float, float, float, float]
+"""(x_min, x_max, y_min, y_max) [m]."""
+Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
+
+
+class Special(Spec):
+    """Ground with properties of its own; a shape overrides `bounds` and `covers`."""
+
+    kind: str
+    friction: Positive = 1.0
+    """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
+    cone_index_kpa: Positive | None = None
+    """Of the soil; the tyre's own when left out [kPa]."""
+    cell_m: Positive = 0.25
+    """Size of the cells that stand for the shape; the finest of all patches counts [m]."""
+
+    def bounds(self) -> Bounds:
+        """The box around the shape."""
+        raise NotImplementedError
+
+    def covers(self, x: Array, y: Array) -> Mask:
+        """Whether points lie on the patch, shape as `x` and `y` [m]."""
+        raise NotImplementedError
+
+    def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Scale of the friction [-] and cone index [Pa, 0: the tyre's own] at points on the patch, shape as `x`."""
+        return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
+
+
+class Rectangle(Special):
+    """A rectangle about its centre."""
+
+    kind: Literal["rectangle"] = "rectangle"
+    x_m: float = 0.0
+    """Centre, east [m]."""
+    y_m: float = 0.0
+    """Centre, north [m]."""
+    length_m: Positive = 10.0
+    """Along its heading [m]."""
+    width_m: Positive = 10.0
+    """Across [m]."""
+    heading_deg: float = 0.0
+    """Of its length, from east, counter-clockwise [deg]."""
+
+    def bounds(self) -> Bounds:
+        """The box around the shape."""
+        c, s = abs(cos(radians(self.heading_deg))), abs(sin(radians(self.heading_deg)))
+        a = (c * self.length_m + s * self.width_m) / 2
+        b = (s * self.length_m + c * self.width_m) / 2
+        return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
+
+    def covers(self, x: Array, y: Array) -> Mask:
+        """Whether points lie on the patch."""
+        c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
+        along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
+        return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
+
+
+class Circle(Special):
+    """A disc about its centre."""
+
+    kind: Literal["circle"] = "circle"
+    x_m: float = 0.0
+    """Centre, east [m]."""
+    y_m: float = 0.0
+    """Centre, north [m]."""
+    radius_m: Positive = 5.0
+    """[m]."""
+
+    def bounds(self) -> Bounds:
+        """The box around the shape."""
+        r = self.radius_m
+        return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
+
+    def covers(self, x: Array, y: Array) -> Mask:
+        """Whether points lie on the patch."""
+        return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
+
+
+class Polygon(Special):
+    """A polygon; where its edges cross each other, points inside an even number of times do not count."""
+
+    kind: Literal["polygon"] = "polygon"
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)] = (
+        *((-5.0, -5.0), (5.0, -5.0)),
+        (0.0, 5.0),
+    )
+    """Corners [east, north], in either sense; the last is joined to the first [m]."""
+
+    @model_validator(mode="after")
+    def _has_corners(self) -> "Polygon":
+        if len(set(self.points)) < 3:
+            raise ValueError("points: has fewer than 3 different corners; add some")
+        return self
+
+    def bounds(self) -> Bounds:
+        """The box around the shape."""
+        x, y = zip(*self.points, strict=True)
+        return min(x), max(x), min(y), max(y)
+
+    def covers(self, x: Array, y: Array) -> Mask:
+        """Whether a ray to the east crosses an odd number of edges."""
+        inside = np.zeros(x.shape, dtype=np.bool_)
+        for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
+            if y0 != y1:
+                spans = (y0 <= y) != (y1 <= y)
+                inside ^= spans & (x < x0 + (y - y0) / (y1 - y0) * (x1 - x0))
+        return inside
+
+
+class Picture(Special):
+    """A grey picture as a map of properties, north up: `friction` and `cone_index_kpa` where it is black."""
+
+    kind: Literal["image"] = "image"
+    file: Annotated[str, Field(min_length=1)]
+    """A grey .png of 8 or 16 bits; relative to the scenario's folder, or one that comes with the scenarios."""
+    x_m: float = 0.0
+    """Centre, east [m]."""
+    y_m: float = 0.0
+    """Centre, north [m]."""
+    width_m: Positive = 100.0
+    """From west to east; the height follows from the picture [m]."""
+    friction_white: Positive | None = None
+    """Scale of the friction where it is white, linear between; as `friction` when left out [-]."""
+    cone_index_white_kpa: Positive | None = None
+    """Likewise of the soil; as `cone_index_kpa` when left out [kPa]."""
+
+    @model_validator(mode="after")
+    def _has_both_ends(self) -> "Picture":
+        if self.cone_index_kpa is None and self.cone_index_white_kpa is not None:
+            raise ValueError("cone_index_white_kpa: needs cone_index_kpa, which holds where the picture is black")
+        return self
+
+    def bounds(self) -> Bounds:
+        """The box around the shape. Raises ValueError, naming the key."""
+        rows, columns = read_picture(self.file).shape
+        a, b = self.width_m / 2, self.width_m / 2 * rows / columns
+        return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
+
+    def covers(self, x: Array, y: Array) -> Mask:
+        """Whether points lie on the picture."""
+        x_min, x_max, y_min, y_max = self.bounds()
+        return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
+
+    def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Those of the pixel at each point."""
+        brightness = read_picture(self.file)
+        x_min, _, y_min, _ = self.bounds()
+        rows, columns = brightness.shape
+        pixel = self.width_m / columns
+        row = np.clip(((y - y_min) / pixel).astype(int), 0, rows - 1)
+        column = np.clip(((x - x_min) / pixel).astype(int), 0, columns - 1)
+        grey, dark = brightness[row, column], 1e3 * (self.cone_index_kpa or 0.0)
+        white = dark if self.cone_index_white_kpa is None else 1e3 * self.cone_index_white_kpa
+        bright = self.friction if self.friction_white is None else self.friction_white
+        return self.friction + grey * (bright - self.friction), dark + grey * (white - dark)

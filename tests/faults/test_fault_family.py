@@ -1,0 +1,271 @@
+"""What holds for every fault: its window, its randomness, its overlaps, and the way it is written in a file."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.faults import Fault, Script
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.scenario import resolve
+from agrobot_mj.sensors import Gyro, Sensors
+from agrobot_mj.signals import GOOD_DAY, TICK_S, Quality
+from agrobot_mj.simulate import Loop
+from agrobot_mj.spec import every
+
+KINDS = sorted(spec.model_fields["kind"].default for spec in every(Fault))
+SENSED = [kind for kind in KINDS if not next(s for s in every(Fault) if s.model_fields["kind"].default == kind).machine]
+
+
+def faults(*tables):
+    """The faults of a scenario with these tables."""
+    return resolve({"fault": list(tables)}, "test").fault
+
+
+def conditions(*tables, seed=1, seconds=60.0):
+    script = Script(faults(*tables), seed)
+    return [script.conditions(k * TICK_S, TICK_S) for k in range(round(seconds / TICK_S))]
+
+
+def refused(*tables, **overrides):
+    with pytest.raises(ScenarioError) as error:
+        resolve({"fault": list(tables), **overrides}, "mine.toml")
+    return str(error.value)
+
+
+# --- every kind ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_acts_in_its_window_and_only_there(kind):
+    days = conditions({"kind": kind, "start_s": 20, "end_s": 40})
+    changed = [k for k, day in enumerate(days) if day != GOOD_DAY]
+    assert changed
+    assert min(changed) == 400, "at once"
+    assert max(changed) < 800
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_seed_alone_decides_what_it_does(kind):
+    table = {"kind": kind, "start_s": 5}
+    assert conditions(table) == conditions(table)
+    others = ({"kind": other, "start_s": 70} for other in KINDS if other != kind)
+    assert conditions(*others, table) == conditions(table), "whatever else is in the file"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_survives_the_round_trip_through_toml(kind, tmp_path):
+    scenario = resolve({"fault": [{"kind": kind, "start_s": 1.5}, {"kind": kind, "start_s": 0, "end_s": 1.5}]}, "two")
+    (tmp_path / "two.toml").write_text(scenario.to_toml())
+    again = load_scenario(tmp_path / "two.toml")
+    assert again.fault == scenario.fault
+    assert again.hash8 == scenario.hash8
+    assert "[[fault]]" in scenario.to_toml() or "fault = [" in scenario.to_toml()
+
+
+def test_the_hash_knows_the_faults():
+    hashes = {
+        resolve({"fault": tables}, "h").hash8 for tables in ([], [{"kind": "gnss_loss"}], [{"kind": "gnss_float"}])
+    }
+    assert len(hashes) == 3
+
+
+def test_a_clock_that_rounds_moves_no_window():
+    """0.05 s times 3 is a little more than 0.15, and the sum of eight a little less than 0.4."""
+    (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.4})
+    for clock in (0.05 * np.arange(10), 25 * 0.002 * np.arange(10), np.cumsum([0.0] + 9 * [0.05])):
+        assert [fault.active(t) for t in clock] == [3 <= k < 8 for k in range(10)]
+
+
+def test_the_log_counts_the_faults_that_act():
+    tables = [{"kind": "gnss_loss", "start_s": 1, "end_s": 2}, {"kind": "valve_wear", "start_s": 1.5}]
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 3, "fault": tables}))
+    t, active = log.column("t"), log.column("faults_active")
+    wanted = ((t > 0.99) & (t < 1.99)).astype(float) + (t > 1.49)
+    assert active == pytest.approx(wanted)
+    assert log.rows.columns.index("faults_active") == log.rows.columns.index("gnss_quality") + 1
+
+
+# --- randomness ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """What a good day's run really did, to be sensed again."""
+    loop, truths = Loop(load_scenario("circle", {"plant.kind": "bicycle"})), []
+    for _ in range(80):
+        truths.append(loop.truth)
+        loop.advance(loop.tick()[0])
+    return truths
+
+
+def sensed(truths, *tables):
+    sensors, script = Sensors(gyro=Gyro(enabled=True)), Script(faults(*tables), 1)
+    state, measurements = sensors.init(1), []
+    for truth in truths:
+        state, measurement = sensors.measure(state, truth, TICK_S, script.conditions(truth.t, TICK_S))
+        measurements.append(measurement)
+    return measurements
+
+
+@pytest.mark.parametrize("kind", SENSED)
+def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
+    good, ill = sensed(drive), sensed(drive, {"kind": kind, "start_s": 1, "end_s": 2})
+    struck = "fix" if kind.startswith("gnss") else "steer"
+    for channel in ("fix", "steer", "pedal", "gyro"):
+        changed = [k for k in range(80) if getattr(good[k], channel) != getattr(ill[k], channel)]
+        if channel == struck and kind != "valve_wear":
+            assert min(changed) == 20
+            assert max(changed) == 39
+        else:
+            assert not changed, channel
+
+
+# --- overlaps -----------------------------------------------------------------------------------------------------
+
+
+def test_the_same_fault_twice_at_a_time_is_refused():
+    message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
+    assert message == (
+        "mine.toml: fault[2]: overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
+        "let one end before the other begins"
+    )
+
+
+def test_one_may_begin_when_the_other_ends():
+    first, second = faults({"kind": "gnss_loss", "end_s": 30}, {"kind": "gnss_loss", "start_s": 30})
+    assert [(f.active(29.95), f.active(30.0)) for f in (first, second)] == [(True, False), (False, True)]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
+    tables = [{"kind": "gnss_float", "end_s": 20}, {"kind": "gnss_loss", "start_s": 5, "end_s": 10}]
+    quality = [day.gnss_quality for day in conditions(*tables[::order], seconds=25.0)]
+    assert quality == 100 * [Quality.FLOAT] + 100 * [Quality.NONE] + 200 * [Quality.FLOAT] + 100 * [Quality.FIX]
+
+
+@pytest.mark.parametrize(
+    ("table", "field", "once", "twice"),
+    [
+        ({"kind": "gnss_latency", "latency_s": 0.2}, "gnss_latency_s", 0.2, 0.4),
+        ({"kind": "steering_pot_bias", "bias_deg": 3.0}, "steer_pot_bias", np.radians(3), np.radians(6)),
+        ({"kind": "valve_wear", "gain_share": 0.5}, "valve_gain", 0.5, 0.25),
+        ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
+    ],
+)
+def test_a_fault_adds_to_what_is_there(table, field, once, twice):
+    (fault,) = faults(table)
+    _, one = fault.apply(None, GOOD_DAY, 0.0, TICK_S)
+    _, two = fault.apply(None, one, 0.0, TICK_S)
+    assert (getattr(one, field), getattr(two, field)) == pytest.approx((once, twice))
+
+
+def test_faults_of_different_kinds_all_count():
+    day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
+    assert day == GOOD_DAY._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_stuck=True)
+
+
+# --- what is refused ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"kind": "gnss_loss", "start_s": 5, "end_s": 3}, "fault[0].end_s: must lie after start_s (5), got 3"),
+        ({"kind": "gnss_loss", "start_s": 5, "end_s": 5}, "fault[0].end_s: must lie after start_s (5), got 5"),
+        ({"kind": "gnss_loss", "start_s": -1}, "fault[0].start_s: must be at least 0, got -1"),
+        ({"kind": "gnss_loss", "end_s": -1}, "fault[0].end_s: must be above 0, got -1"),
+        ({"kind": "gnss_loss", "start_s": float("nan")}, "fault[0].start_s: must be a finite number"),
+        ({"kind": "gnss_loss", "end_s": float("inf")}, "fault[0].end_s: must be a finite number"),
+        ({"kind": "gnss_los"}, "fault[0].kind: unknown kind 'gnss_los'; did you mean 'gnss_loss'?"),
+        ({"start_s": 3}, "fault[0].kind: is missing (known: "),
+        ({"kind": "gnss_loss", "strat_s": 3}, "fault[0].strat_s: unknown key; did you mean 'start_s'?"),
+        ({"kind": "gnss_latency", "latency_s": 0.12}, "fault[0].latency_s: 0.12 is not a whole number of 0.05 s ticks"),
+        ({"kind": "gnss_latency", "latency_s": 9}, "fault[0].latency_s: must be at most 5"),
+        ({"kind": "gnss_float", "jump_interval_s": 0.01}, "fault[0].jump_interval_s: must be at least 0.05"),
+        ({"kind": "gnss_float", "flicker_s": 0}, "fault[0].flicker_s: must be at least 0.05"),
+        ({"kind": "gnss_float", "jump_sigma_m": -1}, "fault[0].jump_sigma_m: must be at least 0"),
+        ({"kind": "steering_pot_bias", "bias_deg": 100}, "fault[0].bias_deg: must be at most 90"),
+        ({"kind": "steering_pot_bias", "ramp_s": -1}, "fault[0].ramp_s: must be at least 0"),
+        ({"kind": "valve_wear", "gain_share": 1.2}, "fault[0].gain_share: must be at most 1"),
+        ({"kind": "valve_wear", "dead_band_v": 7}, "fault[0].dead_band_v: must be at most 6"),
+        (3, "fault[0]: must be a table, got 3"),
+    ],
+)
+def test_what_cannot_be_is_told_by_key(table, message):
+    assert refused(table).startswith(f"mine.toml: {message}")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_bicycle_takes_the_faults_of_sensors_and_valve_only(kind):
+    data = {"fault": [{"kind": kind}], "plant": {"kind": "bicycle"}}
+    if kind in SENSED:
+        assert resolve(data, "b").fault[0].kind == kind
+    else:
+        with pytest.raises(ScenarioError, match=rf"fault\[0\]\.kind: '{kind}' acts on what the bicycle .* \"mujoco\""):
+            resolve(data, "b")
+
+
+# --- on the command line ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """(exit status, stdout, stderr) of running a file with this text, for 2 s on the bicycle."""
+    monkeypatch.chdir(tmp_path)
+
+    def start(text, *sets, out="out"):
+        Path("mine.toml").write_text(text)
+        changes = [word for key in ("duration_s=2", "plant.kind=bicycle", *sets) for word in ("--set", key)]
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "run", "mine.toml", "--no-rrd", "--out", out, *changes])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        output = capsys.readouterr()
+        return leaving.value.code or 0, output.out, output.err
+
+    return start
+
+
+LOSS = '[[fault]]\nkind = "gnss_loss"\nstart_s = 0.5\nend_s = 1\n'
+BAD = [
+    (LOSS + LOSS.replace("0.5", "0.8"), (), ("fault[1]: overlaps fault[0]", "0.8 to 1 s and 0.5 to 1 s")),
+    ('[fault]\nkind = "gnss_loss"\n', (), ("fault: must be a list of tables; write [[fault]]",)),
+    ("fault = 3\n", (), ("fault: must be a list, got 3",)),
+    (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 of [[fault]], counted from 0",)),
+    (LOSS, ("fault.x=1",), ("--set fault.x: fault is a list; write fault.0.key=value",)),
+    (LOSS, ("fault.x.y=1",), ("--set fault.x.y: fault is a list; write fault.0.key=value",)),
+    ("", ("fault.0.end_s=1",), ("--set fault.0.end_s: the scenario has 0 of [[fault]]",)),
+    (LOSS, ("fault.0.end_s=0.2",), ("fault[0].end_s: must lie after start_s (0.5), got 0.2",)),
+    (LOSS, ("fault.0.kind=friction",), ("fault[0].kind: 'friction' acts on what the bicycle",)),
+]
+
+
+@pytest.mark.parametrize(("text", "sets", "messages"), BAD, ids=[str(k) for k in range(len(BAD))])
+def test_bad_faults_end_with_status_2_and_one_message(call, text, sets, messages):
+    status, out, err = call(text, *sets)
+    assert (status, out) == (2, "")
+    assert all(message in err for message in messages)
+    assert "Traceback" not in err
+    assert not Path("out").exists()
+
+
+def test_the_keys_of_a_fault_can_be_set(call):
+    assert call(LOSS, "fault.0.end_s=40", "fault.0.kind=gnss_float", "fault.0.flicker_s=2.0")[0] == 0
+    (fault,) = load_scenario("out/scenario.toml").fault
+    assert (fault.kind, fault.start_s, fault.end_s, fault.flicker_s) == ("gnss_float", 0.5, 40.0, 2.0)
+
+
+def test_a_list_of_faults_can_be_set(call):
+    assert call("", 'fault=[{kind="gnss_loss", end_s=1}]')[0] == 0
+    assert load_scenario("out/scenario.toml").fault[0].end_s == 1.0
+
+
+def test_a_run_with_faults_can_be_run_again_from_what_it_wrote(call):
+    text = LOSS + '[[fault]]\nkind = "gnss_float"\nflicker_s = 0.2\n[[fault]]\nkind = "valve_wear"\nramp_s = 1\n'
+    assert call(text, out="first")[0] == 0
+    assert call(Path("first/scenario.toml").read_text(), out="second")[0] == 0
+    for name in ("signals.parquet", "scenario.toml"):
+        assert Path("first", name).read_bytes() == Path("second", name).read_bytes()
+    assert load_scenario("first/scenario.toml").hash8 == load_scenario("second/scenario.toml").hash8

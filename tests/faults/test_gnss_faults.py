@@ -1,0 +1,153 @@
+"""RTK float, flicker and latency: the statistics of the errors, and the order of the solutions."""
+
+from itertools import pairwise
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from agrobot_mj.faults import GnssFloat, GnssLatency, Script
+from agrobot_mj.sensors import Gnss
+from agrobot_mj.signals import GOOD_DAY, TICK_S, Quality, Truth
+
+PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
+
+
+def truth(t):
+    """Moves east at 1 m/s from the origin, so that a fix tells the time at which it was taken."""
+    samples = np.zeros(1)
+    pose = (t, t, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, t, 0.0)
+    return Truth(*pose, (t, 0.0, 2.0), (1.0, 0.0, 0.0), samples, samples)
+
+
+def days(fault, ticks, seed=1):
+    script = Script((fault,), seed)
+    return [script.conditions(k * TICK_S, TICK_S) for k in range(ticks)]
+
+
+def delivered(gnss, conditions, seed=1):
+    """Fix and quality of each tick."""
+    state, found = gnss.init(seed), []
+    for k, day in enumerate(conditions):
+        state, fix, quality = gnss.measure(state, truth(k * TICK_S), TICK_S, day)
+        found.append((fix, quality))
+    return found
+
+
+# --- float --------------------------------------------------------------------------------------------------------
+
+
+def test_a_float_offset_jumps_at_its_rate_and_with_its_sigma():
+    fault = GnssFloat(jump_sigma_m=0.2, jump_interval_s=2.0)
+    offsets = np.array([day.gnss_offset for day in days(fault, 40_000)])
+    at = np.flatnonzero((np.diff(offsets, axis=0) != 0).any(axis=1))
+    n = 40_000 * TICK_S / 2.0
+    assert len(at) == pytest.approx(n, abs=5 * sqrt(n) + n * TICK_S / 4)  # two jumps in one tick look like one
+    solutions = offsets[np.append(at, len(offsets) - 1)]
+    assert solutions.std(axis=0) == pytest.approx(0.2, rel=5 / sqrt(2 * n))
+    assert np.abs(solutions.mean(axis=0)).max() < 5 * 0.2 / sqrt(n)
+    steps = np.diff(solutions, axis=0)
+    assert steps.std(axis=0) == pytest.approx(sqrt(2) * 0.2, rel=8 / sqrt(2 * n)), "between independent solutions"
+
+
+def test_between_its_jumps_a_float_offset_stays():
+    fault = GnssFloat(jump_interval_s=1e9)
+    offsets = {day.gnss_offset for day in days(fault, 2000)}
+    assert len(offsets) == 1
+    assert offsets != {(0.0, 0.0)}
+
+
+def test_without_jumps_the_receiver_floats_with_its_own_error_alone():
+    fault = GnssFloat(jump_sigma_m=0.0)
+    assert {(day.gnss_quality, day.gnss_offset) for day in days(fault, 100)} == {(Quality.FLOAT, (0.0, 0.0))}
+
+
+def test_the_offset_is_in_what_the_receiver_tells():
+    (day,) = days(GnssFloat(), 1)
+    ((fix, quality),) = delivered(PERFECT, [day])
+    assert quality == Quality.FLOAT
+    assert (fix.x, fix.y) == pytest.approx(day.gnss_offset)
+
+
+def test_a_flicker_dwells_in_float_and_in_fix_as_long_as_it_says():
+    ticks = 100_000
+    told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), ticks)
+    quality = np.array([day.gnss_quality for day in told])
+    assert set(quality) == {Quality.FLOAT, Quality.FIX}
+    turns = np.flatnonzero(np.diff(quality))
+    n = ticks * TICK_S
+    assert len(turns) == pytest.approx(n, abs=5 * sqrt(n) + n * TICK_S), "exponential dwells of one second"
+    assert (quality == Quality.FLOAT).mean() == pytest.approx(0.5, abs=5 * 0.5 * sqrt(2 / n))
+    dwells = np.diff(turns) * TICK_S
+    assert dwells.std() == pytest.approx(1.0, rel=0.1)
+    for day in told:
+        assert (day.gnss_quality == Quality.FIX) == (day.gnss_offset == (0.0, 0.0))
+
+
+def test_a_flicker_comes_back_to_another_solution():
+    told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), 2000)
+    spells = sum(a.gnss_quality == Quality.FIX != b.gnss_quality for a, b in pairwise(told))
+    assert len({day.gnss_offset for day in told} - {(0.0, 0.0)}) >= spells + 1 > 30
+
+
+def test_a_float_error_is_large_and_long_lived():
+    """Sigma, share and time of its correlated part are the receiver's own for float."""
+    gnss, n, lags = Gnss(float_correlation_time_s=2.0), 100_000, np.array([0, 1, 20, 40])
+    told = delivered(gnss, n * [GOOD_DAY._replace(gnss_quality=Quality.FLOAT)])
+    for error in np.array([(fix.x - k * TICK_S, fix.y) for k, (fix, _) in enumerate(told)]).T:
+        covariance = np.array([error[: n - lag] @ error[lag:] / (n - lag) for lag in lags]) / 0.3**2
+        wanted = 0.9 * np.exp(-lags * TICK_S / 2.0) + 0.1 * (lags == 0)
+        assert covariance == pytest.approx(wanted, abs=5 * sqrt(2 * 2.0 / (n * TICK_S)))
+
+
+def test_fix_and_float_errors_are_independent_and_go_on_unseen():
+    gnss = Gnss(correlated_fraction=1.0, float_correlated_fraction=1.0)
+    floats = [GOOD_DAY._replace(gnss_quality=Quality.FLOAT)]
+    first = [[delivered(gnss, [day], seed)[0][0].x for day in (GOOD_DAY, *floats)] for seed in range(1000)]
+    assert abs(np.corrcoef(np.transpose(first))[0, 1]) < 5 / sqrt(1000)
+    whole, mixed = delivered(gnss, 90 * floats), delivered(gnss, 30 * floats + 30 * [GOOD_DAY] + 30 * floats)
+    assert mixed[60:] == whole[60:]
+
+
+# --- latency ------------------------------------------------------------------------------------------------------
+
+
+def ages(own_s, extra, ticks=60):
+    """Age of what is delivered in each tick [ticks], None for nothing; `extra(k)` in ticks."""
+    gnss = PERFECT.model_copy(update={"latency_s": own_s})
+    told = delivered(gnss, [GOOD_DAY._replace(gnss_latency_s=extra(k) * TICK_S) for k in range(ticks)])
+    return [None if fix is None else round(k - fix.x / TICK_S) for k, (fix, _) in enumerate(told)]
+
+
+@pytest.mark.parametrize("own", [0, 2])
+def test_a_latency_that_sets_in_stops_the_solutions_until_they_are_old_enough(own):
+    found = ages(own * TICK_S, lambda k: 5 if 20 <= k < 40 else 0)
+    assert found[:20] == own * [None] + (20 - own) * [own]
+    assert found[20:25] == 5 * [None]
+    assert found[25:40] == 15 * [own + 5]
+    assert found[40:] == 20 * [own], "the newest there is, at once"
+
+
+def test_solutions_never_come_out_of_order_nor_twice():
+    rng = np.random.default_rng(3)
+    extra = np.repeat(rng.integers(0, 12, 100), rng.integers(1, 9, 100))
+    found = ages(0.1, lambda k: int(extra[k]), len(extra))
+    taken = [k - age for k, age in enumerate(found) if age is not None]
+    assert len(taken) > 100
+    assert (np.diff(taken) > 0).all()
+    assert all(age == extra[k] + 2 for k, age in enumerate(found) if age is not None)
+
+
+def test_the_fault_adds_its_latency_to_the_receivers_own():
+    fault = GnssLatency(latency_s=0.25, start_s=1.0, end_s=2.0)
+    assert [day.gnss_latency_s for day in days(fault, 60)] == 20 * [0.0] + 20 * [0.25] + 20 * [0.0]
+
+
+def test_what_is_under_way_is_forgotten_once_it_is_overtaken():
+    gnss = Gnss(latency_s=5.0)
+    state, late = gnss.init(1), GOOD_DAY._replace(gnss_latency_s=5.0)
+    for k in range(400):
+        state, _, _ = gnss.measure(state, truth(k * TICK_S), TICK_S, late)
+    assert len(state.pending) == 200
+    state, _, _ = gnss.measure(state, truth(20.0), TICK_S)
+    assert len(state.pending) == 100

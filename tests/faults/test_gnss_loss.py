@@ -1,0 +1,101 @@
+"""Five seconds without GNSS in a turn, through the whole stack on the MuJoCo tractor."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.hydraulics import LITRE_PER_MINUTE
+from agrobot_mj.signals import TICK_S
+
+LOST, FOUND = 500, 600
+"""First tick without and first tick with a solution again."""
+LOSS = {"kind": "gnss_loss", "start_s": LOST * TICK_S, "end_s": FOUND * TICK_S}
+CIRCLE = {"duration_s": 40.0, "fault": [LOSS]}
+
+
+@pytest.fixture(scope="module", params=["pd", "pd_t2fnn"])
+def log(request):
+    return run(load_scenario("circle", {"controller.kind": request.param, **CIRCLE}))
+
+
+@pytest.fixture(scope="module")
+def gentle():
+    """The same with a reference that changes no faster than the valve can follow."""
+    return run(load_scenario("circle", {**CIRCLE, "steering.loop.reference_rate_deg_s": valve_rate()}))
+
+
+def valve_rate():
+    """Fastest change of the steering angle [deg/s]."""
+    steering = load_scenario("circle").steering
+    return float(np.degrees(steering.valve.pump_flow_l_min * LITRE_PER_MINUTE / steering.cylinder.displacement))
+
+
+def estimation_error(log):
+    return np.hypot(log.column("rear_x") - log.column("rear_x_hat"), log.column("rear_y") - log.column("rear_y_hat"))
+
+
+def test_it_completes_without_a_warning(log):
+    assert (log.outcome, log.metrics["physics_warnings"]) == ("completed", 0)
+    quality = log.column("gnss_quality")
+    assert (quality[LOST:FOUND] == 0).all()
+    assert (quality[:LOST] == 2).all()
+    assert (quality[FOUND:] == 2).all()
+    assert np.array_equal(np.isnan(log.column("gnss_x")), quality == 0)
+
+
+def test_the_estimate_coasts(log):
+    """It goes on as the filters' speed and the measured steering say."""
+    x, y = log.column("x_hat")[LOST:FOUND], log.column("y_hat")[LOST:FOUND]
+    steps = np.hypot(np.diff(x), np.diff(y))
+    assert (steps > 0.5 * 1.2 * TICK_S).all()
+    assert np.ptp(log.column("yaw_hat")[LOST:FOUND]) > 0.4, "and turns"
+    assert hypot(x[-1] - x[0], y[-1] - y[0]) > 4.0
+
+
+def test_the_stated_uncertainty_grows_while_it_lasts_and_shrinks_at_once_after_it(log):
+    variance = log.column("p_xx") + log.column("p_yy")
+    assert (np.diff(variance[LOST - 1 : FOUND]) > 0).all()
+    assert variance[FOUND - 1] > 25 * variance[LOST - 1]
+    assert variance[FOUND] < 0.2 * variance[FOUND - 1]
+    assert variance[FOUND + 40] == pytest.approx(variance[LOST - 1], rel=0.1)
+
+
+def test_the_error_grows_and_recovers(log):
+    error = estimation_error(log)
+    before, end = error[LOST - 100 : LOST].mean(), error[FOUND - 1]
+    assert before < 0.04
+    assert end > 4 * before
+    assert end == error[LOST:].max(), "the first fix makes it better"
+    assert end < 1.5
+    assert error[FOUND + 10 : FOUND + 100].max() < 0.1
+    lateral = np.abs(log.column("e_lateral"))
+    assert lateral[LOST:].max() < lateral[LOST - 200 : LOST].max() + 0.3
+
+
+def test_the_filter_is_far_too_sure_of_itself_meanwhile(log):
+    """Its speed is held in east and north, not along the turn, and its covariance knows nothing of that."""
+    nees = log.column("position_nees")
+    assert nees[LOST - 200 : LOST].mean() < 15
+    assert nees[FOUND - 1] > 20
+    assert nees[FOUND + 100 :].mean() < 15
+
+
+def test_the_wheels_never_turn_faster_than_the_valve_lets_them(log):
+    """Whatever the reference does."""
+    turned = np.degrees(np.abs(np.diff(log.column("steer"))))
+    assert turned[LOST:].max() < valve_rate() * TICK_S
+
+
+def test_a_limited_reference_does_not_jump_when_the_solution_is_back(log, gentle):
+    limit = valve_rate() * TICK_S
+    jump, limited = (np.degrees(np.abs(np.diff(run.column("steer_ref")))) for run in (log, gentle))
+    assert jump[FOUND - 1 :].max() > limit, "without it the correction of the yaw passes for motion"
+    assert limited.max() <= limit * (1 + 1e-9)
+    assert np.abs(gentle.column("e_lateral"))[LOST:].max() < np.abs(log.column("e_lateral"))[LOST:].max() + 0.05
+
+
+def test_the_limit_is_not_felt_where_nothing_is_lost(log):
+    steps = np.degrees(np.abs(np.diff(log.column("steer_ref"))))
+    assert steps[200 : LOST - 1].max() < valve_rate() * TICK_S

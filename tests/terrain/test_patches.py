@@ -1,0 +1,144 @@
+"""Patches of ground: shapes, pictures, overlap, and what is told of those that cannot be laid."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.scenario import load_scenario
+from agrobot_mj.spec import every
+from agrobot_mj.terrain import Flat, surface_at
+from agrobot_mj.terrain.patches import MOST_CELLS, Patch
+from agrobot_mj.terrain.shapes import Circle, Picture, Polygon, Rectangle
+
+U_SHAPE = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (4.0, 6.0), (4.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0))
+
+
+def surface_of(*patches, half=50.0):
+    return Flat(half_size_m=half, patch=patches).ground().surface
+
+
+def friction(surface, x, y):
+    return surface_at(surface, x, y)[0]
+
+
+def test_the_family_is_complete():
+    assert {patch.model_fields["kind"].default for patch in every(Patch)} == {"rectangle", "circle", "polygon", "image"}
+
+
+def test_a_polygon_may_be_hollow_and_is_the_same_in_either_sense():
+    for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
+        surface = surface_of(Polygon(points=points, friction=0.5))
+        for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):
+            assert friction(surface, x, y) == 0.5
+        for x, y in ((3.0, 4.0), (-1.0, 3.0), (7.0, 3.0), (3.0, 6.5), (1.0, -0.5)):
+            assert friction(surface, x, y) == 1.0
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(-180, 180), st.floats(-10, 10), st.floats(-10, 10))
+def test_a_polygon_of_four_corners_is_the_rectangle(length, width, heading, x, y):
+    box = Rectangle(x_m=x, y_m=y, length_m=length, width_m=width, heading_deg=heading)
+    c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))
+    corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    twin = Polygon(points=tuple((float(x + c * a - s * b), float(y + s * a + c * b)) for a, b in corners))
+    assert twin.bounds() == pytest.approx(box.bounds())
+    at = np.random.default_rng(0).uniform(-25, 25, (2, 500))
+    assert np.array_equal(twin.covers(*at), box.covers(*at))
+
+
+def picture(folder, values, **keys):
+    file = folder / "map.png"
+    Image.fromarray(np.asarray(values)).save(file)
+    return Picture(file=str(file), **keys)
+
+
+@pytest.mark.parametrize("white", [255, 65535])
+def test_a_picture_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
+    values = np.array([[0, white], [white // 5, white]], dtype=np.uint8 if white == 255 else np.uint16)
+    patch = picture(
+        tmp_path,
+        values,
+        width_m=8.0,
+        x_m=10.0,
+        friction=0.4,
+        friction_white=0.9,
+        cone_index_kpa=300.0,
+        cone_index_white_kpa=1300.0,
+    )
+    surface = surface_of(patch)
+    assert surface_at(surface, 8.0, 2.0) == pytest.approx((0.4, 3e5))
+    assert surface_at(surface, 12.0, 2.0) == pytest.approx((0.9, 13e5))
+    assert surface_at(surface, 8.0, -2.0) == pytest.approx((0.5, 5e5))
+    assert surface_at(surface, 14.1, 0.0) == (1.0, 0.0)
+    assert surface_at(surface, 5.9, 0.0) == (1.0, 0.0)
+
+
+def test_a_picture_keeps_its_shape_and_its_one_value_where_only_one_is_given(tmp_path):
+    patch = picture(tmp_path, np.array([[0, 255, 7, 9], [1, 2, 3, 4]], dtype=np.uint8), width_m=20.0, friction=0.7)
+    assert patch.bounds() == (-10.0, 10.0, -5.0, 5.0)
+    surface = surface_of(patch)
+    assert surface.friction == pytest.approx(np.full((40, 80), 0.7))
+    assert not surface.cone_index.any()
+
+
+def test_a_changed_picture_is_read_anew(tmp_path):
+    terrain = Flat(patch=(picture(tmp_path, np.zeros((4, 4), dtype=np.uint8), friction=0.4, friction_white=0.8),))
+    assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.4)
+    picture(tmp_path, np.full((5, 5), 255, dtype=np.uint8))
+    assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.8)
+
+
+def test_of_patches_that_overlap_the_last_one_counts():
+    wet, dry = Circle(friction=0.5, cone_index_kpa=500.0), Circle(radius_m=2.0, friction=0.9)
+    assert surface_at(surface_of(wet, dry), 0.3, 0.3) == (0.9, 0.0)
+    assert surface_at(surface_of(dry, wet), 0.3, 0.3) == (0.5, 5e5)
+
+
+@pytest.mark.parametrize(
+    "patch",
+    [
+        Rectangle(length_m=900.0, width_m=900.0),
+        Rectangle(length_m=999.0, width_m=0.01, cell_m=1e-4),
+        Rectangle(length_m=900.0, width_m=300.0, cell_m=0.01),
+    ],
+)
+def test_too_many_cells_are_refused_with_a_size_that_fits(patch):
+    with pytest.raises(
+        ValueError, match=r"^patch: \d+ x \d+ cells are more than 4000000; make cell_m larger, e\.g\. "
+    ) as e:
+        surface_of(patch, half=500.0)
+    cell = float(str(e.value).rpartition(" ")[2])
+    cells = surface_of(patch.model_copy(update={"cell_m": cell}), half=500.0).friction.size
+    assert 0.5 * MOST_CELLS < cells <= MOST_CELLS
+
+
+BAD = [
+    ('kind = "polygon"\npoints = [[0, 0], [1, 0]]', "terrain.patch[0].points: "),
+    ('kind = "polygon"\npoints = [[0, 0], [1, 0], [0, 0]]', "terrain.patch[0].points: has fewer than 3 different"),
+    ('kind = "polygon"\npoints = [[0, 0], [1, 0], [nan, 0]]', "terrain.patch[0].points"),
+    ('kind = "polygon"\npoints = [[900, 0], [901, 0], [900, 1]]', "terrain.patch[0]: lies outside the field"),
+    ('kind = "circle"\nx_m = 600', "terrain.patch[0]: lies outside the field"),
+    ('kind = "image"', "terrain.patch[0].file: is missing"),
+    ('kind = "image"\nfile = "none.png"', "terrain.patch[0].file: none.png: no such file in "),
+    ('kind = "image"\nfile = "map.npy"', "terrain.patch[0].file: map.npy: "),
+    ('kind = "image"\nfile = "text.png"', "terrain.patch[0].file: text.png: is no PNG picture"),
+    ('kind = "image"\nfile = "rgb.png"', "terrain.patch[0].file: rgb.png: is a picture of type RGB"),
+    ('kind = "image"\nfile = "grey.png"\ncone_index_white_kpa = 9.0', "terrain.patch[0].cone_index_white_kpa: needs"),
+    ('kind = "image"\nfile = "grey.png"\nx_m = 1e4', "terrain.patch[0]: lies outside the field"),
+    ('kind = "square"', "terrain.patch[0].kind: unknown kind 'square'"),
+]
+
+
+@pytest.mark.parametrize(("table", "what"), BAD)
+def test_a_patch_that_cannot_be_laid_is_told_by_number_and_key(tmp_path, table, what):
+    (tmp_path / "text.png").write_text("hello")
+    (tmp_path / "map.npy").write_text("hello")
+    Image.fromarray(np.zeros((5, 5, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")
+    Image.fromarray(np.zeros((5, 5), dtype=np.uint8)).save(tmp_path / "grey.png")
+    (tmp_path / "field.toml").write_text(f"[[terrain.patch]]\n{table}\n")
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(tmp_path / "field.toml")
+    assert f"field.toml: {what}" in str(error.value)

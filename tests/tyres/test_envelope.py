@@ -1,0 +1,99 @@
+"""A wheel on curved ground stands as high as the circle that it is, and is pushed along its radius."""
+
+from math import cos, sin, tan
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from agrobot_mj.terrain import Ground, Ridges, Rough
+from agrobot_mj.terrain.grid import heights, plane
+from agrobot_mj.tyres.envelope import STEP
+from agrobot_mj.tyres.patch import standing
+
+EAST = (0.0, 1.0, 0.0)
+"""Axle (to the left) of a wheel that rolls east."""
+
+
+def stand(ground, radius, x, y=0.0, axle=EAST):
+    """Height of the wheel's centre at which it just touches, and the normal there."""
+    low, high = float(ground.heights.min()) + 0.5 * radius, float(ground.heights.max()) + 2 * radius
+    z = brentq(lambda z: standing(ground, radius, (x, y, z), axle)[1], low, high, xtol=1e-9)
+    return z, standing(ground, radius, (x, y, z), axle)[0]
+
+
+def circle_on(ground, radius, x, y=0.0):
+    """The same by trying every point of the circle."""
+    s = np.linspace(-radius, radius, 4001)
+    return float((heights(ground, x + s, np.full(s.shape, y)) + np.sqrt(radius**2 - s**2)).max())
+
+
+REACH = sin(5 * STEP)
+FURROWS = {
+    "wide": Ridges(depth_m=0.1, spacing_m=2.0, half_size_m=5.0, node_m=0.02),
+    "narrow": Ridges(depth_m=0.06, spacing_m=0.2, half_size_m=3.0, node_m=0.0125),
+    "beds": Ridges(depth_m=0.1, spacing_m=0.75, profile="flat", half_size_m=5.0, node_m=0.02),
+    "rough": Rough(iso_class="E", half_size_m=5.0, node_m=0.1),
+}
+
+
+@pytest.mark.parametrize("radius", [0.28, 0.42])
+@pytest.mark.parametrize("name", FURROWS)
+def test_a_wheel_stands_as_high_as_a_circle(name, radius):
+    ground = FURROWS[name].ground()
+    places = np.linspace(-1.0, 1.0, 61)
+    got = np.array([stand(ground, radius, x)[0] for x in places])
+    want = np.array([circle_on(ground, radius, x) for x in places])
+    assert np.abs(got - want).max() < 0.006
+    assert np.abs(got - want).mean() < 0.0015
+    if name == "narrow":  # it spans two crests instead of touching the bottom
+        assert np.ptp(got) < 1.1 * (radius - np.sqrt(radius**2 - 0.1**2)) < 0.03
+
+
+@pytest.mark.parametrize("radius", [0.28, 0.42])
+def test_the_push_is_along_the_way_of_the_centre(radius):
+    """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
+    ground = FURROWS["wide"].ground()
+    for x in np.linspace(-0.9, 0.9, 37):
+        z, n = stand(ground, radius, x)
+        slope = (stand(ground, radius, x + 0.01)[0] - stand(ground, radius, x - 0.01)[0]) / 0.02
+        assert -n[0] / n[2] == pytest.approx(slope, abs=0.03)
+        assert n[1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.6, 2.5])
+@pytest.mark.parametrize("tilt", [0.0, 0.2])
+def test_on_a_plane_of_many_cells_it_is_the_plane(yaw, tilt):
+    """The same normal and penetration as on the single cell, for a wheel of any heading and lean."""
+    grade = tan(0.2), -0.1
+    nodes = np.linspace(-3.0, 3.0, 41)
+    many = Ground(-3.0, -3.0, 0.15, np.ascontiguousarray(grade[0] * nodes[None, :] + grade[1] * nodes[:, None]))
+    axle = (-sin(yaw) * cos(tilt), cos(yaw) * cos(tilt), sin(tilt))
+    for x, y, z in ((0.3, -0.4, 0.5), (0.11, 0.72, 0.4)):
+        n, penetration = standing(many, 0.42, (x, y, z), axle)
+        m, depth = standing(plane(*grade, 3.0), 0.42, (x, y, z), axle)
+        assert n == pytest.approx(m, abs=1e-9)
+        assert penetration == pytest.approx(depth, abs=1e-9)
+
+
+def profile(h, nodes):
+    """The same profile to the east everywhere."""
+    return Ground(nodes[0], nodes[0], nodes[1] - nodes[0], np.ascontiguousarray(np.tile(h, (nodes.size, 1))))
+
+
+def test_on_an_edge_it_is_pushed_from_the_edge():
+    """Past the brink of a flank down by 45 degrees a wheel still rests on the brink, on a radius that leans back."""
+    nodes = np.arange(-100, 101) * 0.02
+    brink = profile(-np.clip(nodes, 0.0, 0.5), nodes)
+    for x in (0.05, 0.15, 0.25):
+        z, n = stand(brink, 0.42, x)
+        assert z == pytest.approx(np.sqrt(0.42**2 - x**2), abs=0.004)
+        assert n[0] == pytest.approx(x / 0.42, abs=0.06)
+
+
+def test_in_a_ditch_that_it_spans_both_edges_share_the_load():
+    """A wheel over the middle is pushed straight up, a little off it towards the nearer edge's side."""
+    nodes = np.arange(-100, 101) * 0.02
+    ditch = profile(np.clip(np.abs(nodes) - 0.2, -0.2, 0.0), nodes)
+    assert stand(ditch, 0.42, 0.0)[1] == pytest.approx((0.0, 0.0, 1.0), abs=0.01)
+    assert stand(ditch, 0.42, 0.03)[1][0] < -0.2 < 0.2 < stand(ditch, 0.42, -0.03)[1][0]
