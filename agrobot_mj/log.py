@@ -19,8 +19,9 @@ from agrobot_mj.signals import Array
 COLUMNS = (
     *("t", "x_ref", "y_ref", "z_ref", "yaw_ref", "curvature_ref"),
     *("x", "y", "z", "yaw", "pitch", "roll", "speed", "lateral_speed", "yaw_rate", "rear_x", "rear_y"),
-    *("x_hat", "y_hat", "yaw_hat", "speed_hat", "yaw_rate_hat", "rear_x_hat", "rear_y_hat"),
-    *("p_xx", "p_xy", "p_yy", "p_yaw", "position_nees", "gnss_x", "gnss_y", "gnss_quality", "faults_active"),
+    *("x_hat", "y_hat", "yaw_hat", "speed_hat", "yaw_rate_hat", "steer_bias_hat", "rear_x_hat", "rear_y_hat"),
+    *("p_xx", "p_xy", "p_yy", "p_yaw", "position_nees", "position_nis", "gnss_x", "gnss_y", "gnss_quality"),
+    "faults_active",
     *("e_longitudinal", "e_lateral", "speed_ref", "yaw_rate_ref", "e_yaw_rate", "tau_c", "tau_n", "q"),
     *("steer_ref", "steer", "steer_measured", "steer_saturated", "valve_voltage"),
     *("pedal_ref", "pedal", "pedal_measured", "pedal_voltage"),

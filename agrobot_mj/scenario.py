@@ -21,7 +21,7 @@ from agrobot_mj.control.kinematic import KinematicLaw
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.edits import files, fill, locate, override, said
-from agrobot_mj.estimation import Estimator
+from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault, clashes
 from agrobot_mj.hydraulics import Cylinder, Valve
 from agrobot_mj.outcomes import Outcome
@@ -83,7 +83,7 @@ class Scenario(Spec):
     steering: Steering = Steering()
     driveline: Driveline = Driveline()
     sensors: Sensors = Sensors()
-    estimator: Estimator = Estimator()
+    estimator: Estimator = Ekf()
 
     @property
     def ticks(self) -> int:
@@ -145,6 +145,8 @@ def _misfits(s: Scenario) -> list[str]:
         )
     if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
         found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
+    if s.estimator.needs_imu and not s.sensors.imu.enabled:
+        found.append("estimator.terrain_compensation: needs sensors.imu.enabled = true")
     start = s.path.at(0.0)
     try:
         if not s.terrain.ground().covers(start.x, start.y):

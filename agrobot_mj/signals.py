@@ -5,6 +5,7 @@ ISO 8855 (x forward, y left, z up), so steering, yaw rate and lateral velocity a
 nose-down-positive and roll is left-side-up-positive.
 """
 
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -141,6 +142,10 @@ class Measurement(NamedTuple):
     """Pedal potentiometer after its filter [-]."""
     gyro: float
     """Yaw rate from the optional gyro [rad/s]."""
+    roll: float = nan
+    """Left side up positive, from the optional IMU [rad]."""
+    pitch: float = nan
+    """Nose down positive, from the optional IMU [rad]."""
 
 
 class Estimate(NamedTuple):
@@ -162,6 +167,10 @@ class Estimate(NamedTuple):
     """R, north [m]."""
     covariance: Array
     """Of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
+    nis: float = nan
+    """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
+    steer_bias: float = nan
+    """What the steering angle reads beyond what the motion shows, left positive; NaN if not estimated [rad]."""
 
 
 class Reference(NamedTuple):

@@ -145,8 +145,8 @@ def row(
     return (
         *(t.t, reference.x, reference.y, wanted.z, reference.yaw, reference.curvature),
         *(t.x, t.y, t.z, t.yaw, t.pitch, t.roll, t.speed, t.lateral_speed, t.yaw_rate, t.rear_x, t.rear_y),
-        *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.rear_x, estimate.rear_y),
-        *(p_xx, p_xy, p_yy, float(p[2, 2]), nees),
+        *(estimate.x, estimate.y, estimate.yaw, estimate.speed, estimate.yaw_rate, estimate.steer_bias),
+        *(estimate.rear_x, estimate.rear_y, p_xx, p_xy, p_yy, float(p[2, 2]), nees, estimate.nis),
         *(fix.x if fix else np.nan, fix.y if fix else np.nan, float(measured.quality), float(faults)),
         *(e_longitudinal, e_lateral, wanted.speed, wanted.yaw_rate, wanted.e_yaw_rate),
         *(command.tau_c, command.tau_n, command.q, command.steer, t.steer, measured.steer),

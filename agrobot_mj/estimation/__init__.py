@@ -1,5 +1,13 @@
-"""State estimation: velocity Kalman filter and pose extended Kalman filter, the only users of filterpy."""
+"""State estimation: velocity Kalman filter and extended Kalman filters of the pose, the only users of filterpy."""
 
-from agrobot_mj.estimation.estimator import Estimator, EstimatorState
+from typing import Annotated
 
-__all__ = ["Estimator", "EstimatorState"]
+from pydantic import Field
+
+from agrobot_mj.estimation.base import EstimatorState
+from agrobot_mj.estimation.ekf import Ekf
+from agrobot_mj.estimation.ekf_bias import EkfBias
+
+Estimator = Annotated[Ekf | EkfBias, Field(discriminator="kind")]
+
+__all__ = ["Ekf", "EkfBias", "Estimator", "EstimatorState"]

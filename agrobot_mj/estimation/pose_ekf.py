@@ -8,7 +8,8 @@ overridden; the object is a workspace only: `step` is a function of its argument
 filterpy's `update(None)`.
 """
 
-from math import cos, sin, tan
+from functools import lru_cache
+from math import cos, nan, sin, tan
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -37,10 +38,12 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     x: Array
     P: Array
+    nis: float
+    """Normalised innovation squared of the last step, NaN without a fix [-]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         super().__init__(dim_x=3, dim_z=2)
-        self.wheelbase = wheelbase
+        self.wheelbase, self.nis = wheelbase, nan
         self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
 
     def predict_x(self, u: tuple[float, float, float]) -> None:
@@ -51,20 +54,17 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = f(self.x, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
 
     def step(
-        self,
-        mean: Array,
-        covariance: Array,
-        inputs: tuple[float, float, float],
-        fix: Fix | None,
-        noise: Array,
+        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array]:
-        """Mean (3,) and covariance (3, 3) after a tick, given the fix at its end.
+        """Mean (3,) and covariance (3, 3) after a tick, given the fix at its end, of standard deviation `sigma` [m].
 
-        `inputs` are speed [m/s], steer [rad] and dt [s]; `noise` (2, 2) is the covariance of the fix (x, y).
+        `inputs` are speed [m/s], steer [rad] and dt [s].
         """
         self.x, self.P = mean, covariance
         self.predict(inputs)
-        self.update(None if fix is None else np.array((fix.x, fix.y)), _jacobian_of_h, _h, R=noise)
+        z = None if fix is None else np.array((fix.x, fix.y))
+        self.update(z, _jacobian_of_h, _h, R=_noise(sigma))
+        self.nis = nan if z is None else float(self.y @ self.SI @ self.y)
         return self.x, self.P
 
 
@@ -74,3 +74,9 @@ def _h(pose: Array) -> Array:
 
 def _jacobian_of_h(pose: Array) -> Array:
     return H
+
+
+@lru_cache(maxsize=8)
+def _noise(sigma: float) -> Array:
+    """Covariance (2, 2) of a fix."""
+    return np.diag(np.square((sigma, sigma)))

@@ -7,6 +7,7 @@ workspace only: `step` is a function of its arguments, and a missing fix is filt
 """
 
 from functools import lru_cache
+from math import cos, sin
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -25,6 +26,14 @@ def process_noise(velocity_walk: float, dt: float) -> Array:
     """Covariance (4, 4) of the state's walk in `dt` [s]; `velocity_walk` [m/s/sqrt(s)]."""
     axis = velocity_walk**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return np.asarray(np.kron(np.eye(2), axis), dtype=np.float64)
+
+
+def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
+    """Mean (4,) and covariance (4, 4) with the velocity turned to the left by `angle` [rad]."""
+    M = np.eye(4)
+    M[1, 1] = M[3, 3] = cos(angle)
+    M[3, 1], M[1, 3] = sin(angle), -sin(angle)
+    return M @ mean, M @ covariance @ M.T
 
 
 class VelocityKf:

@@ -1,6 +1,6 @@
 """Figures of the validation: step steer, crab across a side slope, understeer. Measured are marks, theory is lines."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import degrees, radians, sin
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agrobot_mj.report import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.scenario import load_scenario
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.validation.antenna_lean import ESTIMATORS, held, offset
 from agrobot_mj.validation.base import BICYCLE, Findings, tyre_of
 from agrobot_mj.validation.cornering import RADIUS_M, paper_gradient
 from agrobot_mj.validation.step_steer import Step
@@ -22,17 +24,18 @@ COLOURS = {BICYCLE: "#000000", "linear": "#0072B2", "magic_formula": "#D55E00", 
 """Of the colour-blind-safe palette of Okabe and Ito."""
 SPARE_COLOUR = "#CC79A7"
 MARKS = {BICYCLE: "x", "linear": "o", "magic_formula": "s", "soil": "^", "contact": "+"}
+STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
+"""Of the lines, by estimator."""
 
 
 def write_figures(found: Mapping[str, Findings], folder: Path) -> list[Path]:
     """Draw the figures of all manoeuvres by name into `folder`; return the files."""
     with mpl.rc_context(STYLE):
-        drawn = {
-            "step_steer": step_steer(found["step steer"].curves),
-            "side_slope": side_slope(found["side slope"].curves),
-            "understeer": understeer(found["constant radius"].curves),
-        }
-        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items()]
+        return [
+            save(draw(found[manoeuvre].curves), folder / f"{draw.__name__}.png")
+            for manoeuvre, draw in FIGURES.items()
+            if manoeuvre in found
+        ]
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
@@ -66,6 +69,31 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
     return figure
 
 
+def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
+    """Distance of the CG from the line over the grade: a panel a controller, a line style an estimator."""
+    controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
+    figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
+    grades = np.linspace(0.5, 15.0, 30)
+    panels = figure.subplots(1, len(controllers), sharey=True, squeeze=False)[0]
+    for words, by_tyre in rows.items():
+        controller, _, estimator = words.partition(", ")
+        axes, style = panels[controllers.index(controller)], STYLES[estimator]
+        for kind, seen in by_tyre.items():
+            given = {"controller": {"kind": controller}, "estimator": ESTIMATORS[estimator]}
+            scenario = load_scenario("straight_line", {**given, "sensors.imu.enabled": True})
+            theory = [100 * offset(scenario, held(tyre_of(kind), grade)) for grade in grades]
+            label = kind if estimator == "paper's sensors" else None
+            axes.plot(grades, theory, style, color=_colour(kind), label=label)
+            x, y = zip(*seen, strict=True)
+            axes.plot(x, 100 * np.array(y), MARKS.get(kind, "d"), color=_colour(kind), markersize=4)
+        axes.set(title=controller, xlabel="side slope [deg]", xlim=(0, 16))
+    for estimator, style in STYLES.items():
+        panels[-1].plot([], [], style, color="black", label=estimator)
+    panels[0].set(ylabel="CG above the line [cm]")
+    figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
     """Steering angle beyond L / R over lateral acceleration."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
@@ -94,3 +122,12 @@ def _colour(subject: str) -> str:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+
+
+FIGURES: dict[str, Callable[[Any], Figure]] = {
+    "step steer": step_steer,
+    "side slope": side_slope,
+    "antenna lean": antenna_lean,
+    "constant radius": understeer,
+}
+"""What draws the curves of a manoeuvre; its name is that of the file."""

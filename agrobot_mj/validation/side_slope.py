@@ -64,10 +64,15 @@ def _against(tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
     C_f, C_r = paper.axle_stiffness
     share = paper.p.mass_kg * GRAVITY * sin(radians(grade)) / (C_f + C_r)
     weighted = (C_f * front + C_r * rear) / (C_f + C_r)
-    forces = [(paper.lateral(i, share, paper.static(i)), C / 2 * share) for i, C in ((0, C_f), (2, C_r))]
-    linear = all(force > LINEAR_SHARE * tangent for force, tangent in forces)
-    wanted = degrees(share)
+    linear, wanted = in_linear_range(paper, share), degrees(share)
     return [
         heading.near(rear, degrees(paper.side_slope(grade).rear_slip), BAND),
         mean.near(weighted, wanted, BAND) if linear else mean.reported(weighted, wanted),
     ]
+
+
+def in_linear_range(paper: Tractor, slip: float) -> bool:
+    """Whether both axles' tyres follow their tangents at a slip angle [rad]."""
+    C_f, C_r = paper.axle_stiffness
+    forces = [(paper.lateral(i, slip, paper.static(i)), C / 2 * slip) for i, C in ((0, C_f), (2, C_r))]
+    return all(force > LINEAR_SHARE * tangent for force, tangent in forces)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from agrobot_mj.storage import whole, write_json
 from agrobot_mj.validation import (
+    antenna_lean,
     coasting,
     convergence,
     cornering,
@@ -30,6 +31,7 @@ MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
     "tipping": tipping.run,
     "coasting": coasting.run,
     "side slope": side_slope.run,
+    "antenna lean": antenna_lean.run,
     "constant radius": cornering.run,
     "step steer": step_steer.run,
     "steering": steering.run,

@@ -6,9 +6,9 @@ from agrobot_mj.validation.base import BICYCLE, Check
 
 HEAD = """# Validation
 
-Manoeuvres with a known answer, driven by true values without sensors, on the bicycle and on the MuJoCo tractor with
-each kind of tyre. `agrobot-mj validate` drives them, writes this page with its figures, and fails when a number leaves
-its band. Parameters are the defaults of [models.md](models.md).
+Manoeuvres with a known answer, driven by true values without sensors (one of them, along a side slope, by the whole
+loop), on the bicycle and on the MuJoCo tractor with each kind of tyre. `agrobot-mj validate` drives them, writes this
+page with its figures, and fails when a number leaves its band. Parameters are the defaults of [models.md](models.md).
 
 A cell holds what was measured; where the theory differs from tyre to tyre, it follows in brackets. *Slanted* numbers
 are reported, not judged: they have no theory, or belong to `contact`, MuJoCo's own, which has no slip law. **Bold**
@@ -16,6 +16,7 @@ ones leave their band.
 """
 FIGURES = {
     "side slope": ("side_slope.png", "Crab across a side slope: marks measured, lines theory"),
+    "antenna lean": ("antenna_lean.png", "Error of the CG along a side slope: marks measured, lines theory"),
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }

@@ -9,7 +9,8 @@ from agrobot_mj.estimation.pose_ekf import PoseEkf, f, jacobian
 from agrobot_mj.signals import Fix
 
 DT, WHEELBASE = 0.05, 1.4
-NOISE = np.diag(np.square([0.02, 0.02]))
+SIGMA = 0.02
+NOISE = np.diag(np.square([SIGMA, SIGMA]))
 POSITION_WALK, YAW_WALK = 0.01, 0.005
 Q = DT * np.diag(np.square([POSITION_WALK, POSITION_WALK, YAW_WALK]))
 
@@ -60,7 +61,7 @@ def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
         true_pose = f(true_pose, u, delta, WHEELBASE, DT)
         z = true_pose[:2] + 0.02 * rng.standard_normal(2)
         fix = None if k % 600 in range(300, 400) or rng.random() < 0.1 else Fix(*z, 0.0, 0.0)
-        ours = filter_.step(*ours, (u, delta, DT), fix, NOISE)
+        ours = filter_.step(*ours, (u, delta, DT), fix, SIGMA)
 
         dx, dy = DT * u * np.cos(psi), DT * u * np.sin(psi)
         F = np.array([[1, 0, -dy], [0, 1, dx], [0, 0, 1]])
@@ -85,7 +86,7 @@ def test_where_the_yaw_is_known_it_is_a_linear_kalman_filter():
     axes, p = np.zeros(2), 0.01
     for k in range(400):
         z = np.array([np.cos(yaw), np.sin(yaw)]) * u * DT * (k + 1) + 0.02 * rng.standard_normal(2)
-        mean, covariance = filter_.step(mean, covariance, (u, 0.0, DT), Fix(*z, 0.0, 0.0), NOISE)
+        mean, covariance = filter_.step(mean, covariance, (u, 0.0, DT), Fix(*z, 0.0, 0.0), SIGMA)
         p += Q[0, 0]
         gain = p / (p + NOISE[0, 0])
         prior = axes + u * DT * np.array([np.cos(yaw), np.sin(yaw)])
@@ -106,7 +107,7 @@ def walk(ticks, seed):
         u, delta = inputs(k)
         true_pose = f(true_pose, u, delta, WHEELBASE, DT) + np.sqrt(np.diag(Q)) * rng.standard_normal(3)
         fix = Fix(*(true_pose[:2] + 0.02 * rng.standard_normal(2)), 0.0, 0.0)
-        mean, covariance = filter_.step(mean, covariance, (u, delta, DT), fix, NOISE)
+        mean, covariance = filter_.step(mean, covariance, (u, delta, DT), fix, SIGMA)
         innovation = filter_.y
         yield true_pose, mean, covariance, innovation @ np.linalg.solve(filter_.S, innovation)
 
@@ -132,7 +133,7 @@ def test_the_yaw_does_not_wrap_inside():
     filter_ = ekf()
     belief = (np.array([0.0, 0.0, 3.1]), 1e-4 * np.eye(3))
     for _ in range(200):
-        mean, covariance = filter_.step(*belief, (1.2, 0.4, DT), None, NOISE)
+        mean, covariance = filter_.step(*belief, (1.2, 0.4, DT), None, SIGMA)
         assert 0 < mean[2] - belief[0][2] < 0.05
         belief = mean, covariance
     assert belief[0][2] > 6.0
@@ -140,9 +141,9 @@ def test_the_yaw_does_not_wrap_inside():
 
 def test_a_step_depends_on_its_arguments_alone():
     filter_, start, fix = ekf(), (np.zeros(3), np.eye(3)), Fix(0.1, 0.2, 0.0, 0.0)
-    first = filter_.step(*start, (1.2, 0.1, DT), fix, NOISE)
-    filter_.step(np.ones(3), 3 * np.eye(3), (2.0, 0.3, 2 * DT), None, NOISE)
-    again = filter_.step(*start, (1.2, 0.1, DT), fix, NOISE)
+    first = filter_.step(*start, (1.2, 0.1, DT), fix, SIGMA)
+    filter_.step(np.ones(3), 3 * np.eye(3), (2.0, 0.3, 2 * DT), None, SIGMA)
+    again = filter_.step(*start, (1.2, 0.1, DT), fix, SIGMA)
     assert np.array_equal(first[0], again[0])
     assert np.array_equal(first[1], again[1])
     assert np.array_equal(start[0], np.zeros(3))

@@ -1,4 +1,4 @@
-"""RTK-GNSS, steering and pedal potentiometers, optional gyro: truth in, measurement out, once a tick.
+"""RTK-GNSS, steering and pedal potentiometers, optional gyro and IMU: truth in, measurement out, once a tick.
 
 GNSS: position error per axis = white part + first-order Gauss-Markov part [Brown2012], white velocity error; a
 float solution has both parts of its own. It reports the antenna, which swings with roll and pitch.
@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.randomness import stream
+from agrobot_mj.sensors.imu import Imu, ImuState
 from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Fix, Measurement, Quality, Truth
 from agrobot_mj.spec import Fraction, Latency, NonNegative, Positive, Spec
 
@@ -193,6 +194,7 @@ class SensorState(NamedTuple):
     steering_pot: Generator
     pedal_pot: Generator
     gyro: Generator
+    imu: ImuState
     steer: float | None = None
     """Last reading of the steering potentiometer, None before the first [rad]."""
 
@@ -208,6 +210,8 @@ class Sensors(Spec):
     """On the pedal."""
     gyro: Gyro = Gyro()
     """Yaw rate, off by default."""
+    imu: Imu = Imu()
+    """Roll and pitch, off by default."""
 
     def init(self, seed: int) -> SensorState:
         """Sensors at rest, their noise drawn from the named streams of `seed`."""
@@ -216,6 +220,7 @@ class Sensors(Spec):
             steering_pot=stream(seed, "steering_pot"),
             pedal_pot=stream(seed, "pedal_pot"),
             gyro=stream(seed, "gyro"),
+            imu=self.imu.init(seed),
         )
 
     def measure(
@@ -229,6 +234,7 @@ class Sensors(Spec):
         steer = self.steering_pot.read(truth.steer_samples, state.steering_pot) + conditions.steer_pot_bias
         if conditions.steer_pot_stuck and state.steer is not None:
             steer = state.steer
+        imu, roll, pitch = self.imu.measure(state.imu, truth.roll, truth.pitch, dt)
         measurement = Measurement(
             t=truth.t,
             fix=fix,
@@ -236,8 +242,10 @@ class Sensors(Spec):
             steer=steer,
             pedal=self.pedal_pot.read(truth.pedal_samples, state.pedal_pot),
             gyro=self.gyro.read(truth.yaw_rate, state.gyro),
+            roll=roll,
+            pitch=pitch,
         )
-        return state._replace(gnss=gnss, steer=steer), measurement
+        return state._replace(gnss=gnss, imu=imu, steer=steer), measurement
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,216 @@
+"""What every estimator shares: velocity filter, then pose filter, then what the controllers believe about the CG.
+
+Measurement in, `Estimate` out; SI units and radians, ENU. As in the paper the antenna is taken to stand straight
+above R, so that roll on a slope is an error that the estimator does not know of; with `terrain_compensation` the
+measured roll and pitch move the fix from the antenna down to R first, and lean the CG. Speed is the filtered
+velocity along the estimated heading: signed, and unbiased at standstill where its magnitude would not be. A kind
+of estimator is a pose filter with its keys.
+"""
+
+from functools import lru_cache
+from math import cos, exp, radians, sin, tan
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from agrobot_mj.estimation.lever import Lever, at_foot, offset
+from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
+from agrobot_mj.geometry import wrap
+from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.tractor import TractorParameters
+
+
+class PoseFilter(Protocol):
+    """A filter whose state begins with x, y and yaw at R; it remembers nothing itself."""
+
+    wheelbase: float
+    """L [m]."""
+    nis: float
+    """Normalised innovation squared of the last step, NaN without a fix [-]."""
+
+    def step(
+        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
+    ) -> tuple[Array, Array]:
+        """Mean (n,) and covariance (n, n) after a tick, given the fix at its end, of standard deviation `sigma` [m].
+
+        `inputs` are speed [m/s], steer [rad] and dt [s].
+        """
+
+
+class EstimatorState(NamedTuple):
+    """Beliefs after a tick, the filters, which remember nothing themselves, and the tractor's lever arms."""
+
+    velocity_kf: VelocityKf
+    pose_filter: PoseFilter
+    cg: tuple[float, float, float]
+    """CG from R in vehicle axes: l_r, 0, height [m]."""
+    antenna: tuple[float, float, float]
+    """Antenna from R in vehicle axes [m]."""
+    motion: Array
+    """x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
+    motion_covariance: Array
+    """Shape (4, 4)."""
+    pose: Array
+    """x, y, yaw at R, yaw not wrapped, and what else the pose filter estimates, shape (n,) [m, rad, ...]."""
+    pose_covariance: Array
+    """Shape (n, n)."""
+    yaw_rate: float
+    """Low-passed difference of the estimated yaw [rad/s]."""
+    lever: Lever | None = None
+    """How the antenna leans; None before the first tick, and without compensation."""
+
+
+class PoseEstimator(Spec):
+    """Velocity KF and a pose filter; a kind overrides `pose_filter`, and `beliefs` if it has states of its own."""
+
+    kind: str
+    yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
+    """Yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
+    terrain_compensation: bool = False
+    """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU); not in the paper."""
+    swing_filter_s: NonNegative = 0.1
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
+    turning_velocity: bool = False
+    """Whether the velocity belief turns with the yaw from tick to tick, or goes straight on as in the paper."""
+    yaw_rate_filter_s: NonNegative = 0.15
+    """Low pass on the EKF's yaw difference, time constant, 0 for none [s]. Estimate: noise against lag."""
+    gnss_sigma_m: Positive = 0.02
+    """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
+    gnss_float_sigma_m: Positive = 0.3
+    """The same for a float solution [m]. Estimate."""
+    gnss_velocity_sigma_m_s: Positive = 0.03
+    """Believed error of the GNSS velocity, per axis [m/s]. Estimate."""
+    velocity_walk_m_s_rt_s: Positive = 0.1
+    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Estimate (pedal and turns)."""
+    position_walk_m_rt_s: Positive = 0.01
+    """Random walk of the EKF's position [m/sqrt(s)]. Estimate: 0.007 from GNSS velocity, and sway."""
+    yaw_walk_deg_rt_s: Positive = 0.3
+    """Random walk of the EKF's yaw: slip and steering error [deg/sqrt(s)]. Estimate."""
+    initial_position_sigma_m: Positive = 0.05
+    """Of the position given to `init` [m]. Estimate."""
+    initial_velocity_sigma_m_s: Positive = 1.0
+    """Of standing still at the start [m/s]. Estimate."""
+    initial_yaw_sigma_deg: Positive = 5.0
+    """Of the yaw given to `init` [deg]. Estimate."""
+
+    @property
+    def needs_gyro(self) -> bool:
+        """Whether the scenario must enable the gyro."""
+        return self.yaw_rate_source == "gyro"
+
+    @property
+    def needs_imu(self) -> bool:
+        """Whether the scenario must enable the IMU."""
+        return self.terrain_compensation
+
+    def pose_filter(self, tractor: TractorParameters) -> PoseFilter:
+        """The filter of x, y, yaw and what else this kind estimates."""
+        raise NotImplementedError
+
+    def beliefs(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the states beyond the pose at the start, each of shape (n - 3,)."""
+        return np.empty(0), np.empty(0)
+
+    def steer_bias(self, pose: Array) -> float | None:
+        """What the steering angle reads too much [rad], None if this kind does not estimate it."""
+        return None
+
+    def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
+        """Standing at R = (x, y) [m] with heading `yaw` [rad], give or take the initial sigmas."""
+        s, v, s_yaw = (
+            self.initial_position_sigma_m,
+            self.initial_velocity_sigma_m_s,
+            radians(self.initial_yaw_sigma_deg),
+        )
+        further, sigmas = self.beliefs()
+        return EstimatorState(
+            velocity_kf=VelocityKf(self.velocity_walk_m_s_rt_s),
+            pose_filter=self.pose_filter(tractor),
+            cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
+            antenna=(0.0, 0.0, tractor.antenna_height_m),
+            motion=np.array((x, 0.0, y, 0.0)),
+            motion_covariance=np.diag(np.square((s, v, s, v))),
+            pose=np.array((x, y, yaw, *further)),
+            pose_covariance=np.diag(np.square((s, s, s_yaw, *sigmas))),
+            yaw_rate=0.0,
+        )
+
+    def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
+        """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
+        sigma = self.gnss_float_sigma_m if measurement.quality == Quality.FLOAT else self.gnss_sigma_m
+        lever = self._lever(state, measurement, dt)
+        fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
+        noise = _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
+        motion, motion_covariance = state.motion, state.motion_covariance
+        if self.turning_velocity:
+            motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
+        motion, motion_covariance = state.velocity_kf.step(motion, motion_covariance, fix, noise, dt)
+        inputs = (_along(state.pose[2], motion), measurement.steer, dt)
+        pose, pose_covariance = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
+        keep = exp(-dt / self.yaw_rate_filter_s) if self.yaw_rate_filter_s > 0.0 else 0.0
+        yaw_rate = keep * state.yaw_rate + (1.0 - keep) * float(pose[2] - state.pose[2]) / dt
+        state = state._replace(
+            motion=motion,
+            motion_covariance=motion_covariance,
+            pose=pose,
+            pose_covariance=pose_covariance,
+            yaw_rate=yaw_rate,
+            lever=lever,
+        )
+        return state, self._estimate(state, measurement)
+
+    def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
+        """By how much the yaw turns in `dt` [s] at a measured steering angle [rad]."""
+        delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
+        return u * tan(delta) / state.pose_filter.wheelbase * dt
+
+    def _attitude(self, measurement: Measurement) -> tuple[float, float]:
+        """Roll and pitch as far as this estimator knows of them [rad]."""
+        return (measurement.roll, measurement.pitch) if self.terrain_compensation else (0.0, 0.0)
+
+    def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
+        """The lean of the antenna at the end of a tick, if it is to be known."""
+        if not self.terrain_compensation:
+            return None
+        now = offset(state.antenna, measurement.roll, measurement.pitch, state.pose[2])
+        return state.lever.after(now, dt, self.swing_filter_s) if state.lever else Lever(now)
+
+    def _estimate(self, state: EstimatorState, measurement: Measurement) -> Estimate:
+        x, y, psi = state.pose[:3].tolist()
+        bias, u = self.steer_bias(state.pose), _along(psi, state.motion)
+        match self.yaw_rate_source:
+            case "ekf":
+                gamma = state.yaw_rate
+            case "kinematic":
+                delta, L = measurement.steer - (bias or 0.0), state.pose_filter.wheelbase
+                gamma = u * tan(delta) / L  # [agrobots: kinematicmodeltractor]
+            case "gyro":
+                gamma = measurement.gyro
+        east, north = offset(state.cg, *self._attitude(measurement), psi)
+        told: dict[str, Any] = {} if bias is None else {"steer_bias": bias}
+        return Estimate(
+            x=x + east,
+            y=y + north,
+            yaw=wrap(psi),
+            speed=u,
+            yaw_rate=gamma,
+            rear_x=x,
+            rear_y=y,
+            covariance=state.pose_covariance[:3, :3],
+            nis=state.pose_filter.nis,
+            **told,
+        )
+
+
+def _along(yaw: float, motion: Array) -> float:
+    """Velocity of the belief `motion` along the heading [m/s]."""
+    _, vx, _, vy = motion.tolist()
+    return float(vx * cos(yaw) + vy * sin(yaw))
+
+
+@lru_cache(maxsize=8)
+def _fix_noise(position_sigma: float, velocity_sigma: float) -> Array:
+    """Covariance of a fix as (x, vx, y, vy), shape (4, 4)."""
+    s, v = position_sigma, velocity_sigma
+    return np.diag(np.square((s, v, s, v)))

@@ -1,0 +1,56 @@
+"""Attitude from an inertial unit that fuses its own gyros and accelerometers: roll and pitch in, both with errors out.
+
+Error per axis = constant bias + slow wander (first-order Gauss-Markov [Brown2012]: thermal drift, accelerations
+taken for tilt) + white noise. Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in deg.
+"""
+
+from math import exp, nan, radians, sqrt
+from typing import NamedTuple
+
+from numpy.random import Generator
+
+from agrobot_mj.randomness import stream
+from agrobot_mj.spec import NonNegative, Positive, Spec
+
+
+class ImuState(NamedTuple):
+    """The unit between two ticks."""
+
+    generator: Generator
+    """Advances in place."""
+    wander: tuple[float, float]
+    """Slow error of roll and pitch, in units of its standard deviation [-]."""
+
+
+class Imu(Spec):
+    """Inertial unit on the chassis, which the paper's tractor does not have; `[sensors.imu]`."""
+
+    enabled: bool = False
+    """Without it roll and pitch read NaN."""
+    sigma_deg: NonNegative = 0.1
+    """White noise of a reading, each axis [deg]. Estimate (MEMS, averaged over a tick)."""
+    wander_sigma_deg: NonNegative = 0.2
+    """Slow error, each axis [deg]. Estimate (0.1-0.5 for the class sold with guidance)."""
+    wander_time_s: Positive = 60.0
+    """Correlation time of the slow error [s]. Estimate."""
+    roll_bias_deg: float = 0.0
+    """Constant error of the roll: mounting, calibration [deg]. Estimate."""
+    pitch_bias_deg: float = 0.0
+    """The same of the pitch [deg]. Estimate."""
+
+    def init(self, seed: int) -> ImuState:
+        """The slow error starts in its stationary distribution, drawn from the stream of its own of `seed`."""
+        generator = stream(seed, "imu")
+        roll, pitch = generator.standard_normal(2).tolist()
+        return ImuState(generator, (roll, pitch))
+
+    def measure(self, state: ImuState, roll: float, pitch: float, dt: float) -> tuple[ImuState, float, float]:
+        """Measured roll and pitch [rad] after `dt` [s], NaN when there is no unit."""
+        if not self.enabled:
+            return state, nan, nan
+        w = state.generator.standard_normal(4).tolist()
+        phi = exp(-dt / self.wander_time_s)
+        b_r, b_p = (phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.wander, w[:2], strict=True))
+        e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w[2]
+        e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w[3]
+        return ImuState(state.generator, (b_r, b_p)), roll + radians(e_r), pitch + radians(e_p)

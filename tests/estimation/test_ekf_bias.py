@@ -1,0 +1,115 @@
+"""The disturbance-aware estimator against the paper's, in the loop."""
+
+from math import degrees, hypot, nan, radians
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.estimation import Ekf, EkfBias
+from agrobot_mj.estimation.velocity_kf import turned
+from agrobot_mj.signals import Fix, Measurement, Quality
+from agrobot_mj.tractor import TractorParameters
+
+DT, TRACTOR = 0.05, TractorParameters()
+LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 25.0, "end_s": 30.0}]}
+
+
+def measurements(n, radius=10.0, lost=()):
+    """A circle without noise."""
+    for k in range(1, n):
+        angle = 1.2 * k * DT / radius
+        fix = Fix(radius * np.sin(angle), radius * (1 - np.cos(angle)), 1.2 * np.cos(angle), 1.2 * np.sin(angle))
+        yield Measurement(k * DT, None if k in lost else fix, Quality.FIX, np.arctan(1.4 / radius), 0.0, nan)
+
+
+def test_without_what_it_adds_it_is_the_papers():
+    plain = EkfBias(
+        turning_velocity=False,
+        steer_bias_walk_deg_rt_s=0.0,
+        initial_steer_bias_sigma_deg=0.0,
+        gnss_correlated_fraction=0.0,
+    )
+    states = [estimator.init(0.0, 0.0, 0.05, TRACTOR) for estimator in (plain, Ekf())]
+    for measurement in measurements(600, lost=range(300, 340)):
+        states[0], ours = plain.update(states[0], measurement, DT)
+        states[1], paper = Ekf().update(states[1], measurement, DT)
+        assert ours[:7] == pytest.approx(paper[:7], abs=1e-9)
+        assert np.allclose(ours.covariance, paper.covariance, atol=1e-12)
+        assert ours.steer_bias == 0.0
+        assert np.isnan(paper.steer_bias)
+
+
+@pytest.mark.parametrize("kind", [Ekf, EkfBias])
+def test_the_innovation_is_told_with_a_fix_alone(kind):
+    estimator = kind()
+    state, lost = estimator.init(0.0, 0.0, 0.0, TRACTOR), range(10, 20)
+    for k, measurement in enumerate(measurements(40, lost=lost), start=1):
+        state, estimate = estimator.update(state, measurement, DT)
+        assert np.isnan(estimate.nis) == (k in lost)
+
+
+def test_a_turned_velocity_keeps_its_size_and_its_certainty():
+    mean, P = np.array([1.0, 1.2, 2.0, 0.5]), np.diag([0.01, 0.02, 0.03, 0.05])
+    after, Q = turned(mean, P, 0.3)
+    assert after[[0, 2]] == pytest.approx([1.0, 2.0])
+    assert hypot(after[1], after[3]) == pytest.approx(1.3)
+    assert np.arctan2(after[3], after[1]) == pytest.approx(np.arctan2(0.5, 1.2) + 0.3)
+    assert np.linalg.eigvalsh(Q) == pytest.approx(np.linalg.eigvalsh(P))
+
+
+def test_in_a_bend_the_speed_holds_without_a_fix():
+    """Ten seconds on a circle of 10 m: 1.2 rad of turn, of which a straight velocity would leave the cosine."""
+
+    def speed(estimator):
+        state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
+        for measurement in measurements(600, lost=range(400, 600)):
+            state, estimate = estimator.update(state, measurement, DT)
+        return estimate.speed
+
+    assert speed(EkfBias()) == pytest.approx(1.2, abs=0.02)
+    assert speed(Ekf()) < 0.7
+
+
+def slope(**estimator):
+    return run(
+        load_scenario(
+            "straight_line",
+            {
+                "duration_s": 32.0,
+                "terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0},
+                "sensors.imu.enabled": True,
+                "estimator": {"terrain_compensation": True, **estimator},
+                **LOSS,
+            },
+        )
+    )
+
+
+def test_on_a_side_slope_it_coasts_along_its_course():
+    """The held steering is no turn: five seconds without a fix."""
+    coasts, courses = [], []
+    for kind in ("ekf", "ekf_bias"):
+        log = slope(kind=kind)
+        t = log.column("t")
+        last = int(np.argmax(t > 29.94))
+        coasts.append(abs((log.column("rear_y_hat") - log.column("rear_y"))[last]))
+        before = (t > 15) & (t < 25)
+        courses.append(degrees(np.mean(log.column("yaw_hat")[before])))
+    assert coasts[1] < 0.5 * coasts[0]
+    assert courses[0] > 1.0
+    assert abs(courses[1]) < 0.4
+    steer, bias = np.mean(log.column("steer")[before]), np.mean(log.column("steer_bias_hat")[before])
+    assert bias == pytest.approx(steer, abs=radians(0.15))
+
+
+def test_its_stated_uncertainty_is_honest_on_level_ground():
+    """Mean normalised squared error, 2 if consistent; the paper's EKF takes the correlated error for motion."""
+
+    def nees(kind):
+        given = {"duration_s": 120.0, "plant.kind": "bicycle", "estimator.kind": kind}
+        logs = [run(load_scenario("figure_eight", {**given, "seed": seed})) for seed in range(3)]
+        return np.mean([log.column("position_nees")[400:].mean() for log in logs])
+
+    assert 1.0 < nees("ekf_bias") < 3.0
+    assert nees("ekf") > 4.0

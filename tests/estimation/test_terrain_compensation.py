@@ -1,0 +1,117 @@
+"""Fixes of a leaning antenna, moved to R: by kinematics alone, and on the MuJoCo tractor across and along a slope."""
+
+from math import cos, hypot, pi, radians, sin
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.estimation import Ekf, EkfBias
+from agrobot_mj.estimation.lever import Lever, at_foot, offset
+from agrobot_mj.problems import ScenarioError
+from agrobot_mj.signals import Fix, Measurement, Quality
+from agrobot_mj.tractor import TractorParameters
+
+DT, TRACTOR = 0.05, TractorParameters()
+PERFECT = {"enabled": True, "sigma_deg": 0.0, "wander_sigma_deg": 0.0}
+
+
+def rotation(roll, pitch, yaw):
+    """Product of the three elementary rotations about x, y and z by the right-hand rule."""
+    (a, b), (c, d), (e, f) = ((cos(angle), sin(angle)) for angle in (roll, pitch, yaw))
+    about_x = np.array([[1, 0, 0], [0, a, -b], [0, b, a]])
+    about_y = np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
+    about_z = np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0, 2.0), (0.53, 0.0, 0.55), (0.1, -0.4, 0.3)])
+@pytest.mark.parametrize("attitude", [(0.2, 0.0, 0.7), (0.0, -0.15, 2.0), (-0.3, 0.25, -2.9)])
+def test_the_offset_is_the_turned_arm(arm, attitude):
+    assert offset(arm, *attitude) == pytest.approx((rotation(*attitude) @ arm)[:2], abs=1e-12)
+
+
+def test_signs():
+    """Left side up: the antenna leans to the right; nose down: it leans ahead."""
+    assert offset((0, 0, 2), 0.1, 0.0, 0.0) == pytest.approx((0.0, -2 * sin(0.1)))
+    assert offset((0, 0, 2), 0.0, 0.1, 0.0) == pytest.approx((2 * sin(0.1), 0.0))
+    assert offset((0, 0, 2), 0.1, 0.0, pi / 2) == pytest.approx((2 * sin(0.1), 0.0))
+
+
+def test_the_swing_is_the_rate_of_the_offset():
+    lever, last = Lever((0.0, 0.0)), None
+    for k in range(100):
+        last, lever = lever, lever.after((0.03 * k, -0.01 * k), DT, 0.1)
+    assert lever.swing == pytest.approx((0.6, -0.2), rel=1e-6)
+    assert last.after((1.0, 1.0), DT, 0.0).swing == pytest.approx(
+        ((1.0 - last.offset[0]) / DT, (1.0 - last.offset[1]) / DT)
+    )
+    assert at_foot(Fix(1.0, 2.0, 3.0, 4.0), Lever((0.1, 0.2), (0.3, 0.4))) == (0.9, 1.8, 2.7, 3.6)
+
+
+@pytest.mark.parametrize("kind", [Ekf, EkfBias])
+@pytest.mark.parametrize("yaw", [0.3, -2.0])
+def test_a_tractor_that_rocks_is_found_where_it_is(kind, yaw):
+    """Pure kinematics: straight on while rolling and pitching; fixes of the antenna without noise."""
+
+    def error(compensated):
+        estimator, r = kind(terrain_compensation=compensated), np.zeros(2)
+        state, worst = estimator.init(*r, yaw, TRACTOR), 0.0
+        for k in range(1, 600):
+            t = k * DT
+            r = 1.2 * t * np.array([cos(yaw), sin(yaw)])
+            roll, pitch = 0.17 + 0.05 * sin(t), -0.08 + 0.04 * sin(0.7 * t)
+            R = rotation(roll, pitch, yaw)
+            step = 1e-5
+            later = rotation(0.17 + 0.05 * sin(t + step), -0.08 + 0.04 * sin(0.7 * (t + step)), yaw)
+            swing = ((later - R) @ (0, 0, 2.0) / step)[:2]
+            antenna, velocity = r + (R @ (0, 0, 2.0))[:2], 1.2 * np.array([cos(yaw), sin(yaw)]) + swing
+            fix = Fix(*antenna, *velocity)
+            measurement = Measurement(t, fix, Quality.FIX, 0.0, 0.0, 0.0, roll, pitch)
+            state, estimate = estimator.update(state, measurement, DT)
+            cg = r + (R @ (TRACTOR.cg_to_rear_axle, 0, TRACTOR.cg_height_m))[:2]
+            if t > 10:
+                worst = max(worst, hypot(estimate.rear_x - r[0], estimate.rear_y - r[1]))
+                worst = max(worst, hypot(estimate.x - cg[0], estimate.y - cg[1]))
+        return worst
+
+    assert error(True) < 0.01
+    assert error(False) > 0.3
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
+def test_on_the_slope_the_cg_is_found_whatever_the_heading(heading_deg):
+    """MuJoCo, 10 deg up towards the north, driven east, uphill, west and downhill."""
+
+    def error(compensated):
+        log = run(
+            load_scenario(
+                "straight_line",
+                {
+                    "duration_s": 25.0,
+                    "terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0},
+                    "path.heading_deg": heading_deg,
+                    "sensors": {"gnss": {"sigma_m": 0.0, "velocity_sigma_m_s": 0.0}, "imu": PERFECT},
+                    "estimator": {"kind": "ekf_bias", "terrain_compensation": compensated},
+                },
+            )
+        )
+        rest = slice(-200, None)
+        return [
+            float(np.mean((log.column(f"{name}_hat") - log.column(name))[rest]))
+            for name in ("x", "y", "rear_x", "rear_y")
+        ]
+
+    east, north, rear_east, rear_north = error(True)
+    crab = radians(1.5)  # of the heading, which no sensor sees: it turns the arms of antenna and CG
+    assert abs(rear_north) < 0.004
+    assert abs(rear_east) < 2.0 * sin(radians(10.3)) * crab + 0.001
+    assert max(abs(east), abs(north)) < TRACTOR.cg_to_rear_axle * crab + 0.004
+    *_, lean_east, lean_north = error(False)
+    assert lean_north == pytest.approx(-2.0 * sin(radians(10.3)), abs=0.02)
+    assert abs(lean_east) < 0.02
+
+
+def test_without_an_inertial_unit_it_is_refused():
+    with pytest.raises(ScenarioError, match=r"estimator\.terrain_compensation: needs sensors\.imu\.enabled"):
+        load_scenario("straight_line", {"estimator.terrain_compensation": True})
