@@ -160,14 +160,15 @@ def run(
     """
     loop = Loop(scenario)
     plant, ticks = loop.plant, scenario.ticks
-    rows = Rows(ticks, plant.wheels().size, len(plant.scene.bodies))
+    rows = Rows(ticks, plant.wheels().size, len(plant.scene.bodies), scenario.controller.columns)
     for watcher in watchers:
         watcher.start(scenario, plant.scene, rows)
     watch = Watch(plant, loop.truth)
     began, told, outcome = time.perf_counter(), 0, "completed"
     for k in range(ticks):
         drive, values = loop.tick()
-        rows.append(values + plant.actuation(), plant.wheels(), plant.poses())
+        report = scenario.controller.report(loop.yawing)
+        rows.append(values + plant.actuation(), plant.wheels(), plant.poses(), report)
         trouble = watch.trouble(loop.truth, _off(values)) or ("aborted" if should_stop() else None)
         if trouble:
             outcome = trouble
