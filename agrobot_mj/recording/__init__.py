@@ -48,7 +48,8 @@ class Recording:
         self._tell(unfinished(scenario))
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
-        self.motion, self.signals, self.states = Motion(rows, scene, ground), Signals(rows), States(rows)
+        self.motion, self.signals = Motion(rows, scene, ground, scenario), Signals(rows)
+        self.states = States(rows, scenario.fault)
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""
@@ -66,6 +67,8 @@ class Recording:
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         self._tell(summary(log))
+        self.motion.finish(self.stream, log)
+        self.states.finish(self.stream, log.outcome)
         if self.rows.filled:
             self._lay_out(self.rows.filled * TICK_S)
         self.stream.disconnect()

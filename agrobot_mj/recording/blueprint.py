@@ -13,6 +13,8 @@ from agrobot_mj.signals import Array
 
 FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""
+GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
+"""What stays from its time on."""
 SKY = 0xB9CDDBFF
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
@@ -97,5 +99,5 @@ def _view(eye: rrb.EyeControls3D, name: str) -> rrb.Spatial3DView:
         eye_controls=eye,
         line_grid=False,
         background=rrb.Background(color=SKY),
-        overrides={f"world/tracks/{track}": SO_FAR for track in ("true", "estimated", "gnss")},
+        overrides=dict.fromkeys(GROWING, SO_FAR),
     )
