@@ -16,6 +16,7 @@ from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import blueprint
 from agrobot_mj.recording.info import summary, unfinished
 from agrobot_mj.recording.motion import Motion
+from agrobot_mj.recording.network import Firing, network_plots
 from agrobot_mj.recording.scene import reference_line, send_scene
 from agrobot_mj.recording.signals import Signals
 from agrobot_mj.recording.states import States
@@ -48,7 +49,8 @@ class Recording:
         self._tell(unfinished(scenario))
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
-        self.motion, self.signals = Motion(rows, scene, ground, scenario), Signals(rows)
+        self.motion = Motion(rows, scene, ground, scenario)
+        self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
         self.states = States(rows, scenario.fault)
 
     def advance(self, first: int) -> None:
@@ -56,7 +58,7 @@ class Recording:
         if self.rows.filled == first:
             return
         times = nanoseconds(self.rows.column("t", first))
-        for part in (self.motion, self.signals, self.states):
+        for part in (self.motion, self.signals, self.firing, self.states):
             part.send(self.stream, times, first)
         if first == 0:
             self._lay_out(self.scenario.ticks * TICK_S)
@@ -88,7 +90,8 @@ class Recording:
         """Arrange what there is so far; the last layout is the one that opens."""
         driven = self.rows.poses[: self.rows.filled, 0, :3]
         places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
-        self.stream.send_blueprint(blueprint(self.signals.shown, places, self.rows.column("yaw")[0], end_s))
+        yaw = self.rows.column("yaw")[0]
+        self.stream.send_blueprint(blueprint(self.signals.shown, places, yaw, end_s, self.firing.maps))
 
     def _tell(self, text: str) -> None:
         self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from agrobot_mj.geometry import from_heading
+from agrobot_mj.recording.network import Map
 from agrobot_mj.recording.signals import Plot
 from agrobot_mj.recording.timeline import TIMELINE
 from agrobot_mj.signals import Array
@@ -26,6 +27,7 @@ TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/", "attitude"),
     "Estimator": ("estimator/",),
+    "Network": ("network/",),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
 FOLLOW_FROM = (-4.0, -3.2, 2.4)
@@ -40,15 +42,21 @@ LEGEND_ROOM = 1.3
 """Time axis over the run, so that the legends hide no line."""
 
 
-def blueprint(plots: Sequence[Plot], places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """The layout of `plots` until `end_s` [s].
+def blueprint(
+    plots: Sequence[Plot], places: Array, yaw: float, end_s: float, maps: Sequence[Map] = ()
+) -> rrb.Blueprint:
+    """The layout of `plots` until `end_s` [s], and of the `maps` of the network.
 
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
-    axis = rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
+    axis = whole_run(end_s)
 
     def views(starts: tuple[str, ...]) -> list[rrb.View]:
         return [_plot(plot, axis) for plot in plots if plot.path.startswith(starts)]
+
+    def tab(name: str, starts: tuple[str, ...]) -> rrb.Grid:
+        pictures = [_map(shown) for shown in maps if shown.entity.startswith(starts)]
+        return rrb.Grid(*views(starts), *pictures, grid_columns=3, name=name)
 
     states = rrb.StateTimelineView(origin="states", name="States", time_view=axis)
     scenes = rrb.Vertical(_follow(places[0], yaw), _overview(places), row_shares=[3, 2])
@@ -56,14 +64,29 @@ def blueprint(plots: Sequence[Plot], places: Array, yaw: float, end_s: float) ->
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(scenes, beside, column_shares=[3, 2], name="Drive"),
-            *(rrb.Grid(*views(starts), grid_columns=3, name=tab) for tab, starts in TABS.items() if views(starts[:1])),
-            rrb.TextDocumentView(origin="info", name="Info"),
+            *(tab(name, starts) for name, starts in TABS.items() if views(starts[:1])),
+            information(),
         ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
+        *panels(),
         auto_views=False,
     )
+
+
+def information() -> rrb.Horizontal:
+    """The tab of what is told in words."""
+    told = rrb.TextDocumentView(origin="info", name="Run")
+    return rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
+
+
+def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
+    """All folded away, the time within reach."""
+    time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
+    return time, rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
+
+
+def whole_run(end_s: float) -> rrb.TimeAxis:
+    """A time axis that shows a run of `end_s` [s], with room for legends."""
+    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
 
 
 def _seconds(t: float) -> rr.TimeRangeBoundary:
@@ -71,7 +94,12 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def _plot(plot: Plot, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=plot.entity, name=plot.title, axis_x=axis, plot_legend=LEGEND)
+    name = f"{plot.title} [{plot.unit}]"
+    return rrb.TimeSeriesView(origin=plot.entity, name=name, axis_x=axis, plot_legend=LEGEND)
+
+
+def _map(shown: Map) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(origin=shown.entity, name=shown.title)
 
 
 def _follow(start: Array, yaw: float) -> rrb.Spatial3DView:
