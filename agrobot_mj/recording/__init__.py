@@ -14,7 +14,7 @@ from agrobot_mj import __version__
 from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import blueprint
-from agrobot_mj.recording.info import summary, unfinished
+from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.motion import Motion
 from agrobot_mj.recording.network import Firing, network_plots
 from agrobot_mj.recording.scene import reference_line, send_scene
@@ -47,6 +47,7 @@ class Recording:
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
         )
         self._tell(unfinished(scenario))
+        self._tell(resolved(scenario), "scenario")
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
         self.motion = Motion(rows, scene, ground, scenario)
@@ -75,6 +76,11 @@ class Recording:
             self._lay_out(self.rows.filled * TICK_S)
         self.stream.disconnect()
 
+    def fail(self, error: BaseException) -> None:
+        """Say what ended the run, and close."""
+        self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
+        self.stream.disconnect()
+
     def _connect(self) -> None:
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if self.path is not None:
@@ -93,5 +99,5 @@ class Recording:
         yaw = self.rows.column("yaw")[0]
         self.stream.send_blueprint(blueprint(self.signals.shown, places, yaw, end_s, self.firing.maps))
 
-    def _tell(self, text: str) -> None:
-        self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+    def _tell(self, text: str, entity: str = "info") -> None:
+        self.stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -27,7 +27,7 @@ TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/", "attitude"),
     "Estimator": ("estimator/",),
-    "Network": ("network/",),
+    "Network": ("network/", "control/command"),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
 FOLLOW_FROM = (-4.0, -3.2, 2.4)

@@ -18,6 +18,11 @@ def unfinished(scenario: Scenario) -> str:
     return _page(scenario, "*Still running, or killed before its end.*")
 
 
+def broken(scenario: Scenario, error: BaseException, t: float) -> str:
+    """The text of a run that an error ended after `t` [s]."""
+    return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
+
+
 def summary(log: Log) -> str:
     """The text of a finished run."""
     end = f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time."
@@ -32,10 +37,12 @@ def _tick(log: Log) -> float:
 def _page(scenario: Scenario, result: str) -> str:
     s = scenario
     what = f"`{s.name}`: plant **{s.plant.kind}**, controller **{s.controller.kind}**, seed {s.seed}"
-    return (
-        f"# {s.title or s.name}\n\n{what}\n\n{result}\n\n"
-        f"## Scenario\n\nagrobot_mj {__version__}, hash `{s.hash8}`\n\n```toml\n{s.to_toml()}```\n"
-    )
+    return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, scenario hash `{s.hash8}`\n\n{result}\n"
+
+
+def resolved(scenario: Scenario) -> str:
+    """The scenario with every key, as TOML."""
+    return f"```toml\n{scenario.to_toml()}```\n"
 
 
 def _metrics(metrics: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.log import Rows
-from agrobot_mj.recording.signals import MEASURED, NETWORK, Plot, Series
+from agrobot_mj.recording.signals import NETWORK, Plot, Series
 from agrobot_mj.recording.timeline import TIMELINE, Times
 from agrobot_mj.signals import Array
 
@@ -19,7 +19,7 @@ COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442F
 MOST_LINES = 18
 """A plot of more is not readable; of larger networks it shows as many, evenly chosen."""
 EVERY_TICKS = 5
-"""Ticks from one heat map to the next."""
+"""Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
 MOST_LABELS = 64
 """Cells of a heat map that still have room for their value."""
 INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
@@ -50,15 +50,10 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
     """Plots of the network whose parameters are among `columns` of the log; none without a network."""
     if not family("c1", columns):
         return []
-    command = (
-        Series("network -tau_n", "tau_n", NETWORK, -1.0),
-        Series("PD tau_c", "tau_c", MEASURED),
-    )
     rules = [(f"rule {name.removeprefix('f_').replace('_', ',')}", name) for name in family("f", columns)]
     return [
-        Plot("network/share", "Network and PD in the command", "deg", command),
         Plot("network/q", "Share of the lower firing, q", "-", (Series("q", "q", NETWORK),)),
-        Plot("network/consequents", "Consequents f", "deg", _lines(rules)),
+        Plot("network/consequents", "Consequents f", "deg", _lines(rules), EVERY_TICKS),
         *(_sets(f"network/centres_{k}", f"Centres of x{k}", k, (f"c{k}",), columns) for k in INPUTS),
         *(_sets(f"network/widths_{k}", f"Widths of x{k}", k, (f"d{k}_lower", f"d{k}_upper"), columns) for k in INPUTS),
     ]
@@ -68,7 +63,7 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
     """The plot of families of parameters of input k."""
     what, unit = INPUTS[k]
     named = [(_label(name), name) for start in families for name in family(start, columns)]
-    return Plot(path, f"{title}, the {what}", unit, _lines(named))
+    return Plot(path, f"{title}, the {what}", unit, _lines(named), EVERY_TICKS)
 
 
 def _label(column: str) -> str:

@@ -45,6 +45,8 @@ class Plot(NamedTuple):
     title: str
     unit: str
     series: tuple[Series, ...]
+    every: int = 1
+    """Ticks from one point to the next; more than one for what moves slowly."""
 
     @property
     def entity(self) -> str:
@@ -156,7 +158,7 @@ class Signals:
         column = rr.TimeColumn(TIMELINE, duration=times)
         for plot in self.plots:
             numbers = values(plot, table)
-            there = np.isfinite(numbers).all(axis=1)
+            there = np.isfinite(numbers).all(axis=1) & ((first + np.arange(len(times))) % plot.every == 0)
             if not there.any():
                 continue
             if plot not in self.shown:
