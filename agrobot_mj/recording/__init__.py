@@ -19,9 +19,9 @@ from agrobot_mj.recording.motion import Motion
 from agrobot_mj.recording.network import Firing, network_plots
 from agrobot_mj.recording.scene import reference_line, send_scene
 from agrobot_mj.recording.signals import Signals
+from agrobot_mj.recording.sink import Sink
 from agrobot_mj.recording.states import States
 from agrobot_mj.recording.timeline import nanoseconds
-from agrobot_mj.recording.viewer import URL, open_viewer
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.signals import TICK_S
 
@@ -40,7 +40,8 @@ class Recording:
         """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
-        self._connect()
+        self.sink = Sink(self.stream, self.path, self.live)
+        self.recording = True
         self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",
@@ -56,17 +57,19 @@ class Recording:
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""
-        if self.rows.filled == first:
+        if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
         for part in (self.motion, self.signals, self.firing, self.states):
             part.send(self.stream, times, first)
         if first == 0:
             self._lay_out(self.scenario.ticks * TICK_S)
-        self.stream.flush(timeout_sec=0)
+        self.recording = self.sink.flush()
 
     def finish(self, log: Log) -> None:
         """Write the outcome and the metrics, and close."""
+        if not self.recording:
+            return
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         self._tell(summary(log))
@@ -74,23 +77,14 @@ class Recording:
         self.states.finish(self.stream, log.outcome)
         if self.rows.filled:
             self._lay_out(self.rows.filled * TICK_S)
-        self.stream.disconnect()
+        self.sink.close()
 
     def fail(self, error: BaseException) -> None:
         """Say what ended the run, and close."""
+        if not self.recording:
+            return
         self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
-        self.stream.disconnect()
-
-    def _connect(self) -> None:
-        sinks: list[rr.FileSink | rr.GrpcSink] = []
-        if self.path is not None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.open("wb").close()  # rerun's own error is no OSError
-            sinks.append(rr.FileSink(str(self.path)))
-        if self.live and open_viewer():
-            sinks.append(rr.GrpcSink(URL))
-        if sinks:
-            self.stream.set_sinks(*sinks)
+        self.sink.close()
 
     def _lay_out(self, end_s: float) -> None:
         """Arrange what there is so far; the last layout is the one that opens."""

@@ -73,7 +73,7 @@ def _label(column: str) -> str:
 
 def _lines(named: list[tuple[str, str]]) -> tuple[Series, ...]:
     chosen = np.linspace(0, len(named) - 1, min(len(named), MOST_LINES)).astype(int)
-    return tuple(Series(*named[i], COLOURS[k % len(COLOURS)]) for k, i in enumerate(chosen))
+    return tuple(Series(named[i][0], named[i][1], COLOURS[k % len(COLOURS)]) for k, i in enumerate(chosen))
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
