@@ -180,9 +180,7 @@ def run(
     return log
 
 
-def _drive(
-    loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]
-) -> tuple[str, float]:
+def _drive(loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]) -> tuple[str, float]:
     """Tick by tick to the end; returns the outcome and the wall time [s]."""
     plant, ticks, controller = loop.plant, loop.scenario.ticks, loop.scenario.controller
     watch = Watch(plant, loop.truth)

@@ -20,7 +20,6 @@ from agrobot_mj.control.t2fnn_laws import sgn
 from agrobot_mj.signals import Array, Command
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
-
 NOTHING = np.empty(0)
 
 

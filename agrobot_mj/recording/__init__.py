@@ -14,6 +14,7 @@ from agrobot_mj import __version__
 from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import blueprint
+from agrobot_mj.recording.comparison import write_comparison
 from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.motion import Motion
 from agrobot_mj.recording.network import Firing, network_plots
@@ -21,13 +22,11 @@ from agrobot_mj.recording.scene import reference_line, send_scene
 from agrobot_mj.recording.signals import Signals
 from agrobot_mj.recording.sink import Sink
 from agrobot_mj.recording.states import States
-from agrobot_mj.recording.timeline import nanoseconds
+from agrobot_mj.recording.timeline import APPLICATION, nanoseconds
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.signals import TICK_S
 
-__all__ = ["Recording"]
-
-APPLICATION = "agrobot_mj"
+__all__ = ["Recording", "write_comparison"]
 
 
 class Recording:

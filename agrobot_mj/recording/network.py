@@ -22,6 +22,8 @@ EVERY_TICKS = 5
 """Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
 MOST_LABELS = 64
 """Cells of a heat map that still have room for their value."""
+BESIDE, ABOVE = 0.2, 0.1
+"""Where the names of the sets stand, as shares of the map's width and height."""
 INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
 """By number of the input: what it is, and the unit of its sets."""
 
@@ -33,6 +35,8 @@ class Map(NamedTuple):
     matrix: str
     """How the names of its columns in the log begin."""
     title: str
+    sizes: tuple[int, int] = (1, 1)
+    """Rows and columns."""
 
     @property
     def entity(self) -> str:
@@ -85,10 +89,9 @@ class Firing:
     """Sends the heat maps of a run; none without a network."""
 
     def __init__(self, rows: Rows) -> None:
-        self.rows = rows
-        self.maps = [shown for shown in MAPS if family(shown.matrix, rows.columns)]
-        names = family("w_lower", rows.columns)
-        self.sizes = (1, 1) if not names else tuple(int(part) + 1 for part in names[-1].split("_")[-2:])
+        self.rows, names = rows, family("w_lower", rows.columns)
+        self.sizes = len(family("c1", rows.columns)), len(family("c2", rows.columns))
+        self.maps = [shown._replace(sizes=self.sizes) for shown in MAPS] if names else []
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
@@ -110,18 +113,24 @@ class Firing:
             labels = rr.Points2D.columns(labels=[f"{value:.2f}" for value in values.ravel()])
             stream.send_columns(f"{shown.entity}/values", [column], labels.partition([values.shape[1]] * len(values)))
 
+    def _brightest(self) -> float:
+        """The share at the bright end of the colours: four times what each rule has if all fire alike [-]."""
+        return min(4.0 / (self.sizes[0] * self.sizes[1]), 1.0)
+
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
         """Format, colours and what the rows and columns are."""
         height, width = self.sizes
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
         viridis = rr.components.Colormap.Viridis
-        picture = rr.DepthImage.from_fields(format=size, meter=1.0, colormap=viridis, depth_range=[0.0, 1.0])
+        picture = rr.DepthImage.from_fields(
+            format=size, meter=1.0, colormap=viridis, depth_range=[0.0, self._brightest()]
+        )
         stream.log(shown.entity, picture, static=True)
         cells = [(j + 0.5, i + 0.5) for i in range(height) for j in range(width)]
         if len(cells) <= MOST_LABELS:
             stream.log(f"{shown.entity}/values", _text(cells, 0xFFFFFFFF), static=True)
-        beside = [(-0.3 * width / 3, i + 0.5) for i in range(height)]
-        above = [(j + 0.5, -0.15 * height / 3) for j in range(width)]
+        beside = [(-BESIDE * width, i + 0.5) for i in range(height)]
+        above = [(j + 0.5, -ABOVE * height) for j in range(width)]
         names = [f"x1 set {i}" for i in range(height)] + [f"x2 set {j}" for j in range(width)]
         stream.log(f"{shown.entity}/sets", _text(beside + above, 0xBBBBBBFF, names), static=True)
 

@@ -131,7 +131,7 @@ def _why(process: "subprocess.Popen[bytes]", error: Exception) -> str:
     """What went wrong, from what the viewer said before it ended."""
     _end(process)
     said = process.stderr.read().decode(errors="replace") if process.stderr else ""
-    if "adapter" in said:
+    if "adapter" in said or "render context" in said:
         return f"no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}"
     return f"no pictures: {error}; if the viewer finds no Vulkan driver, {REMEDY}"
 

@@ -1,12 +1,15 @@
-"""The Rerun viewer beside a live run: started on loopback, or the one that is there already."""
+"""The Rerun viewer, on loopback only: beside a live run, for a file, or in the browser."""
 
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 PORT = 9876
 """Where viewers listen by default."""
+WEB_PORT = 9090
+"""Where the browser finds the viewer."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (
     *(sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(PORT)),
@@ -14,6 +17,13 @@ COMMAND = (
 )
 PATIENCE_S = 15.0
 """How long a viewer may take to start [s]."""
+
+
+def view(file: Path, web: bool = False) -> int:
+    """Open `file` in the viewer, or serve it to the browser, until that ends; returns the exit status."""
+    ways = ("--web-viewer", "--port", "auto", "--web-viewer-port", str(WEB_PORT)) if web else ()
+    command = (sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", *ways, str(file))
+    return subprocess.run(command, check=False).returncode
 
 
 def open_viewer() -> bool:
