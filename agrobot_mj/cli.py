@@ -174,12 +174,11 @@ def view_file(
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
 ) -> None:
     """Open a recording in the Rerun viewer; needs no network."""
-    from agrobot_mj.recording.viewer import WEB_PORT, view
+    from agrobot_mj.recording.viewer import serve, view
 
     _check_recording(file)
-    if web:
-        print(f"http://127.0.0.1:{WEB_PORT} (Ctrl-C ends it)", flush=True)
-    raise typer.Exit(view(file, web))
+    with interruptible():
+        raise typer.Exit((serve if web else view)(file))
 
 
 @app.command("snapshot")

@@ -26,9 +26,11 @@ from agrobot_mj.recording.timeline import APPLICATION, TIMELINE, nanoseconds
 from agrobot_mj.recording.tracks import piece_ends, strips
 from agrobot_mj.signals import Array
 
-COLOURS = (0xE69F00FF, 0x56B4E9FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF)
+COLOURS = (0xE69F00FF, 0x56B4E9FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF)
 """One a run, in turn."""
 POSE_TICKS = 2
+BESIDE = 3
+"""Plots beside the scene."""
 TRACK_LIFT_M, TRACK_WIDTH = 0.04, 1.5
 PAINTED = 0.12
 """Parts whose brightest and darkest channels differ by more are painted in the colour of the run, others stay grey."""
@@ -36,7 +38,7 @@ PLOTS = (
     ("lateral", "Lateral error to the moving reference", "m", "e_lateral"),
     ("cross_track", "Cross-track error", "m", "cross_track"),
     ("command", "Steering command", "deg", "steer_ref"),
-    ("network", "Share of the command from the network: -tau_n", "deg", "network"),
+    ("network", "Network's part of the command, -tau_n", "deg", "network"),
     ("yaw_rate", "Yaw-rate error", "deg/s", "e_yaw_rate"),
     ("speed", "Speed", "m/s", "speed"),
 )
@@ -153,15 +155,17 @@ def _blueprint(runs: Sequence[Run], plots: dict[str, Plot], reference: Array) ->
     """Scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     axis = whole_run(float(longest.column("t")[-1]))
-    views = [plot_view(plot.title, plot.unit, f"plots/{path}", axis) for path, plot in plots.items()]
     followed = f"{runs[-1].place}/chassis/boxes"
     growing = [f"world/tracks/{run.name}" for run in runs]
     left = scenes(reference, float(longest.column("yaw")[0]), followed, growing)
-    beside = rrb.Vertical(*views[:3])
+
+    def views() -> list[rrb.View]:
+        return [plot_view(plot.title, plot.unit, f"plots/{path}", axis) for path, plot in plots.items()]
+
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(left, beside, column_shares=[3, 2], name="Drive"),
-            rrb.Grid(*views, grid_columns=2, name="Control"),
+            rrb.Horizontal(left, rrb.Vertical(*views()[:BESIDE]), column_shares=[3, 2], name="Drive"),
+            rrb.Grid(*views(), grid_columns=2, name="Control"),
             information(),
         ),
         *panels(),

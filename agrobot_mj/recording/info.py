@@ -50,9 +50,8 @@ def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     ]
     table = [f"| run | colour | outcome | {heads} |", "|---" * (len(COMPARED) + 3) + "|", *lines]
     return (
-        f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}\n\n"
-        + "\n".join(table)
-        + "\n"
+        f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}; "
+        "the scenario beside is that of the first run\n\n" + "\n".join(table) + "\n"
     )
 
 

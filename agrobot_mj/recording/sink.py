@@ -1,7 +1,7 @@
 """Where a recording goes: a file that opens whatever happens, a viewer, or both.
 
 Rerun writes beside the run and says nothing when it fails, and a file cut within a chunk does not open at all. So each
-flush waits for the file; should the disk be full, the file is cut back to what was there after the flush before.
+flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
 """
 
 import errno
@@ -25,7 +25,7 @@ class Sink:
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False) -> None:
         """Raises OSError if the file cannot be written."""
-        self.stream, self.path, self.whole = stream, path, 0
+        self.stream, self.path, self.live, self.whole = stream, path, live, 0
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,14 +40,14 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all that was logged; False, said on stderr, once the disk is full and the file has its end."""
+        """Write all that was logged; False, said on stderr, once the file can grow no more."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
-            if self._full():
-                self._cut()
-                return False
-            return True  # a viewer that is slow or gone
+            if self.live and not self._full():
+                return True  # a viewer that is slow or gone
+            self._cut()
+            return False
         if self.path is not None:
             self.whole = self.path.stat().st_size
         return True
@@ -65,5 +65,5 @@ class Sink:
     def _cut(self) -> None:
         if self.path is not None:
             os.truncate(self.path, self.whole)
-            print(f"{self.path}: the disk is full; the recording ends early, but opens", file=sys.stderr)
+            print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
             self.path = None

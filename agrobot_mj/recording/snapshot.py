@@ -5,9 +5,7 @@ The viewer needs a Vulkan driver; Mesa's software one will do. Pictures are writ
 
 import os
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +15,7 @@ from typing import Any
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.timeline import TIMELINE
+from agrobot_mj.recording.viewer import RERUN, free_port
 from agrobot_mj.storage import whole
 
 SIZE = "1920x1080"
@@ -97,10 +96,8 @@ def _name(parts: dict[str, Any]) -> str:
 @contextmanager
 def _viewer() -> Iterator[ViewerClient]:
     """A viewer without a window, on loopback, that ends with the block."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "rerun_cli", "--headless", "--window-size", SIZE]
+    port = free_port()
+    command = [*RERUN, "--headless", "--window-size", SIZE]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
     environment = {**os.environ, "RUST_LOG": "error"}  # what it logs would lie over the picture
     quiet = subprocess.DEVNULL
