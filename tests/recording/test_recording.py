@@ -37,6 +37,7 @@ from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
 
+run(load_scenario("straight_line", {"duration_s": 0.1}))  # its kernels go to the cache
 resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000))
 log = run(load_scenario("straight_line"), (Recording(Path(sys.argv[1])),))
 print(log.outcome)
@@ -127,7 +128,7 @@ def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_
     environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2])}
     path, pipes = tmp_path / "run.rrd", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env=environment, **pipes) as process:
-        deadline = time.monotonic() + 100
+        deadline = time.monotonic() + 300
         while not path.exists() or path.stat().st_size < 1_500_000 + extra_bytes:
             assert process.poll() is None
             assert time.monotonic() < deadline

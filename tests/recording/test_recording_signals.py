@@ -146,7 +146,8 @@ def test_heat_maps_show_the_firing_and_its_numbers(eight, bound):
 def test_a_network_of_another_size_is_drawn_too(tmp_path):
     sizes = {"controller.network.rules_1": 2, "controller.network.rules_2": 11}
     path = tmp_path / "run.rrd"
-    log, recorded = run(load_scenario("straight_line", {"duration_s": 1, **sizes}), (Recording(path),)), Recorded(path)
+    run(load_scenario("straight_line", {"duration_s": 1, **sizes}), (Recording(path),))
+    recorded = Recorded(path)
     shape = recorded.static("/network/firing_lower", "DepthImage:format")[0]
     assert (shape["height"], shape["width"]) == (2, 11)
     shown = names(recorded, "network/consequents")
