@@ -5,7 +5,6 @@ Exit status: 0 completed; 1 the run ended otherwise; 2 bad input, told in one me
 
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import tomllib
@@ -36,6 +35,7 @@ Sets = Annotated[
 ]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
+Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
 
 
 def main() -> None:
@@ -169,17 +169,57 @@ def validate_plants(
 
 
 @app.command("view")
-def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]) -> None:
+def view_file(
+    file: Recorded,
+    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
+) -> None:
     """Open a recording in the Rerun viewer; needs no network."""
+    from agrobot_mj.recording.viewer import serve, view
+
+    _check_recording(file)
+    with interruptible():
+        raise typer.Exit((serve if web else view)(file))
+
+
+@app.command("snapshot")
+def snapshot(
+    file: Recorded,
+    at: Annotated[str, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated.")] = "60",
+    tabs: Annotated[list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab; repeatable.")] = None,
+    out: Out = None,
+) -> None:
+    """Draw the tabs of a recording as PNGs; needs no display."""
+    from agrobot_mj.recording.snapshot import SnapshotError, snapshots
+
+    _check_recording(file)
+    folder = _folder(out, f"snapshots-{file.stem}")
+    try:
+        for path in snapshots(file, seconds(at), folder, tabs or []):
+            print(path)
+    except SnapshotError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(1) from None
+
+
+def seconds(text: str) -> list[float]:
+    """Comma-separated times [s]."""
+    try:
+        times = [float(name) for name in names(text, "--at")]
+    except ValueError:
+        times = []
+    if not times or not all(0 <= t < float("inf") for t in times):
+        raise ScenarioError(f"--at {text}: write seconds as 5,60,120")
+    return times
+
+
+def _check_recording(file: Path) -> None:
+    """Leave with status 2 unless `file` is a recording."""
     if not file.is_file():
         fail(f"{file}: no such file")
     with file.open("rb") as stream:
         magic = stream.read(4)
     if magic not in (b"RRF2", b"RRF0", b"RRIO"):
         fail(f"{file}: not a Rerun recording (.rrd)")
-    raise typer.Exit(
-        subprocess.run([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)], check=False).returncode
-    )
 
 
 @app.callback(invoke_without_command=True)

@@ -11,7 +11,7 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 from agrobot_mj.log import Log
-from agrobot_mj.recording import Recording
+from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.report import write_figures
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.simulate import run
@@ -70,6 +70,9 @@ def compare(
     rows = [_row(case, logs[case.folder]) for case in todo]
     write_json(folder / "comparison.json", rows)
     first = [case for case in todo if case.seed == todo[0].seed]
+    if rrd:
+        named = [(f"{case.plant}-{case.controller}", logs[case.folder]) for case in first]
+        write_comparison(named, folder / "comparison.rrd")
     write_figures([(case.plant, case.controller, logs[case.folder]) for case in first], folder)
     return rows
 

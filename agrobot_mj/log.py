@@ -34,22 +34,25 @@ WHEEL_COLUMNS = tuple(
     for wheel in WHEELS
 )
 """Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
+NOTHING = np.empty(0)
 
 
 class Rows:
     """Room for the whole run, filled row by row."""
 
-    def __init__(self, ticks: int, wheels: int, bodies: int) -> None:
-        self.columns = COLUMNS + WHEEL_COLUMNS[:wheels]
+    def __init__(self, ticks: int, wheels: int, bodies: int, extra: tuple[str, ...] = ()) -> None:
+        """`extra` are the columns of the yaw controller."""
+        self.columns = COLUMNS + WHEEL_COLUMNS[:wheels] + extra
         self.values = np.full((ticks, len(self.columns)), np.nan)
         self.poses = np.zeros((ticks, bodies, 7))
         self.filled = 0
 
-    def append(self, row: tuple[float, ...], wheels: Array, poses: Array) -> None:
-        """One tick: the common columns, the wheels' report and the bodies' poses."""
+    def append(self, row: tuple[float, ...], wheels: Array, poses: Array, extra: Array = NOTHING) -> None:
+        """One tick: the common columns, the wheels' report, the bodies' poses and the controller's report."""
         k = self.filled
         self.values[k, : len(COLUMNS)] = row
-        self.values[k, len(COLUMNS) :] = wheels
+        self.values[k, len(COLUMNS) : len(COLUMNS) + wheels.size] = wheels
+        self.values[k, len(COLUMNS) + wheels.size :] = extra
         self.poses[k] = poses
         self.filled = k + 1
 

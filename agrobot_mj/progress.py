@@ -54,3 +54,7 @@ class Progress:
     def finish(self, log: Log) -> None:
         """Take the bar away."""
         self.bar.stop()
+
+    def fail(self, error: BaseException) -> None:
+        """Take the bar away."""
+        self.bar.stop()

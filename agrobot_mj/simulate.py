@@ -26,7 +26,9 @@ from agrobot_mj.signals import GOOD_DAY, TICK_S, Command, Drive, Estimate, Measu
 from agrobot_mj.terrain import height_and_gradient
 
 CHUNK_TICKS = 200
-"""Watchers hear of new rows every 10 s of simulated time."""
+"""Watchers hear of new rows every 10 s of simulated time ..."""
+TELL_S = 5.0
+"""... and, where a run is slow, after this much wall time [s]."""
 NOSE = radians(0.01)
 """How close to its limit a steering command counts as saturated [rad]."""
 
@@ -42,6 +44,9 @@ class Watcher(Protocol):
 
     def finish(self, log: Log) -> None:
         """After the last tick; metrics are known."""
+
+    def fail(self, error: BaseException) -> None:
+        """Instead of `finish`, where an error ends the run."""
 
 
 class Loop:
@@ -166,32 +171,46 @@ def run(
     yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor.
     """
     loop = Loop(scenario)
-    plant, ticks = loop.plant, scenario.ticks
-    rows = Rows(ticks, plant.wheels().size, len(plant.scene.bodies))
+    plant = loop.plant
+    rows = Rows(scenario.ticks, plant.wheels().size, len(plant.scene.bodies), scenario.controller.columns)
     for watcher in watchers:
         watcher.start(scenario, plant.scene, rows)
+    try:
+        outcome, wall = _drive(loop, rows, watchers, should_stop)
+        log = _finish(Log(scenario, rows, plant.scene, outcome, wall), plant.warnings())
+        for watcher in watchers:
+            watcher.finish(log)
+    except BaseException as error:
+        for watcher in watchers:
+            watcher.fail(error)
+        raise
+    return log
+
+
+def _drive(loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]) -> tuple[str, float]:
+    """Tick by tick to the end; returns the outcome and the wall time [s]."""
+    plant, ticks, controller = loop.plant, loop.scenario.ticks, loop.scenario.controller
     watch = Watch(plant, loop.truth)
     began, told, outcome = time.perf_counter(), 0, "completed"
+    due = began + TELL_S
     for k in range(ticks):
         drive, values = loop.tick()
-        rows.append(values + plant.actuation(), plant.wheels(), plant.poses())
+        report = controller.report(loop.yawing)
+        rows.append(values + plant.actuation(), plant.wheels(), plant.poses(), report)
         trouble = watch.trouble(loop.truth, _off(values)) or ("aborted" if should_stop() else None)
         if trouble:
             outcome = trouble
             break
         if k + 1 < ticks:
             loop.advance(drive)
-        if rows.filled - told == CHUNK_TICKS:
+        if rows.filled - told == CHUNK_TICKS or time.perf_counter() > due:
             for watcher in watchers:
                 watcher.advance(told)
-            told = rows.filled
+            told, due = rows.filled, time.perf_counter() + TELL_S
     wall = time.perf_counter() - began
     for watcher in watchers:
         watcher.advance(told)
-    log = _finish(Log(scenario, rows, plant.scene, outcome, wall), plant.warnings())
-    for watcher in watchers:
-        watcher.finish(log)
-    return log
+    return outcome, wall
 
 
 _E_LONGITUDINAL, _E_LATERAL = COLUMNS.index("e_longitudinal"), COLUMNS.index("e_lateral")

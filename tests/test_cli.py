@@ -64,7 +64,7 @@ def test_version_and_help(call):
     assert call("--version")[:2] == (0, f"{__version__}\n")
     status, out, _ = call("--help")
     assert status == 0
-    assert all(command in out for command in ("list", "run", "compare", "view"))
+    assert all(command in out for command in ("list", "run", "compare", "view", "snapshot"))
 
 
 def test_the_command_itself_works_from_any_folder(elsewhere):
@@ -230,6 +230,8 @@ BAD = [
     (["compare", "nothing"], "unknown scenario 'nothing'"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),
     (["view", "broken.toml"], "not a Rerun recording"),
+    (["snapshot", "missing.rrd"], "missing.rrd: no such file"),
+    (["snapshot", "broken.toml"], "not a Rerun recording"),
 ]
 
 

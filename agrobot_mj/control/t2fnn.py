@@ -132,6 +132,28 @@ class T2Fnn(Spec):
         tau_n, rates = self._laws(state, x1, x2, tau_c)
         return (self._learnt(state, x1, x2, rates, dt) if learn else state), tau_n
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of what `report` gives: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
+        sets = {"1": range(self.rules_1), "2": range(self.rules_2)}
+        rules = [f"{i}_{j}" for i in sets["1"] for j in sets["2"]]
+        families = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper")
+        return (
+            *(f"{family}_{i}" for family in families for i in sets[family[1]]),
+            *(f"{matrix}_{rule}" for matrix in ("f", "w_lower", "w_upper") for rule in rules),
+        )
+
+    def report(self, state: T2FnnState) -> Array:
+        """Centres, widths [unit of their input], consequents [rad] and normalised firing [-] where the state stands.
+
+        Shape (3 (I + J + I J),), in the order of `columns`; NaN while the inputs are not known.
+        """
+        x1, x2 = state.x1, state.x2
+        if x1 is None or x2 is None:
+            return np.full(len(self.columns), np.nan)
+        W_lower, W_upper = firing(_plain(state, x1, x2), x1, x2)
+        return np.concatenate([*state[:6], state.f.ravel(), W_lower.ravel(), W_upper.ravel()])
+
     def _bounded(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
 

@@ -4,21 +4,39 @@ Error e = reference - measured yaw rate [rad/s], steering u = tau_c - tau_n [rad
 the steering's limit. tau_c = k_P e + k_D de/dt is the conventional controller; tau_n learns beside it from
 tau_c (feedback-error learning; paper, section III-B). `pd_t2fnn` is the paper's; the others test plants or
 are null models.
+
+Beside its command a controller may report further signals: `columns` names them, `report(state)` has their values.
 """
 
 from math import nan, radians
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.pid import Slope, clip
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
 from agrobot_mj.control.t2fnn_laws import sgn
-from agrobot_mj.signals import Command
+from agrobot_mj.signals import Array, Command
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
+NOTHING = np.empty(0)
 
-class OpenLoop(Spec):
+
+class _Yaw(Spec):
+    """What all yaw controllers share."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the signals that the controller reports."""
+        return ()
+
+    def report(self, state: Any) -> Array:
+        """Values of `columns` behind the last command, from the state after it."""
+        return NOTHING
+
+
+class OpenLoop(_Yaw):
     """A steering step, deaf to the yaw rate; for tests of the plant."""
 
     kind: Literal["open_loop"] = "open_loop"
@@ -38,7 +56,7 @@ class OpenLoop(Spec):
         return None, Command(clip(steer, -steer_limit, steer_limit), 0.0, 0.0, nan)
 
 
-class _Pd(Spec):
+class _Pd(_Yaw):
     """Gains that all closed-loop controllers share."""
 
     kp: float = 0.4
@@ -117,6 +135,8 @@ class NeuroState(NamedTuple):
     """Of the yaw-rate error [rad/s]."""
     network: T2FnnState | None = None
     """None before the first error, about which the network's sets are laid."""
+    asked: T2FnnState | None = None
+    """The network as it was when it gave the last tau_n, before it learnt from that tick."""
     saturated: bool = False
     """Whether the last command was clipped."""
 
@@ -142,9 +162,19 @@ class _PdNetwork(_Pd):
         network = state.network or self.network.init(e, slope.rate)
         learn = not (self.anti_windup and state.saturated)
         learnt, tau_n = self.network.update(network, e, slope.rate, tau_c, dt, learn)
+        asked = network._replace(c1=learnt.c1, c2=learnt.c2, x1=learnt.x1, x2=learnt.x2)
         wanted = tau_c - tau_n
         steer = clip(wanted, -steer_limit, steer_limit)
-        return NeuroState(slope, learnt, steer != wanted), Command(steer, tau_c, tau_n, network.q)
+        return NeuroState(slope, learnt, asked, steer != wanted), Command(steer, tau_c, tau_n, network.q)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of the network, see `T2Fnn.columns`."""
+        return self.network.columns
+
+    def report(self, state: NeuroState) -> Array:
+        """The network behind the last tau_n; NaN before the first."""
+        return np.full(len(self.columns), nan) if state.asked is None else self.network.report(state.asked)
 
 
 class PdT2fnn(_PdNetwork):

@@ -14,19 +14,19 @@ from agrobot_mj import __version__
 from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import blueprint
-from agrobot_mj.recording.info import summary, unfinished
+from agrobot_mj.recording.comparison import write_comparison
+from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.motion import Motion
+from agrobot_mj.recording.network import Firing, network_plots
 from agrobot_mj.recording.scene import reference_line, send_scene
 from agrobot_mj.recording.signals import Signals
+from agrobot_mj.recording.sink import Sink
 from agrobot_mj.recording.states import States
-from agrobot_mj.recording.timeline import nanoseconds
-from agrobot_mj.recording.viewer import URL, open_viewer
+from agrobot_mj.recording.timeline import APPLICATION, nanoseconds
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.signals import TICK_S
 
-__all__ = ["Recording"]
-
-APPLICATION = "agrobot_mj"
+__all__ = ["Recording", "write_comparison"]
 
 
 class Recording:
@@ -39,53 +39,58 @@ class Recording:
         """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
-        self._connect()
+        self.sink = Sink(self.stream, self.path, self.live)
+        self.recording = True
         self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
         )
         self._tell(unfinished(scenario))
+        self._tell(resolved(scenario), "scenario")
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
-        self.motion, self.signals, self.states = Motion(rows, scene, ground), Signals(rows), States(rows)
+        self.motion = Motion(rows, scene, ground, scenario)
+        self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
+        self.states = States(rows, scenario.fault)
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""
-        if self.rows.filled == first:
+        if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
-        for part in (self.motion, self.signals, self.states):
+        for part in (self.motion, self.signals, self.firing, self.states):
             part.send(self.stream, times, first)
         if first == 0:
             self._lay_out(self.scenario.ticks * TICK_S)
-        self.stream.flush(timeout_sec=0)
+        self.recording = self.sink.flush()
 
     def finish(self, log: Log) -> None:
         """Write the outcome and the metrics, and close."""
+        if not self.recording:
+            return
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         self._tell(summary(log))
+        self.motion.finish(self.stream, log)
+        self.states.finish(self.stream, log.outcome)
         if self.rows.filled:
             self._lay_out(self.rows.filled * TICK_S)
-        self.stream.disconnect()
+        self.sink.close()
 
-    def _connect(self) -> None:
-        sinks: list[rr.FileSink | rr.GrpcSink] = []
-        if self.path is not None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.open("wb").close()  # rerun's own error is no OSError
-            sinks.append(rr.FileSink(str(self.path)))
-        if self.live and open_viewer():
-            sinks.append(rr.GrpcSink(URL))
-        if sinks:
-            self.stream.set_sinks(*sinks)
+    def fail(self, error: BaseException) -> None:
+        """Say what ended the run, and close."""
+        if not self.recording:
+            return
+        self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
+        self.sink.close()
 
     def _lay_out(self, end_s: float) -> None:
         """Arrange what there is so far; the last layout is the one that opens."""
         driven = self.rows.poses[: self.rows.filled, 0, :3]
         places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
-        self.stream.send_blueprint(blueprint(self.signals.shown, places, self.rows.column("yaw")[0], end_s))
+        yaw = self.rows.column("yaw")[0]
+        self.stream.send_blueprint(blueprint(self.signals.shown, places, yaw, end_s, self.firing.maps))
 
-    def _tell(self, text: str) -> None:
-        self.stream.log("info", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+    def _tell(self, text: str, entity: str = "info") -> None:
+        self.stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -7,12 +7,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from agrobot_mj.geometry import from_heading
+from agrobot_mj.recording.network import Map
 from agrobot_mj.recording.signals import Plot
 from agrobot_mj.recording.timeline import TIMELINE
 from agrobot_mj.signals import Array
 
 FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""
+GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
+"""What stays from its time on."""
 SKY = 0xB9CDDBFF
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
@@ -24,6 +27,7 @@ TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/", "attitude"),
     "Estimator": ("estimator/",),
+    "Network": ("network/", "control/command"),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
 FOLLOW_FROM = (-4.0, -3.2, 2.4)
@@ -38,64 +42,100 @@ LEGEND_ROOM = 1.3
 """Time axis over the run, so that the legends hide no line."""
 
 
-def blueprint(plots: Sequence[Plot], places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """The layout of `plots` until `end_s` [s].
+def blueprint(
+    plots: Sequence[Plot], places: Array, yaw: float, end_s: float, maps: Sequence[Map] = ()
+) -> rrb.Blueprint:
+    """The layout of `plots` until `end_s` [s], and of the `maps` of the network.
 
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
-    axis = rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
+    axis = whole_run(end_s)
 
     def views(starts: tuple[str, ...]) -> list[rrb.View]:
-        return [_plot(plot, axis) for plot in plots if plot.path.startswith(starts)]
+        return [plot_view(plot.title, plot.unit, plot.entity, axis) for plot in plots if plot.path.startswith(starts)]
+
+    def tab(name: str, starts: tuple[str, ...]) -> rrb.Grid:
+        pictures = [_map(shown) for shown in maps if shown.entity.startswith(starts)]
+        return rrb.Grid(*views(starts), *pictures, grid_columns=3, name=name)
 
     states = rrb.StateTimelineView(origin="states", name="States", time_view=axis)
-    scenes = rrb.Vertical(_follow(places[0], yaw), _overview(places), row_shares=[3, 2])
-    beside = rrb.Vertical(*views(DRIVE), states, row_shares=[*(3.0 for _ in views(DRIVE)), 1.5])
+    beside = rrb.Vertical(*views(DRIVE), states, row_shares=[*(3.0 for _ in views(DRIVE)), 2.6])
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(scenes, beside, column_shares=[3, 2], name="Drive"),
-            *(rrb.Grid(*views(starts), grid_columns=3, name=tab) for tab, starts in TABS.items() if views(starts[:1])),
-            rrb.TextDocumentView(origin="info", name="Info"),
+            rrb.Horizontal(scenes(places, yaw), beside, column_shares=[3, 2], name="Drive"),
+            *(tab(name, starts) for name, starts in TABS.items() if views(starts[:1])),
+            information(),
         ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
+        *panels(),
         auto_views=False,
     )
+
+
+def scenes(places: Array, yaw: float, followed: str = FOLLOWED, growing: Sequence[str] = GROWING) -> rrb.Vertical:
+    """The scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
+
+    `growing` are the entities that stay from their time on.
+    """
+    views = _follow(places[0], yaw, followed, growing), _overview(places, growing)
+    return rrb.Vertical(*views, row_shares=[3, 2])
+
+
+def information() -> rrb.Horizontal:
+    """The tab of what is told in words."""
+    told = rrb.TextDocumentView(origin="info", name="Run")
+    return rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
+
+
+def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
+    """All folded away, the time within reach."""
+    time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
+    return time, rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
+
+
+def whole_run(end_s: float) -> rrb.TimeAxis:
+    """A time axis that shows a run of `end_s` [s], with room for legends."""
+    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
 
 
 def _seconds(t: float) -> rr.TimeRangeBoundary:
     return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def _plot(plot: Plot, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=plot.entity, name=plot.title, axis_x=axis, plot_legend=LEGEND)
+def plot_view(title: str, unit: str, entity: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    """The series at and below `entity`."""
+    return rrb.TimeSeriesView(origin=entity, name=f"{title} [{unit}]", axis_x=axis, plot_legend=LEGEND)
 
 
-def _follow(start: Array, yaw: float) -> rrb.Spatial3DView:
+def _map(shown: Map) -> rrb.Spatial2DView:
+    height, width = shown.sizes
+    bounds = rrb.VisualBounds2D(x_range=[-0.4 * width, 1.1 * width], y_range=[-0.2 * height, 1.05 * height])
+    return rrb.Spatial2DView(origin=shown.entity, name=shown.title, visual_bounds=bounds)
+
+
+def _follow(start: Array, yaw: float, followed: str, growing: Sequence[str]) -> rrb.Spatial3DView:
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     eye = rrb.EyeControls3D(
         position=start + np.array([east, north, FOLLOW_FROM[2]]),
         look_target=start + LOOK_AT,
-        tracking_entity=FOLLOWED,
+        tracking_entity=followed,
     )
-    return _view(eye, "Tractor")
+    return _view(eye, "Tractor", growing)
 
 
-def _overview(places: Array) -> rrb.Spatial3DView:
+def _overview(places: Array, growing: Sequence[str]) -> rrb.Spatial3DView:
     low, high = places.min(axis=0), places.max(axis=0)
     above = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max()
     middle = (low + high) / 2
     eye = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
-    return _view(eye, "From above")
+    return _view(eye, "From above", growing)
 
 
-def _view(eye: rrb.EyeControls3D, name: str) -> rrb.Spatial3DView:
+def _view(eye: rrb.EyeControls3D, name: str, growing: Sequence[str]) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="world",
         name=name,
         eye_controls=eye,
         line_grid=False,
         background=rrb.Background(color=SKY),
-        overrides={f"world/tracks/{track}": SO_FAR for track in ("true", "estimated", "gnss")},
+        overrides=dict.fromkeys(growing, SO_FAR),
     )

@@ -1,5 +1,6 @@
 """What a recording says in words: markdown about the scenario and, at the end, its outcome and metrics."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from agrobot_mj import __version__
@@ -12,16 +13,50 @@ UNITS = {
 }
 """Units of those metrics that have one."""
 
+COLOUR_NAMES = {
+    **{0xE69F00FF: "orange", 0x56B4E9FF: "sky blue", 0xD55E00FF: "vermilion", 0x009E73FF: "green"},
+    **{0xCC79A7FF: "pink", 0xF0E442FF: "yellow", 0x3A6FD8FF: "blue", 0xBBBBBBFF: "grey"},
+}
+"""Of the palette of Okabe and Ito, brightened for a dark ground."""
+
 
 def unfinished(scenario: Scenario) -> str:
     """The text of a run that has not ended."""
     return _page(scenario, "*Still running, or killed before its end.*")
 
 
+def broken(scenario: Scenario, error: BaseException, t: float) -> str:
+    """The text of a run that an error ended after `t` [s]."""
+    return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
+
+
 def summary(log: Log) -> str:
     """The text of a finished run."""
     end = f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time."
     return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics)]))
+
+
+COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
+"""Metrics in the table of a comparison."""
+
+
+def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
+    """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
+    heads = " | ".join(f"{name} [{UNITS[name]}]" for name in COMPARED)
+    lines = [
+        f"| {name} | #{colour >> 8:06x} {_colour_name(colour)} | {log.outcome} "
+        f"| {_cells([log.metrics[metric] for metric in COMPARED])} |"
+        for name, colour, log in runs
+    ]
+    table = [f"| run | colour | outcome | {heads} |", "|---" * (len(COMPARED) + 3) + "|", *lines]
+    return (
+        f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}; "
+        "the scenario beside is that of the first run\n\n" + "\n".join(table) + "\n"
+    )
+
+
+def _colour_name(colour: int) -> str:
+    return COLOUR_NAMES.get(colour, "")
 
 
 def _tick(log: Log) -> float:
@@ -32,10 +67,12 @@ def _tick(log: Log) -> float:
 def _page(scenario: Scenario, result: str) -> str:
     s = scenario
     what = f"`{s.name}`: plant **{s.plant.kind}**, controller **{s.controller.kind}**, seed {s.seed}"
-    return (
-        f"# {s.title or s.name}\n\n{what}\n\n{result}\n\n"
-        f"## Scenario\n\nagrobot_mj {__version__}, hash `{s.hash8}`\n\n```toml\n{s.to_toml()}```\n"
-    )
+    return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, scenario hash `{s.hash8}`\n\n{result}\n"
+
+
+def resolved(scenario: Scenario) -> str:
+    """The scenario with every key, as TOML."""
+    return f"```toml\n{scenario.to_toml()}```\n"
 
 
 def _metrics(metrics: dict[str, Any]) -> str:

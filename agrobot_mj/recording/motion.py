@@ -1,83 +1,59 @@
-"""What moves: the pose of each body, and the tracks that grow behind the tractor.
-
-Tracks are sent in short pieces, each at the time at which it ends; the layout shows those up to the present.
-"""
-
-from typing import NamedTuple
+"""What moves in the scene: the pose of each body, and with it tracks, tyre marks, forces, belief and markers."""
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
-from rerun.components import LineStrip3DBatch
 
-from agrobot_mj.log import Rows
+from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.scene import on_ground
+from agrobot_mj.recording.belief import Belief
+from agrobot_mj.recording.events import Events
+from agrobot_mj.recording.forces import Forces
 from agrobot_mj.recording.timeline import TIMELINE, Times
-from agrobot_mj.signals import Array
+from agrobot_mj.recording.tracks import TRACKS, Tracks
+from agrobot_mj.recording.trail import Trail
+from agrobot_mj.recording.wheels import Wheels
+from agrobot_mj.scenario import Scenario
 from agrobot_mj.terrain import Ground
-
-Ends = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-PIECE_TICKS = 5
-"""Ticks in a piece of track: 0.3 m at 1.2 m/s."""
-FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
-"""By quality: none, float, fix."""
-FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Below the tracks; the radius is the sigma of the paper's receiver."""
-
-STRIPS = LineStrip3DBatch([]).as_arrow_array().type
-
-
-class Track(NamedTuple):
-    """A line that grows."""
-
-    name: str
-    x: str
-    """Column of the log."""
-    y: str
-    colour: int
-    lift_m: float
-    width: float
-    """Half of it on the screen [pixels]."""
-
-    @property
-    def entity(self) -> str:
-        """Where the track is in the recording."""
-        return f"world/tracks/{self.name}"
-
-
-TRACKS = (
-    Track("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.015, 1.25),
-    Track("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
-)
-"""Of the CG; where both agree the true one shows."""
 
 
 class Motion:
-    """Sends poses and tracks."""
+    """Sends all of it, as far as the tractor is anywhere."""
 
-    def __init__(self, rows: Rows, scene: Scene, ground: Ground) -> None:
-        self.rows, self.scene, self.ground = rows, scene, ground
+    def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
+        self.rows, self.scene, self.last = rows, scene, -1
+        self.events = Events(rows, ground, scenario.fault)
+        self.parts: list[Tracks | Belief | Forces | Trail | Events] = [
+            Tracks(rows, ground),
+            Belief(rows, ground),
+            self.events,
+        ]
+        self.trail = None
+        if "load_fl" in rows.columns:
+            wheels = Wheels(rows, scene, ground)
+            self.trail = Trail(wheels, scenario.ticks)
+            self.parts += [Forces(wheels), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows `first` to `rows.filled` at `times` (n,), as far as the tractor is anywhere."""
+        """Rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""
         times = times[: self._sound(first)]
-        if not times.size:
+        if not times.size or first != self.last + 1:
             return
         column = rr.TimeColumn(TIMELINE, duration=times)
         for i, body in enumerate(self.scene.bodies):
             pose = self.rows.poses[first : first + len(times), i]
             columns = rr.Transform3D.columns(translation=pose[:, :3], quaternion=pose[:, [4, 5, 6, 3]])
             stream.send_columns(f"world/bodies/{body}", [column], columns)
-        ends = piece_ends(len(times))
-        column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
-        for track in TRACKS:
-            pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
-            stream.send_columns(track.entity, [column], pieces)
-            if first == 0:
-                style = rr.LineStrips3D.from_fields(colors=track.colour, radii=rr.Radius.ui_points(track.width))
-                stream.log(track.entity, style, static=True)
-        self._send_fixes(stream, column, first, ends)
+        for part in self.parts:
+            part.send(stream, times, first)
+        self.last = first + len(times) - 1
+
+    def finish(self, stream: rr.RecordingStream, log: Log) -> None:
+        """What only the end of the run tells."""
+        if self.last < 0:
+            return
+        if self.trail:
+            self.trail.finish(stream, self.last)
+        self.events.finish(stream, log.outcome, self.last)
 
     def _sound(self, first: int) -> int:
         """How many rows from `first` on come before the first without a position, where a run breaks off."""
@@ -85,33 +61,3 @@ class Motion:
         poses = self.rows.poses[first : self.rows.filled].reshape(len(tracks[0]), -1)
         broken = np.flatnonzero(~np.isfinite(np.column_stack([*tracks, poses])).all(axis=1))
         return int(broken[0]) if broken.size else len(poses)
-
-    def _strips(self, track: Track, first: int, ends: Ends) -> pa.Array:
-        """The pieces that end before the rows `first + ends`, each joined to the one before."""
-        before = min(first, 1)
-        x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
-        points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
-        return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
-
-    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Ends) -> None:
-        columns = ("gnss_x", "gnss_y", "gnss_quality")
-        x, y, quality = (self.rows.column(name, first)[: ends[-1]] for name in columns)
-        there = np.isfinite(x)
-        points = on_ground(self.ground, np.column_stack([x, y])[there], FIX_LIFT_M)
-        fixes = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
-        counts = np.diff(np.append(0, np.cumsum(there)[ends - 1]))
-        stream.send_columns("world/tracks/gnss", [column], fixes.partition(counts))
-        if first == 0:
-            stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
-
-
-def piece_ends(count: int) -> Ends:
-    """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
-    return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
-
-
-def strips(points: Array, starts: Ends, ends: Ends) -> pa.Array:
-    """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
-    rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
-    vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
-    return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

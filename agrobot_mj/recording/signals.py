@@ -4,6 +4,7 @@ One entity `plots/<path>` holds the series of one plot, sent as columns: row by 
 A row where a series has no value is left out, so a signal that may be absent has a plot to itself.
 """
 
+from collections.abc import Sequence
 from math import degrees, pi
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from agrobot_mj.signals import Array
 
 UNITS = {
     **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
-    **{"deg": degrees(1), "deg/s": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
+    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
 }
 """Factor from the SI unit of the log."""
 TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
@@ -44,6 +45,8 @@ class Plot(NamedTuple):
     title: str
     unit: str
     series: tuple[Series, ...]
+    every: int = 1
+    """Ticks from one point to the next; more than one for what moves slowly."""
 
     @property
     def entity(self) -> str:
@@ -88,7 +91,6 @@ PLOTS = (
     _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
     _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
     Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
-    _single("control/q", "Network: share of the lower firing, q", "-", "q", "q", NETWORK),
     _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
     _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
     _single("steering/flow", "Oil flow to the cylinder", "l/min", "flow", "valve_flow"),
@@ -98,6 +100,7 @@ PLOTS = (
     _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
     _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
     _wheels("load", "Wheel load", "kN", "load"),
+    _wheels("friction_use", "Friction used: force over what the ground can hold", "-", "friction_use"),
     _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
     _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
@@ -107,10 +110,13 @@ PLOTS = (
     _estimated("yaw", "Yaw: estimate less truth", "deg"),
     _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
     _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
+    _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
+    _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
+    _single("estimator/faults", "Faults that act", "-", "faults", "faults_active"),
     _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality"),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
-"""Every plot, in the order of the tabs."""
+"""Every plot but those of the network, in the order of the tabs."""
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
@@ -140,10 +146,11 @@ def values(plot: Plot, table: dict[str, Array]) -> Array:
 class Signals:
     """Sends the plots of a run, each with its style as soon as it has a value."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: Rows, more: Sequence[Plot] = ()) -> None:
+        """`more` plots come after those of every run."""
         self.rows, self.shown = rows, list[Plot]()
         known = {*rows.columns, *derived(rows, 0)}
-        self.plots = [plot for plot in PLOTS if all(series.column in known for series in plot.series)]
+        self.plots = [plot for plot in (*PLOTS, *more) if all(series.column in known for series in plot.series)]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
@@ -151,7 +158,7 @@ class Signals:
         column = rr.TimeColumn(TIMELINE, duration=times)
         for plot in self.plots:
             numbers = values(plot, table)
-            there = np.isfinite(numbers).all(axis=1)
+            there = np.isfinite(numbers).all(axis=1) & ((first + np.arange(len(times))) % plot.every == 0)
             if not there.any():
                 continue
             if plot not in self.shown:

@@ -1,9 +1,10 @@
-"""The one timeline of a recording: `sim_time`, since the start of the run."""
+"""What all recordings share: the application's name, and the one timeline `sim_time`, since the start of the run."""
 
 import numpy as np
 
 from agrobot_mj.signals import Array
 
+APPLICATION = "agrobot_mj"
 TIMELINE = "sim_time"
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 

@@ -1,19 +1,45 @@
-"""The Rerun viewer beside a live run: started on loopback, or the one that is there already."""
+"""The Rerun viewer, on loopback only: beside a live run, for a file, or in the browser."""
 
+import os
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
+from urllib.parse import quote
 
+RERUN = (sys.executable, "-m", "rerun_cli")
 PORT = 9876
 """Where viewers listen by default."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (
-    *(sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(PORT)),
+    *(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)),
     *("--hide-welcome-screen", "--expect-data-soon"),
 )
 PATIENCE_S = 15.0
 """How long a viewer may take to start [s]."""
+
+
+def view(file: Path) -> int:
+    """Open `file` in the viewer until that is closed; returns its exit status."""
+    return subprocess.run((*RERUN, "--bind", "127.0.0.1", "--port", "auto", str(file)), check=False).returncode
+
+
+def serve(file: Path) -> int:
+    """Serve `file` with the viewer to browsers on this machine until interrupted; returns the exit status."""
+    port, web = free_port(), free_port()
+    data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
+    print(f"http://127.0.0.1:{web}?url={data} (Ctrl-C ends it)", flush=True)
+    ports = ("--port", str(port), "--web-viewer-port", str(web))
+    command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
+    return subprocess.run(command, check=False, env={**os.environ, "RUST_LOG": "error"}).returncode
+
+
+def free_port() -> int:
+    """A port of loopback that nothing listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def open_viewer() -> bool:

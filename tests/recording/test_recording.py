@@ -1,6 +1,11 @@
+import json
+import os
+import signal
 import subprocess
 import sys
+import time
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +31,19 @@ run(load_scenario("straight_line"), (Killed(Path(sys.argv[1])),))
 """
 
 
+CRAMPED = """
+import resource, sys
+from pathlib import Path
+from agrobot_mj import load_scenario, run
+from agrobot_mj.recording import Recording
+
+run(load_scenario("straight_line", {"duration_s": 0.1}))  # its kernels go to the cache
+resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000))
+log = run(load_scenario("straight_line"), (Recording(Path(sys.argv[1])),))
+print(log.outcome)
+"""
+
+
 def verify(path):
     done = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "verify", path], capture_output=True, text=True, check=False
@@ -48,20 +66,22 @@ def test_says_what_it_records(eight):
     }
     info = eight.static("/info", "TextDocument:text")[0]
     assert scenario.title in info
-    assert scenario.to_toml() in info
+    assert scenario.to_toml() in eight.static("/scenario", "TextDocument:text")[0]
 
 
 def test_agrees_with_the_metrics(eight):
-    metrics = eight.log.metrics
+    metrics = json.loads(json.dumps(eight.log.metrics))  # as in metrics.json
     info = eight.static("/info", "TextDocument:text")[0]
     for name, value in metrics.items():
-        if isinstance(value, float):
+        if isinstance(value, int | float):
             assert eight.static("/__properties/metrics", name) == [value]
             assert f"| {name} | {value:.6g} |" in info
     assert eight.static("/__properties/metrics", "outcome") == ["completed"]
-    first = metrics["per_turn"][0]
-    assert "turn 1 (in part)" in info
-    assert f"| xte_rms | {first['xte_rms']:.6g} | m |" in info.split("Turn by turn")[1]
+    table = info.split("Turn by turn")[1]
+    assert "turn 1 (in part)" in table
+    for name, value in metrics["per_turn"][0].items():
+        assert name in ("turn", "complete") or f"| {name} | {value:.6g} |" in table
+    assert f"| nn_share | {metrics['nn_share'][0]:.6g} |" in table
 
 
 def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
@@ -89,6 +109,95 @@ def test_a_killed_run_leaves_what_was_told_before(tmp_path):
     assert times[-1] == 399 * 50_000_000
     assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 400
     assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+@pytest.mark.parametrize("extra_bytes", [0, 150_000])
+def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
+    command = [
+        sys.executable,
+        "-m",
+        "agrobot_mj",
+        "run",
+        "straight_line",
+        "--set",
+        "duration_s=3000",
+        "--out",
+        tmp_path,
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2])}
+    path, pipes = tmp_path / "run.rrd", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
+        deadline = time.monotonic() + 300
+        while not path.exists() or path.stat().st_size < 1_500_000 + extra_bytes:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+    recorded = Recorded(path)
+    times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
+    assert len(times) >= 200
+    np.testing.assert_array_equal(times, np.arange(len(times)) * 50_000_000)
+    assert np.isfinite(values).all()
+    assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
+    path = tmp_path / "run.rrd"
+    done = subprocess.run([sys.executable, "-c", CRAMPED, path], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
+    assert "is the disk full? It ends early, but opens" in done.stderr
+    assert path.stat().st_size < 600_000
+    assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
+
+
+def test_an_error_in_the_run_is_told(short, tmp_path):
+    class Failing(Recording):
+        def advance(self, first):
+            super().advance(first)
+            if first == 200:
+                raise FloatingPointError("too much")
+
+    path = tmp_path / "run.rrd"
+    recording = Failing(path)
+    with pytest.raises(FloatingPointError, match="too much"):
+        run(load_scenario("straight_line", {"duration_s": 30}), (recording,))
+    recorded = Recorded(path)
+    info = recorded.static("/info", "TextDocument:text")[0]
+    assert "**ended by an error** after 20.00 s: `FloatingPointError: too much`" in info
+    assert len(recorded.column("/plots/tracking/error", "Scalars:scalars")[0]) == 400
+    verify(path)
+
+
+def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
+    from agrobot_mj import simulate
+
+    told = []
+
+    class Listening(Recording):
+        def advance(self, first):
+            told.append(first)
+            super().advance(first)
+
+    monkeypatch.setattr(simulate, "TELL_S", 0.0)
+    path = tmp_path / "run.rrd"
+    run(load_scenario("straight_line", {"duration_s": 1}), (Listening(path),))
+    assert told == [*range(20), 20]
+    assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) == 20
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_recording_of_the_previous_rerun_opens():
+    path = Path(__file__).parent / "data" / "written_by_0_40.rrd"
+    recorded = Recorded(path)
+    times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
+    np.testing.assert_array_equal(times, np.arange(200) * 50_000_000)
+    np.testing.assert_allclose(np.array(values)[:, 0], np.sin(np.arange(200) / 20))
+    assert recorded.static("/plots/tracking/error", "SeriesLines:names") == ["longitudinal [m]", "lateral [m]"]
+    assert recorded.static("/__properties/scenario", "hash") == ["0123abcd"]
+    assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 200
+    verify(path)
 
 
 def test_a_run_that_blew_up_is_recorded_to_its_last_position(short, tmp_path):

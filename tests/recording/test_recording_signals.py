@@ -5,6 +5,7 @@ from recorded import Recorded, replay
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.blueprint import DRIVE, FOLLOWED, TABS
+from agrobot_mj.recording.network import network_plots
 from agrobot_mj.recording.signals import PLOTS
 
 DEG = 180 / np.pi
@@ -13,7 +14,7 @@ SHOWN = {
     "tracking/error": ("m", 1, ["e_longitudinal", "e_lateral"]),
     "yaw_rate/loop": ("deg/s", DEG, ["yaw_rate_ref", "yaw_rate_hat", "yaw_rate"]),
     "yaw_rate/error": ("deg/s", DEG, ["e_yaw_rate"]),
-    "control/q": ("-", 1, ["q"]),
+    "network/q": ("-", 1, ["q"]),
     "steering/angle": ("deg", DEG, ["steer_ref", "steer_measured", "steer"]),
     "steering/valve": ("V", 1, ["valve_voltage"]),
     "steering/flow": ("l/min", 6e4, ["valve_flow"]),
@@ -25,6 +26,7 @@ SHOWN = {
     "estimator/nees": ("-", 1, ["position_nees"]),
     "estimator/quality": ("-", 1, ["gnss_quality"]),
     "attitude": ("deg", DEG, ["roll", "pitch"]),
+    "tyres/friction_use": ("-", 1, [f"friction_use_{w}" for w in WHEELS]),
     "tyres/load": ("kN", 1e-3, [f"load_{w}" for w in WHEELS]),
     "tyres/slip_angle": ("deg", DEG, [f"slip_angle_{w}" for w in WHEELS]),
     "tyres/slip_ratio": ("%", 100, [f"slip_ratio_{w}" for w in WHEELS]),
@@ -32,6 +34,21 @@ SHOWN = {
     "tyres/lateral_force": ("kN", 1e-3, [f"fy_{w}" for w in WHEELS]),
 }
 """Unit, factor from SI and columns of the plots that show the log as it is."""
+RULES = [f"{i}_{j}" for i in range(3) for j in range(3)]
+SLOW = {
+    "network/consequents": ("deg", [f"f_{rule}" for rule in RULES]),
+    "network/centres_1": ("deg/s", ["c1_0", "c1_1", "c1_2"]),
+    "network/centres_2": ("deg/s2", ["c2_0", "c2_1", "c2_2"]),
+    "network/widths_1": ("deg/s", [f"d1_{bound}_{i}" for bound in ("lower", "upper") for i in range(3)]),
+    "network/widths_2": ("deg/s2", [f"d2_{bound}_{i}" for bound in ("lower", "upper") for i in range(3)]),
+}
+"""Unit and columns of plots with four points a second, all of angles."""
+LATER = {
+    "estimator/nis": ("-", 1, ["position_nis"]),
+    "estimator/bias": ("deg", DEG, ["steer_bias_hat"]),
+    "estimator/faults": ("-", 1, ["faults_active"]),
+}
+"""Plots of signals that a log need not have."""
 COMPUTED = {"control/command", "estimator/east", "estimator/north", "estimator/yaw", "estimator/speed"}
 
 
@@ -91,9 +108,59 @@ def test_yaw_errors_are_small_across_the_wrap(short, tmp_path):
     np.testing.assert_allclose(values[:, 2] / DEG, 0.03)
 
 
+@pytest.mark.parametrize("path", LATER)
+def test_plots_of_what_a_log_may_have(eight, path):
+    unit, factor, columns = LATER[path]
+    if columns[0] not in eight.log.rows.columns:
+        assert f"/plots/{path}" not in eight.entities()
+        return
+    there = np.isfinite(eight.log.column(columns[0]))
+    if there.any():
+        np.testing.assert_allclose(scalars(eight, path)[1][:, 0], eight.log.column(columns[0])[there] * factor)
+        assert names(eight, path)[0].endswith(f"[{unit}]")
+
+
+@pytest.mark.parametrize("path", SLOW)
+def test_parameters_of_the_network_equal_the_log_four_times_a_second(eight, path):
+    unit, columns = SLOW[path]
+    times, values = scalars(eight, path)
+    np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::5] * 1e9))
+    np.testing.assert_allclose(values.T, [eight.log.column(name)[::5] * DEG for name in columns], rtol=1e-15)
+    assert len(set(names(eight, path))) == len(columns)
+    assert all(name.endswith(f"[{unit}]") for name in names(eight, path))
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+def test_heat_maps_show_the_firing_and_its_numbers(eight, bound):
+    times, buffers = eight.column(f"/network/firing_{bound}", "DepthImage:buffer")
+    pictures = np.array([np.frombuffer(bytes(buffer[0]), dtype=np.float32) for buffer in buffers])
+    expected = np.array([eight.log.column(f"w_{bound}_{rule}")[::5] for rule in RULES]).T
+    np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::5] * 1e9))
+    np.testing.assert_allclose(pictures, expected, rtol=1e-6)
+    labels = eight.column(f"/network/firing_{bound}/values", "Points2D:labels")[1]
+    np.testing.assert_allclose(np.array(labels, dtype=float), expected, atol=0.0051)
+    shape = eight.static(f"/network/firing_{bound}", "DepthImage:format")[0]
+    assert (shape["height"], shape["width"]) == (3, 3)
+
+
+def test_a_network_of_another_size_is_drawn_too(tmp_path):
+    sizes = {"controller.network.rules_1": 2, "controller.network.rules_2": 11}
+    path = tmp_path / "run.rrd"
+    run(load_scenario("straight_line", {"duration_s": 1, **sizes}), (Recording(path),))
+    recorded = Recorded(path)
+    shape = recorded.static("/network/firing_lower", "DepthImage:format")[0]
+    assert (shape["height"], shape["width"]) == (2, 11)
+    shown = names(recorded, "network/consequents")
+    assert len(shown) == 18
+    assert (shown[0], shown[-1]) == ("rule 0,0 [deg]", "rule 1,10 [deg]")
+    assert len(names(recorded, "network/centres_2")) == 11
+
+
 def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
     recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
-    assert recorded == SHOWN.keys() | COMPUTED == {plot.path for plot in PLOTS}
+    looked_at = SHOWN.keys() | COMPUTED | SLOW.keys() | LATER.keys()
+    assert recorded - LATER.keys() == looked_at - LATER.keys()
+    assert {plot.path for plot in (*PLOTS, *network_plots(eight.log.rows.columns))} == looked_at
     assert [path for path in recorded if not path.startswith((*DRIVE, *sum(TABS.values(), ())))] == []
     assert f"/{FOLLOWED}" in eight.entities()
 
@@ -104,9 +171,10 @@ def test_nothing_is_drawn_that_does_not_exist(tmp_path):
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
     assert np.isnan(log.column("q")).all()
     plots = {entity.removeprefix("/plots/") for entity in recorded.entities() if entity.startswith("/plots/")}
-    assert plots == {name for name in SHOWN.keys() | COMPUTED if not name.startswith("tyres/")} - {
-        *("control/q", "steering/pressure", "speed/torque")
-    }
+    assert plots - LATER.keys() == {
+        name for name in SHOWN.keys() | COMPUTED if not name.startswith(("tyres/", "network/"))
+    } - {"steering/pressure", "speed/torque"}
+    assert not any(entity.startswith("/network") for entity in recorded.entities())
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 

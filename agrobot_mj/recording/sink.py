@@ -1,0 +1,69 @@
+"""Where a recording goes: a file that opens whatever happens, a viewer, or both.
+
+Rerun writes beside the run and says nothing when it fails, and a file cut within a chunk does not open at all. So each
+flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
+"""
+
+import errno
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import rerun as rr
+
+from agrobot_mj.recording.viewer import URL, open_viewer
+
+PATIENCE_S = 5.0
+"""How long a flush may take [s]; it needs a thousandth of that."""
+FULL_BYTES = 200_000
+"""A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+
+
+class Sink:
+    """The connection of `stream` to a file, a viewer beside it, or both."""
+
+    def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False) -> None:
+        """Raises OSError if the file cannot be written."""
+        self.stream, self.path, self.live, self.whole = stream, path, live, 0
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.open("wb").close()  # rerun's own error is no OSError
+            sinks.append(rr.FileSink(str(path)))
+        if live and open_viewer():
+            sinks.append(rr.GrpcSink(URL))
+        if sinks:
+            try:
+                stream.set_sinks(*sinks)
+            except RuntimeError as error:
+                raise OSError(errno.EIO, str(error), str(path)) from None
+
+    def flush(self) -> bool:
+        """Write all that was logged; False, said on stderr, once the file can grow no more."""
+        try:
+            self.stream.flush(timeout_sec=PATIENCE_S)
+        except RuntimeError:
+            if self.live and not self._full():
+                return True  # a viewer that is slow or gone
+            self._cut()
+            return False
+        if self.path is not None:
+            self.whole = self.path.stat().st_size
+        return True
+
+    def close(self) -> None:
+        """Write what is left, and the footer."""
+        if self.path is None or self.flush():
+            self.stream.disconnect()
+            if self._full():
+                self._cut()
+
+    def _full(self) -> bool:
+        return self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
+
+    def _cut(self) -> None:
+        if self.path is not None:
+            os.truncate(self.path, self.whole)
+            print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
+            self.path = None

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from recorded import Recorded
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.metrics import cross_track_of
+from agrobot_mj.recording import write_comparison
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """Two plants, one of which ends early, and a network."""
+    changes = {
+        "bicycle-pd": {"plant.kind": "bicycle", "controller.kind": "pd", "duration_s": 4},
+        "mujoco-pd_t2fnn": {"controller.kind": "pd_t2fnn", "duration_s": 6},
+    }
+    logs = {name: run(load_scenario("circle", change)) for name, change in changes.items()}
+    path = tmp_path_factory.mktemp("compared") / "comparison.rrd"
+    write_comparison(list(logs.items()), path)
+    return Recorded(path), logs
+
+
+def test_every_run_has_its_lines(compared):
+    recorded, logs = compared
+    factor = 180 / np.pi
+    for name, log in logs.items():
+        for path, expected in (
+            ("lateral", log.column("e_lateral")),
+            ("cross_track", cross_track_of(log)),
+            ("command", log.column("steer_ref") * factor),
+            ("yaw_rate", log.column("e_yaw_rate") * factor),
+            ("speed", log.column("speed")),
+        ):
+            times, values = recorded.column(f"/plots/{path}/{name}", "Scalars:scalars")
+            np.testing.assert_array_equal(times, np.rint(log.column("t") * 1e9))
+            np.testing.assert_allclose(np.ravel(values), expected, rtol=1e-14)
+            assert recorded.static(f"/plots/{path}/{name}", "SeriesLines:names") == [name]
+
+
+def test_only_a_network_has_a_share(compared):
+    recorded, logs = compared
+    assert "/plots/network/bicycle-pd" not in recorded.entities()
+    _, values = recorded.column("/plots/network/mujoco-pd_t2fnn", "Scalars:scalars")
+    np.testing.assert_allclose(np.ravel(values), -logs["mujoco-pd_t2fnn"].column("tau_n") * 180 / np.pi, rtol=1e-14)
+
+
+def test_tractors_move_as_their_logs_say_in_their_own_colours(compared):
+    recorded, logs = compared
+    for name, log in logs.items():
+        times, places = recorded.column(f"/world/{name}/chassis", "Transform3D:translation")
+        np.testing.assert_array_equal(times, np.rint(log.column("t")[::2] * 1e9))
+        np.testing.assert_allclose(np.array(places)[:, 0], log.poses[::2, 0, :3], atol=1e-5)
+    paint = [set(recorded.static(f"/world/{name}/chassis/boxes", "Boxes3D:colors")) for name in logs]
+    colours = [set(recorded.static(f"/plots/lateral/{name}", "SeriesLines:colors")) for name in logs]
+    assert colours[0] <= paint[0]
+    assert colours[1] <= paint[1]
+    assert colours[0].isdisjoint(paint[1])
+
+
+def test_the_ground_is_drawn_once_and_the_words_name_colours(compared):
+    recorded, logs = compared
+    assert "/world/ground" in recorded.entities()
+    info = recorded.static("/info", "TextDocument:text")[0]
+    assert "| bicycle-pd | #e69f00 orange | completed |" in info
+    for log in logs.values():
+        assert f"{log.metrics['xte_rms']:.6g}" in info

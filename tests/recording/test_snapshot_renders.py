@@ -1,0 +1,124 @@
+"""Pictures drawn for real, by Rerun's viewer on a Vulkan driver (Mesa's in software will do)."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from agrobot_mj.recording import snapshot, viewer
+from agrobot_mj.recording.snapshot import SnapshotError, snapshots
+
+TABS = ["drive", "control", "tyres", "estimator", "network", "info"]
+DRIVERS = [Path(root) / "vulkan" / "icd.d" for root in ("/usr/share", "/etc", "/usr/local/share")]
+needs_vulkan = pytest.mark.skipif(
+    sys.platform == "linux" and not any(folder.is_dir() and any(folder.iterdir()) for folder in DRIVERS),
+    reason="no Vulkan driver: apt-get install mesa-vulkan-drivers libvulkan1",
+)
+
+
+@pytest.fixture(scope="module")
+def pictures(eight, tmp_path_factory):
+    """Each tab of a recording at 20 s, as (height, width, 3)."""
+    written = snapshots(eight.path, [20.0], tmp_path_factory.mktemp("pictures"))
+    return {path.stem.partition("_")[0]: np.asarray(Image.open(path).convert("RGB")).astype(int) for path in written}
+
+
+def near(picture, colour, tolerance=24):
+    """Share of the picture that has nearly this colour."""
+    return (abs(picture - np.array(colour)).max(axis=-1) < tolerance).mean()
+
+
+@needs_vulkan
+def test_every_tab_is_drawn_in_full(pictures):
+    assert list(pictures) == TABS
+    for name, picture in pictures.items():
+        assert picture.shape == (1080, 1920, 3), name
+        assert picture.std() > 10, name
+
+
+@needs_vulkan
+def test_the_scene_shows_sky_ground_tractor_and_tracks(pictures):
+    scene = pictures["drive"][90:650, 0:1140]
+    r, g, b = np.moveaxis(scene, -1, 0)
+    assert near(scene, (0xB9, 0xCD, 0xDB)) > 0.05, "sky"
+    assert ((g > r) & (g > b + 20)).mean() > 0.2, "ground"
+    middle = scene[100:480, 350:800]
+    assert (middle.max(axis=-1) < 70).mean() > 0.02, "tyres"
+    assert ((middle[..., 2] > middle[..., 0] + 40) & (middle[..., 2] < 190)).mean() > 0.01, "paint"
+
+
+@needs_vulkan
+def test_plots_have_lines_in_the_colours_of_their_legends(pictures):
+    beside = pictures["drive"][90:, 1160:]
+    for colour in ((0x56, 0xB4, 0xE9), (0xE6, 0x9F, 0x00), (0xD5, 0x5E, 0x00)):
+        assert near(beside, colour) > 0.0005, colour
+    for name in ("control", "tyres", "estimator"):
+        assert near(pictures[name], (0xE6, 0x9F, 0x00)) > 0.0005, name
+
+
+@needs_vulkan
+def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
+    (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])
+    assert path == tmp_path / "info_3.5.png"
+    with pytest.raises(SnapshotError, match="no tab Engine; there are Drive, Control"):
+        snapshots(eight.path, [1.0], tmp_path / "none", ["Engine"])
+    assert not (tmp_path / "none").exists()
+
+
+def test_without_a_driver_it_says_what_to_install(eight, tmp_path, monkeypatch):
+    for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
+        monkeypatch.setenv(name, "/nonexistent")
+    with pytest.raises(SnapshotError, match="apt-get install mesa-vulkan-drivers libvulkan1"):
+        snapshots(eight.path, [1.0], tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_viewer_that_does_not_start_is_no_traceback(eight, tmp_path, monkeypatch):
+    monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
+    with pytest.raises(SnapshotError, match="no pictures"):
+        snapshots(eight.path, [1.0], tmp_path)
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
+def test_the_browser_is_served_on_loopback_only(eight):
+    code = (
+        "import sys; from pathlib import Path; from agrobot_mj.recording.viewer import serve; serve(Path(sys.argv[1]))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2]), "BROWSER": "true"}
+    command = [sys.executable, "-c", code, str(eight.path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    ) as process:
+        try:
+            url = process.stdout.readline().split()[0]
+            page = fetched(url.partition("?")[0])
+            assert b"<html" in page.lower()
+            ports = {int(part) for part in (url.split(":")[2].split("?")[0], url.split("%3A")[-1].split("%2F")[0])}
+            places = [line.split()[1] for table in ("tcp", "tcp6") for line in listening(table)]
+            bound = {address for address, port in (place.split(":") for place in places) if int(port, 16) in ports}
+            assert bound == {"0100007F"}
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def fetched(url):
+    for _ in range(300):
+        try:
+            return io.BytesIO(urllib.request.urlopen(url, timeout=5).read()).getvalue()
+        except OSError:
+            time.sleep(0.1)
+    raise AssertionError(f"nothing at {url}")
+
+
+def listening(table):
+    """Lines of Linux's table of sockets in the state of listening."""
+    lines = Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+    return [line for line in lines if line.split()[3] == "0A"]
