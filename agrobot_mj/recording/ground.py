@@ -11,10 +11,13 @@ import numpy as np
 import rerun as rr
 from scipy.spatial import cKDTree
 
+from agrobot_mj.recording.timeline import Index
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import Surface, heights
 
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 MARGIN_M = 50.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
 TILE_M = 2.0
@@ -53,7 +56,7 @@ class _Field(NamedTuple):
     columns: int
     rows: int
 
-    def points(self, tiles: Array, steps: int) -> tuple[Array, Array]:
+    def points(self, tiles: Index, steps: int) -> tuple[Array, Array]:
         """Nodes of `tiles` (n, 2), row and column, divided into `steps` each way: x, y (n, steps + 1, steps + 1)."""
         u = np.arange(steps + 1) / steps
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
@@ -109,7 +112,7 @@ def _field(ground: Ground, path: Array) -> _Field:
     return _Field(x0, y0, (x1 - x0) / columns, (y1 - y0) / rows, columns, rows)
 
 
-def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Array, int]:
+def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, int]:
     """Which tiles are divided, shape (rows, columns), and into how many steps each way."""
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
     x, y = field.points(tiles, 1)
@@ -128,16 +131,16 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Array, int]:
     return fine.reshape(field.rows, field.columns), steps
 
 
-def _bordered(surface: Surface, field: _Field, tiles: Array) -> Array:
+def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
     """Which of `tiles` (n, 2) hold more than one kind of ground."""
     if not surface.friction.size:
         return np.zeros(len(tiles), dtype=bool)
     friction, cone_index = properties(surface, *field.points(tiles, 7))
-    found: Array = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
+    found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
-def _corners(ground: Ground, field: _Field, fine: Array) -> Array:
+def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
     """Heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse tile."""
     x, y = np.meshgrid(
         field.x0 + field.width * np.arange(field.columns + 1), field.y0 + field.height * np.arange(field.rows + 1)
@@ -154,7 +157,7 @@ def _corners(ground: Ground, field: _Field, fine: Array) -> Array:
     return np.where(inside, exact, mean)
 
 
-def _coarse(ground: Ground, field: _Field, fine: Array, corners: Array, tilts: tuple[Array, Array]) -> _Part:
+def _coarse(ground: Ground, field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array]) -> _Part:
     tiles = np.argwhere(~fine)
     x, y = field.points(tiles, 1)
     j, i = (tiles[:, k, None, None] for k in (0, 1))
@@ -162,7 +165,7 @@ def _coarse(ground: Ground, field: _Field, fine: Array, corners: Array, tilts: t
     return _part(field, tiles, (x, y, corners[nodes]), (tilts[1][nodes], tilts[0][nodes]))
 
 
-def _fine(ground: Ground, field: _Field, fine: Array, corners: Array, steps: int) -> _Part:
+def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: int) -> _Part:
     """Divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
@@ -186,7 +189,7 @@ def _fine(ground: Ground, field: _Field, fine: Array, corners: Array, steps: int
     return _part(field, tiles, (x, y, z), slopes(ground, x, y, reach))
 
 
-def _part(field: _Field, tiles: Array, nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array]) -> _Part:
+def _part(field: _Field, tiles: Index, nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array]) -> _Part:
     x, y, _ = nodes
     normals = np.stack([-tilts[0], -tilts[1], np.ones(x.shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -195,13 +198,14 @@ def _part(field: _Field, tiles: Array, nodes: tuple[Array, Array, Array], tilts:
     return np.stack(nodes, axis=-1).reshape(-1, 3), normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3)
 
 
-def _triangles(part: _Part, start: int, steps: int) -> Array:
+def _triangles(part: _Part, start: int, steps: int) -> Triangles:
     """Two a cell, counter-clockwise from above, shape (n, 3)."""
     side = steps + 1
     corner = (side * np.arange(steps)[:, None] + np.arange(steps)).reshape(-1, 1, 1)
     cells = corner + np.array([[0, 1, side + 1], [0, side + 1, side]])
     firsts = start + side**2 * np.arange(len(part[0]) // side**2)
-    return (firsts[:, None, None, None] + cells).reshape(-1, 3).astype(np.uint32)
+    found: Triangles = (firsts[:, None, None, None] + cells).reshape(-1, 3).astype(np.uint32)
+    return found
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
@@ -221,7 +225,8 @@ def _painted(ground: Ground, positions: Array, parts: list[_Part]) -> Array:
     inward = positions[:, :2] + 0.01 * (whose[:, :2] - positions[:, :2])
     colours = by_soil(colours, *properties(ground.surface, inward[:, 0], inward[:, 1]))
     shaded = colours * np.array(SHADES)[whose[:, 2].astype(int), None]
-    return np.clip(shaded, 0, 255).astype(np.uint8)
+    found: Array = np.clip(shaded, 0, 255).astype(np.uint8)
+    return found
 
 
 def by_height(z: Array) -> Array:

@@ -43,7 +43,7 @@ LANES = (
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
 )
 RUNNING = "running"
-ENDS = {outcome: BAD for outcome in get_args(Outcome)} | {"completed": GOOD, "aborted": DOUBTFUL}
+ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
 """Has one state until the end says how the run went."""
 

@@ -5,6 +5,8 @@ import numpy as np
 from agrobot_mj.signals import Array
 
 TIMELINE = "sim_time"
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+"""Rows of the log, or tiles."""
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 
