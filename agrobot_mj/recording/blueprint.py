@@ -28,7 +28,7 @@ TABS = {
     "Estimator": ("estimator/",),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
-FOLLOW_FROM = (-3.4, -2.6, 2.1)
+FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """What it looks at, from the same point and in the same directions, until it follows [m]."""

@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial import cKDTree
 
+from agrobot_mj.recording.colours import by_height, by_soil
 from agrobot_mj.recording.timeline import Index
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
@@ -33,17 +34,8 @@ CORRIDOR_M = 4.0
 """As far from the path tiles are divided in any case, if more coarsely [m]."""
 ROUGH_LIFT_M = 0.02
 """The mesh cuts the corners of relief by less than this [m]."""
-LEVEL = np.array([100.0, 116.0, 70.0])
-LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
-"""Field green, and what it turns to at the lowest and the highest place."""
-FULL_COLOUR_M = 0.4
-"""Relief of this height or more has the whole ramp of colours [m]."""
 SHADES = 0.96, 1.04
 """Of the two kinds of squares."""
-SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
-"""Colours of soil and their cone indices [Pa]."""
-WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
-"""Where there is less or more friction than elsewhere."""
 
 
 class _Field(NamedTuple):
@@ -114,6 +106,8 @@ def _field(ground: Ground, path: Array) -> _Field:
 
 def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, int]:
     """Which tiles are divided, shape (rows, columns), and into how many steps each way."""
+    if ground.is_plane and not ground.surface.friction.size:
+        return np.zeros((field.rows, field.columns), dtype=bool), 1
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
     x, y = field.points(tiles, 1)
     middles = np.column_stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2))])
@@ -133,8 +127,6 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, int]:
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
     """Which of `tiles` (n, 2) hold more than one kind of ground."""
-    if not surface.friction.size:
-        return np.zeros(len(tiles), dtype=bool)
     friction, cone_index = properties(surface, *field.points(tiles, 7))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
@@ -227,25 +219,3 @@ def _painted(ground: Ground, positions: Array, parts: list[_Part]) -> Array:
     shaded = colours * np.array(SHADES)[whose[:, 2].astype(int), None]
     found: Array = np.clip(shaded, 0, 255).astype(np.uint8)
     return found
-
-
-def by_height(z: Array) -> Array:
-    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH`."""
-    low, high = float(z.min()), float(z.max())
-    share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
-    up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
-    colours: Array = LEVEL + up * (HIGH - LEVEL) + down * (LOW - LEVEL)
-    return colours
-
-
-def by_soil(colours: Array, friction: Array, cone_index: Array) -> Array:
-    """`colours` (n, 3) with soil and friction (n,) painted over them."""
-    firmness = np.clip((cone_index - SOFT_PA) / (FIRM_PA - SOFT_PA), 0, 1)[:, None]
-    colours = _over(colours, SOFT + firmness * (FIRM - SOFT), np.where(cone_index > 0, 0.8, 0.0))
-    colours = _over(colours, WET, np.clip(1.5 * (1 - friction), 0, 0.85))
-    return _over(colours, DRY, np.clip(friction - 1, 0, 0.7))
-
-
-def _over(below: Array, paint: Array, cover: Array) -> Array:
-    mixed: Array = below + cover[:, None] * (paint - below)
-    return mixed
