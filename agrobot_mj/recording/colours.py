@@ -28,9 +28,8 @@ def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:
     return found
 
 
-def by_height(z: Array) -> Array:
-    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH`."""
-    low, high = float(z.min()), float(z.max())
+def by_height(z: Array, low: float, high: float) -> Array:
+    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH` between `low` and `high` [m]."""
     share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
     up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
     colours: Array = LEVEL + up * (HIGH - LEVEL) + down * (LOW - LEVEL)

@@ -18,9 +18,10 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import Surface, heights
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 MARGIN_M = 50.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
+APRON_M, APRON_STEPS = 400.0, 8
+"""Around the tiles of a plane, and its parts along each side."""
 TILE_M = 2.0
 """Side of a tile; larger on fields that would need more than `MOST_TILES` [m]."""
 MOST_TILES = 6_000
@@ -79,20 +80,31 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
     parts = [_coarse(ground, field, fine, corners, tilts)]
     if fine.any():
         parts.append(_fine(ground, field, fine, corners, steps))
-    starts = np.cumsum([0, *(len(points) for points, _, _ in parts)])
-    positions = np.concatenate([points for points, _, _ in parts])
+    level = np.concatenate([part.positions[:, 2] for part in parts])
+    if ground.is_plane:
+        parts.append(_apron(ground, field))
+    starts = np.cumsum([0, *(len(part.positions) for part in parts[:-1])])
+    positions = np.concatenate([part.positions for part in parts])
+    triangles = np.concatenate([start + part.triangles for part, start in zip(parts, starts, strict=True)])
     return rr.Mesh3D(
         vertex_positions=positions.astype(np.float32),
-        triangle_indices=np.concatenate(
-            [_triangles(*part) for part in zip(parts, starts[:-1], (1, steps), strict=False)]
-        ),
-        vertex_normals=None if ground.is_plane else np.concatenate([normals for _, normals, _ in parts]),
-        vertex_colors=_painted(ground, positions, parts),
+        triangle_indices=triangles.astype(np.uint32),
+        vertex_normals=None if ground.is_plane else np.concatenate([part.normals for part in parts]),
+        vertex_colors=_painted(ground, positions, np.concatenate([part.tiles for part in parts]), level),
     )
 
 
-_Part = tuple[Array, Array, Array]
-"""Positions (n, 3), normals (n, 3), and the centre and parity of each vertex's tile, (n, 3)."""
+class _Part(NamedTuple):
+    """Vertices and the triangles between them."""
+
+    positions: Array
+    """Shape (n, 3) [m]."""
+    normals: Array
+    """Shape (n, 3)."""
+    tiles: Array
+    """Each vertex's tile: its centre [m] and its shade, 0 dark to 1 light, shape (n, 3)."""
+    triangles: Index
+    """Counter-clockwise from above, shape (m, 3)."""
 
 
 def _field(ground: Ground, path: Array) -> _Field:
@@ -187,16 +199,33 @@ def _part(field: _Field, tiles: Index, nodes: tuple[Array, Array, Array], tilts:
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     middle = np.stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2)), tiles.sum(axis=1) % 2], axis=-1)
     whose = np.broadcast_to(middle[:, None, None, :], (*x.shape, 3))
-    return np.stack(nodes, axis=-1).reshape(-1, 3), normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3)
+    side = x.shape[1]
+    firsts = side**2 * np.arange(len(tiles))
+    triangles = firsts[:, None, None] + _cells(side - 1, side - 1).reshape(-1, 3)
+    points = np.stack(nodes, axis=-1).reshape(-1, 3)
+    return _Part(points, normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3), triangles.reshape(-1, 3))
 
 
-def _triangles(part: _Part, start: int, steps: int) -> Triangles:
-    """Two a cell, counter-clockwise from above, shape (n, 3)."""
-    side = steps + 1
-    corner = (side * np.arange(steps)[:, None] + np.arange(steps)).reshape(-1, 1, 1)
-    cells = corner + np.array([[0, 1, side + 1], [0, side + 1, side]])
-    firsts = start + side**2 * np.arange(len(part[0]) // side**2)
-    found: Triangles = (firsts[:, None, None, None] + cells).reshape(-1, 3).astype(np.uint32)
+def _apron(ground: Ground, field: _Field) -> _Part:
+    """A plane goes on around the tiles, without squares, as far as there is any."""
+    x_min, x_max, y_min, y_max = ground.extent
+    x1, y1 = field.x0 + field.columns * field.width, field.y0 + field.rows * field.height
+    across = [max(x_min, field.x0 - APRON_M), *np.linspace(field.x0, x1, APRON_STEPS + 1), min(x_max, x1 + APRON_M)]
+    along = [max(y_min, field.y0 - APRON_M), *np.linspace(field.y0, y1, APRON_STEPS + 1), min(y_max, y1 + APRON_M)]
+    x, y = np.meshgrid(across, along)
+    around = np.outer(np.diff(along) > 1e-6, np.diff(across) > 1e-6)
+    around[1:-1, 1:-1] = False
+    positions = np.stack([x, y, heights(ground, x, y)], axis=-1).reshape(-1, 3)
+    whose = np.column_stack([positions[:, :2], np.full(len(positions), 0.5)])
+    triangles = _cells(APRON_STEPS + 2, APRON_STEPS + 2)[around].reshape(-1, 3)
+    return _Part(positions, np.zeros(positions.shape), whose, triangles)
+
+
+def _cells(rows: int, columns: int) -> Index:
+    """Two triangles for each cell of a grid of nodes numbered row by row, shape (rows, columns, 2, 3)."""
+    width = columns + 1
+    corner = width * np.arange(rows)[:, None] + np.arange(columns)
+    found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
     return found
 
 
@@ -210,12 +239,12 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
     return friction, cone_index
 
 
-def _painted(ground: Ground, positions: Array, parts: list[_Part]) -> Array:
-    """Colours of the vertices, shape (n, 3), uint8."""
-    whose = np.concatenate([part[2] for part in parts])
-    colours = by_height(positions[:, 2])
-    inward = positions[:, :2] + 0.01 * (whose[:, :2] - positions[:, :2])
+def _painted(ground: Ground, positions: Array, tiles: Array, level: Array) -> Array:
+    """Colours of the vertices, shape (n, 3), uint8; `level` are the heights [m] that the ramp spans."""
+    colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
+    inward = positions[:, :2] + 0.01 * (tiles[:, :2] - positions[:, :2])
     colours = by_soil(colours, *properties(ground.surface, inward[:, 0], inward[:, 1]))
-    shaded = colours * np.array(SHADES)[whose[:, 2].astype(int), None]
+    dark, light = SHADES
+    shaded = colours * (dark + (light - dark) * tiles[:, 2:])
     found: Array = np.clip(shaded, 0, 255).astype(np.uint8)
     return found

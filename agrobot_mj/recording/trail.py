@@ -9,11 +9,12 @@ import rerun as rr
 
 from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.colours import ramp
-from agrobot_mj.recording.ground import Triangles, on_ground
+from agrobot_mj.recording.ground import on_ground
 from agrobot_mj.recording.timeline import TIMELINE, Index, Times, nanoseconds
 from agrobot_mj.recording.wheels import Wheels
 from agrobot_mj.signals import Array
 
+Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
 """Ticks that a piece may have."""

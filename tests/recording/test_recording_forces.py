@@ -108,7 +108,7 @@ def test_marks_run_behind_the_wheels(eight):
             middle = (left + right)[:, :2] / 2
             path = eight.log.poses[:, body, :2]
             np.testing.assert_allclose(middle[[0, -1]], path[[begin, end]], atol=0.02)
-            assert (0 < left[:, 2]).all()
+            assert (left[:, 2] > 0).all()
             assert (left[:, 2] < 0.01).all()
     corners = np.array(pieces[-1])[triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
