@@ -62,8 +62,8 @@ def test_a_plane_is_a_coarse_checkerboard():
 def test_level_ground_has_two_colours_and_stays_small():
     mesh = Mesh(plane(0.0, 0.0, 500.0))
     low, high = PATH.min(axis=0) - MARGIN_M + 1, PATH.max(axis=0) + MARGIN_M - 1
-    near = ((mesh.positions[:, :2] > low) & (mesh.positions[:, :2] < high)).all(axis=1)
-    assert len(np.unique(mesh.colours[near], axis=0)) == 2
+    near = ((mesh.a[:, :2] > low) & (mesh.a[:, :2] < high)).all(axis=1)
+    assert len(np.unique(mesh.colours[mesh.triangles[near]].reshape(-1, 3), axis=0)) == 2
     assert len(np.unique(mesh.colours, axis=0)) == 3
     assert mesh.positions.max() > PATH.max() + 5 * MARGIN_M  # up to the horizon
     x, y = np.ptp(mesh.positions, axis=0)[:2]
