@@ -30,7 +30,7 @@ TABS = {
     "Network": ("network/", "control/command"),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
-FOLLOW_FROM = (-4.0, -3.2, 2.4)
+FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """What it looks at, from the same point and in the same directions, until it follows [m]."""

@@ -11,11 +11,13 @@ import rerun as rr
 from agrobot_mj.faults import Scripted
 from agrobot_mj.log import Rows
 from agrobot_mj.recording.ground import on_ground
-from agrobot_mj.recording.states import BAD, DOUBTFUL, GOOD, by_subject, under
+from agrobot_mj.recording.states import by_subject, under
 from agrobot_mj.recording.timeline import TIMELINE, Times, nanoseconds
 from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
+GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
+"""Light, since labels have the colour of their point on a dark ground."""
 LIFT_M, RADIUS = 0.1, rr.Radius.ui_points(5.0)
 MOST_EVENTS = 40
 """Further ones are left out, the outcome excepted."""
@@ -49,7 +51,7 @@ class Events:
             active = np.append([False] * (1 - before), under(faults, t))
             for change in np.flatnonzero(np.diff(active.astype(int))):
                 begins = bool(active[change + 1])
-                label = f"{subject.replace('_', ' ')} {'begins' if begins else 'ends'}"
+                label = f"{subject.replace('_', ' ').replace('gnss', 'GNSS')} {'begins' if begins else 'ends'}"
                 found.append((first + int(change), label, BAD if begins else GOOD))
         return found
 

@@ -11,12 +11,17 @@ import numpy as np
 import rerun as rr
 from scipy.spatial import cKDTree
 
+from agrobot_mj.recording.colours import by_height, by_soil
+from agrobot_mj.recording.timeline import Index
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import Surface, heights
 
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MARGIN_M = 50.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
+APRON_M, APRON_STEPS = 400.0, 8
+"""Around the tiles of a plane, and its parts along each side."""
 TILE_M = 2.0
 """Side of a tile; larger on fields that would need more than `MOST_TILES` [m]."""
 MOST_TILES = 6_000
@@ -30,17 +35,8 @@ CORRIDOR_M = 4.0
 """As far from the path tiles are divided in any case, if more coarsely [m]."""
 ROUGH_LIFT_M = 0.02
 """The mesh cuts the corners of relief by less than this [m]."""
-LEVEL = np.array([100.0, 116.0, 70.0])
-LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
-"""Field green, and what it turns to at the lowest and the highest place."""
-FULL_COLOUR_M = 0.4
-"""Relief of this height or more has the whole ramp of colours [m]."""
 SHADES = 0.96, 1.04
 """Of the two kinds of squares."""
-SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
-"""Colours of soil and their cone indices [Pa]."""
-WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
-"""Where there is less or more friction than elsewhere."""
 
 
 class _Field(NamedTuple):
@@ -53,7 +49,7 @@ class _Field(NamedTuple):
     columns: int
     rows: int
 
-    def points(self, tiles: Array, steps: int) -> tuple[Array, Array]:
+    def points(self, tiles: Index, steps: int) -> tuple[Array, Array]:
         """Nodes of `tiles` (n, 2), row and column, divided into `steps` each way: x, y (n, steps + 1, steps + 1)."""
         u = np.arange(steps + 1) / steps
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
@@ -84,20 +80,31 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
     parts = [_coarse(ground, field, fine, corners, tilts)]
     if fine.any():
         parts.append(_fine(ground, field, fine, corners, steps))
-    starts = np.cumsum([0, *(len(points) for points, _, _ in parts)])
-    positions = np.concatenate([points for points, _, _ in parts])
+    level = np.concatenate([part.positions[:, 2] for part in parts])
+    if ground.is_plane:
+        parts.append(_apron(ground, field))
+    starts = np.cumsum([0, *(len(part.positions) for part in parts[:-1])])
+    positions = np.concatenate([part.positions for part in parts])
+    triangles = np.concatenate([start + part.triangles for part, start in zip(parts, starts, strict=True)])
     return rr.Mesh3D(
         vertex_positions=positions.astype(np.float32),
-        triangle_indices=np.concatenate(
-            [_triangles(*part) for part in zip(parts, starts[:-1], (1, steps), strict=False)]
-        ),
-        vertex_normals=None if ground.is_plane else np.concatenate([normals for _, normals, _ in parts]),
-        vertex_colors=_painted(ground, positions, parts),
+        triangle_indices=triangles.astype(np.uint32),
+        vertex_normals=None if ground.is_plane else np.concatenate([part.normals for part in parts]),
+        vertex_colors=_painted(ground, positions, np.concatenate([part.tiles for part in parts]), level),
     )
 
 
-_Part = tuple[Array, Array, Array]
-"""Positions (n, 3), normals (n, 3), and the centre and parity of each vertex's tile, (n, 3)."""
+class _Part(NamedTuple):
+    """Vertices and the triangles between them."""
+
+    positions: Array
+    """Shape (n, 3) [m]."""
+    normals: Array
+    """Shape (n, 3)."""
+    tiles: Array
+    """Each vertex's tile: its centre [m] and its shade, 0 dark to 1 light, shape (n, 3)."""
+    triangles: Index
+    """Counter-clockwise from above, shape (m, 3)."""
 
 
 def _field(ground: Ground, path: Array) -> _Field:
@@ -109,8 +116,10 @@ def _field(ground: Ground, path: Array) -> _Field:
     return _Field(x0, y0, (x1 - x0) / columns, (y1 - y0) / rows, columns, rows)
 
 
-def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Array, int]:
+def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, int]:
     """Which tiles are divided, shape (rows, columns), and into how many steps each way."""
+    if ground.is_plane and not ground.surface.friction.size:
+        return np.zeros((field.rows, field.columns), dtype=bool), 1
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
     x, y = field.points(tiles, 1)
     middles = np.column_stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2))])
@@ -128,16 +137,14 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Array, int]:
     return fine.reshape(field.rows, field.columns), steps
 
 
-def _bordered(surface: Surface, field: _Field, tiles: Array) -> Array:
+def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
     """Which of `tiles` (n, 2) hold more than one kind of ground."""
-    if not surface.friction.size:
-        return np.zeros(len(tiles), dtype=bool)
     friction, cone_index = properties(surface, *field.points(tiles, 7))
-    found: Array = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
+    found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
-def _corners(ground: Ground, field: _Field, fine: Array) -> Array:
+def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
     """Heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse tile."""
     x, y = np.meshgrid(
         field.x0 + field.width * np.arange(field.columns + 1), field.y0 + field.height * np.arange(field.rows + 1)
@@ -154,7 +161,7 @@ def _corners(ground: Ground, field: _Field, fine: Array) -> Array:
     return np.where(inside, exact, mean)
 
 
-def _coarse(ground: Ground, field: _Field, fine: Array, corners: Array, tilts: tuple[Array, Array]) -> _Part:
+def _coarse(ground: Ground, field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array]) -> _Part:
     tiles = np.argwhere(~fine)
     x, y = field.points(tiles, 1)
     j, i = (tiles[:, k, None, None] for k in (0, 1))
@@ -162,7 +169,7 @@ def _coarse(ground: Ground, field: _Field, fine: Array, corners: Array, tilts: t
     return _part(field, tiles, (x, y, corners[nodes]), (tilts[1][nodes], tilts[0][nodes]))
 
 
-def _fine(ground: Ground, field: _Field, fine: Array, corners: Array, steps: int) -> _Part:
+def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: int) -> _Part:
     """Divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
@@ -186,22 +193,40 @@ def _fine(ground: Ground, field: _Field, fine: Array, corners: Array, steps: int
     return _part(field, tiles, (x, y, z), slopes(ground, x, y, reach))
 
 
-def _part(field: _Field, tiles: Array, nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array]) -> _Part:
+def _part(field: _Field, tiles: Index, nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array]) -> _Part:
     x, y, _ = nodes
     normals = np.stack([-tilts[0], -tilts[1], np.ones(x.shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     middle = np.stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2)), tiles.sum(axis=1) % 2], axis=-1)
     whose = np.broadcast_to(middle[:, None, None, :], (*x.shape, 3))
-    return np.stack(nodes, axis=-1).reshape(-1, 3), normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3)
+    side = x.shape[1]
+    firsts = side**2 * np.arange(len(tiles))
+    triangles = firsts[:, None, None] + _cells(side - 1, side - 1).reshape(-1, 3)
+    points = np.stack(nodes, axis=-1).reshape(-1, 3)
+    return _Part(points, normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3), triangles.reshape(-1, 3))
 
 
-def _triangles(part: _Part, start: int, steps: int) -> Array:
-    """Two a cell, counter-clockwise from above, shape (n, 3)."""
-    side = steps + 1
-    corner = (side * np.arange(steps)[:, None] + np.arange(steps)).reshape(-1, 1, 1)
-    cells = corner + np.array([[0, 1, side + 1], [0, side + 1, side]])
-    firsts = start + side**2 * np.arange(len(part[0]) // side**2)
-    return (firsts[:, None, None, None] + cells).reshape(-1, 3).astype(np.uint32)
+def _apron(ground: Ground, field: _Field) -> _Part:
+    """A plane goes on around the tiles, without squares, as far as there is any."""
+    x_min, x_max, y_min, y_max = ground.extent
+    x1, y1 = field.x0 + field.columns * field.width, field.y0 + field.rows * field.height
+    across = [max(x_min, field.x0 - APRON_M), *np.linspace(field.x0, x1, APRON_STEPS + 1), min(x_max, x1 + APRON_M)]
+    along = [max(y_min, field.y0 - APRON_M), *np.linspace(field.y0, y1, APRON_STEPS + 1), min(y_max, y1 + APRON_M)]
+    x, y = np.meshgrid(across, along)
+    around = np.outer(np.diff(along) > 1e-6, np.diff(across) > 1e-6)
+    around[1:-1, 1:-1] = False
+    positions = np.stack([x, y, heights(ground, x, y)], axis=-1).reshape(-1, 3)
+    whose = np.column_stack([positions[:, :2], np.full(len(positions), 0.5)])
+    triangles = _cells(APRON_STEPS + 2, APRON_STEPS + 2)[around].reshape(-1, 3)
+    return _Part(positions, np.zeros(positions.shape), whose, triangles)
+
+
+def _cells(rows: int, columns: int) -> Index:
+    """Two triangles for each cell of a grid of nodes numbered row by row, shape (rows, columns, 2, 3)."""
+    width = columns + 1
+    corner = width * np.arange(rows)[:, None] + np.arange(columns)
+    found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
+    return found
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
@@ -214,33 +239,12 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
     return friction, cone_index
 
 
-def _painted(ground: Ground, positions: Array, parts: list[_Part]) -> Array:
-    """Colours of the vertices, shape (n, 3), uint8."""
-    whose = np.concatenate([part[2] for part in parts])
-    colours = by_height(positions[:, 2])
-    inward = positions[:, :2] + 0.01 * (whose[:, :2] - positions[:, :2])
+def _painted(ground: Ground, positions: Array, tiles: Array, level: Array) -> Array:
+    """Colours of the vertices, shape (n, 3), uint8; `level` are the heights [m] that the ramp spans."""
+    colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
+    inward = positions[:, :2] + 0.01 * (tiles[:, :2] - positions[:, :2])
     colours = by_soil(colours, *properties(ground.surface, inward[:, 0], inward[:, 1]))
-    shaded = colours * np.array(SHADES)[whose[:, 2].astype(int), None]
-    return np.clip(shaded, 0, 255).astype(np.uint8)
-
-
-def by_height(z: Array) -> Array:
-    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH`."""
-    low, high = float(z.min()), float(z.max())
-    share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
-    up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
-    colours: Array = LEVEL + up * (HIGH - LEVEL) + down * (LOW - LEVEL)
-    return colours
-
-
-def by_soil(colours: Array, friction: Array, cone_index: Array) -> Array:
-    """`colours` (n, 3) with soil and friction (n,) painted over them."""
-    firmness = np.clip((cone_index - SOFT_PA) / (FIRM_PA - SOFT_PA), 0, 1)[:, None]
-    colours = _over(colours, SOFT + firmness * (FIRM - SOFT), np.where(cone_index > 0, 0.8, 0.0))
-    colours = _over(colours, WET, np.clip(1.5 * (1 - friction), 0, 0.85))
-    return _over(colours, DRY, np.clip(friction - 1, 0, 0.7))
-
-
-def _over(below: Array, paint: Array, cover: Array) -> Array:
-    mixed: Array = below + cover[:, None] * (paint - below)
-    return mixed
+    dark, light = SHADES
+    shaded = colours * (dark + (light - dark) * tiles[:, 2:])
+    found: Array = np.clip(shaded, 0, 255).astype(np.uint8)
+    return found

@@ -20,7 +20,8 @@ PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
 """Lines are lifted above the ground, each to its own height, so that none hides in it or in another [m]."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Widths are those on the screen, so that lines are visible from near and far."""
-PATH_POINTS = 2000
+PATH_POINTS, ROUGH_PATH_POINTS = 1000, 3000
+"""Of the reference on a plane, and where the line must follow the relief."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
@@ -35,7 +36,8 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
     """The reference over the whole run, shape (n, 3) [m]."""
-    times = np.linspace(0.0, scenario.ticks * TICK_S, min(scenario.ticks, PATH_POINTS) + 1)
+    most = PATH_POINTS if ground.is_plane else ROUGH_PATH_POINTS
+    times = np.linspace(0.0, scenario.ticks * TICK_S, min(scenario.ticks, most) + 1)
     return on_ground(ground, sample(scenario.path, times), PATH_LIFT_M)
 
 

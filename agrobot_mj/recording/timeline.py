@@ -6,6 +6,8 @@ from agrobot_mj.signals import Array
 
 APPLICATION = "agrobot_mj"
 TIMELINE = "sim_time"
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+"""Rows of the log, or tiles."""
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 

@@ -12,11 +12,10 @@ from rerun.components import LineStrip3DBatch
 
 from agrobot_mj.log import Rows
 from agrobot_mj.recording.ground import on_ground
-from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.recording.timeline import TIMELINE, Index, Times
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
 
-Ends = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
@@ -70,14 +69,14 @@ class Tracks:
                 stream.log(track.entity, style, static=True)
         self._send_fixes(stream, column, first, ends)
 
-    def _strips(self, track: Track, first: int, ends: Ends) -> pa.Array:
+    def _strips(self, track: Track, first: int, ends: Index) -> pa.Array:
         """The pieces that end before the rows `first + ends`, each joined to the one before."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
         return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
 
-    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Ends) -> None:
+    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Index) -> None:
         columns = ("gnss_x", "gnss_y", "gnss_quality")
         x, y, quality = (self.rows.column(name, first)[: ends[-1]] for name in columns)
         there = np.isfinite(x)
@@ -89,12 +88,12 @@ class Tracks:
             stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
 
 
-def piece_ends(count: int) -> Ends:
+def piece_ends(count: int) -> Index:
     """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
-def strips(points: Array, starts: Ends, ends: Ends) -> pa.Array:
+def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
     """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)

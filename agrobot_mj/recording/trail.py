@@ -10,10 +10,11 @@ import rerun as rr
 from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.colours import ramp
 from agrobot_mj.recording.ground import on_ground
-from agrobot_mj.recording.timeline import TIMELINE, Times, nanoseconds
+from agrobot_mj.recording.timeline import TIMELINE, Index, Times, nanoseconds
 from agrobot_mj.recording.wheels import Wheels
 from agrobot_mj.signals import Array
 
+Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
 """Ticks that a piece may have."""
@@ -47,7 +48,7 @@ class Trail:
         if last > self.sent:
             self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
 
-    def _send_pieces(self, stream: rr.RecordingStream, times: Times, ends: Array) -> None:
+    def _send_pieces(self, stream: rr.RecordingStream, times: Times, ends: Index) -> None:
         if not ends.size:
             return
         sections = np.arange(0, self.piece + 1, self.step)
@@ -59,7 +60,7 @@ class Trail:
         column = rr.TimeColumn(TIMELINE, duration=times)
         stream.send_columns(ENTITY, [column], columns.partition(np.full(len(ends), count)))
 
-    def marks(self, at: Array) -> tuple[Array, Array]:
+    def marks(self, at: Index) -> tuple[Array, Array]:
         """Left and right edge of each mark at rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
@@ -69,9 +70,10 @@ class Trail:
         slip = np.nan_to_num(np.hypot(report("slip_ratio", at), np.tan(report("slip_angle", at))))
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
-    def _triangles(self) -> Array:
+    def _triangles(self) -> Triangles:
         """Of one piece, shape (n, 3): vertices by section, wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])
-        return quads.reshape(-1, 3).astype(np.uint32)
+        triangles: Triangles = quads.reshape(-1, 3).astype(np.uint32)
+        return triangles

@@ -8,6 +8,7 @@ from agrobot_mj.log import Rows
 from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.ground import slopes
+from agrobot_mj.recording.timeline import Index
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain import Ground
 
@@ -32,25 +33,26 @@ class Wheels:
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
-        self.bodies = [scene.bodies.index(f"wheel_{wheel}") for wheel in WHEELS]
+        self.bodies = np.array([scene.bodies.index(f"wheel_{wheel}") for wheel in WHEELS])
         sizes = {geom.name: geom.size for geom in scene.geoms}
         self.radii = np.array([sizes[f"tyre_{wheel}"][0] for wheel in WHEELS])
         """[m]."""
         self.half_widths = np.array([sizes[f"tyre_{wheel}"][1] for wheel in WHEELS])
         """[m]."""
 
-    def contacts(self, at: Array) -> Contacts:
+    def contacts(self, at: Index) -> Contacts:
         """At the rows `at` (n,)."""
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
-    def report(self, quantity: str, at: Array) -> Array:
+    def report(self, quantity: str, at: Index) -> Array:
         """A quantity of the log's wheels at the rows `at` (n,), shape (n, 4)."""
-        columns = [self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS]
-        return self.rows.values[np.ix_(at, columns)]
+        columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
+        found: Array = self.rows.values[np.ix_(at, columns)]
+        return found
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> Contacts:
-    """From the wheels' poses (n, 4, 7), as the log has them, and radii (4,) [m]; as `tyres.patch.find_patch` does it."""
+    """From the wheels' poses (n, 4, 7) and radii (4,) [m], as `tyres.patch.find_patch` does it."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
@@ -63,4 +65,5 @@ def contacts(ground: Ground, poses: Array, radii: Array) -> Contacts:
 
 
 def _unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    found: Array = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return found

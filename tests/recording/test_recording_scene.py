@@ -5,8 +5,9 @@ from recorded import replay
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom
 from agrobot_mj.recording.blueprint import blueprint
-from agrobot_mj.recording.scene import ground_mesh, heights, shapes
-from agrobot_mj.terrain import Ground, Slope, height_and_gradient
+from agrobot_mj.recording.scene import shapes
+from agrobot_mj.terrain import Ground, height_and_gradient
+from agrobot_mj.terrain.grid import heights
 
 TILT = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
 """0.6 rad about y."""
@@ -100,22 +101,6 @@ def test_heights_are_those_that_the_wheels_feel():
     x, y = rng.uniform(-4, 4, size=(2, 500))
     expected = [height_and_gradient(ground, *place)[0] for place in zip(x, y, strict=True)]
     np.testing.assert_allclose(heights(ground, x, y), expected, atol=1e-12)
-
-
-def test_the_ground_is_a_checkerboard_on_the_terrain():
-    ground = Slope(grade_deg=10, direction_deg=0, half_size_m=30).ground()
-    mesh = ground_mesh(ground, np.array([[0.0, 0.0], [10.0, 5.0]]))
-    corners = points(mesh.vertex_positions.as_arrow_array().to_pylist()).reshape(-1, 3)
-    triangles = np.array(mesh.triangle_indices.as_arrow_array().to_pylist())
-    colours = np.array(mesh.vertex_colors.as_arrow_array().to_pylist())
-    np.testing.assert_allclose(corners[:, 2], np.tan(np.radians(10)) * corners[:, 0], atol=1e-5)
-    assert np.abs(corners[:, :2]).max() == 30
-    a, b, c = corners[triangles].transpose(1, 0, 2)
-    areas = np.cross(b - a, c - a)[:, 2] / 2
-    np.testing.assert_allclose(areas, 2.0, rtol=1e-4)  # each half a square of 2 m, seen from above
-    assert areas.sum() == pytest.approx(60 * 60)
-    assert len(np.unique(colours)) == 2
-    assert (colours.reshape(-1, 4) == colours.reshape(-1, 4)[:, :1]).all()
 
 
 def test_a_layout_without_plots_is_a_layout():

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from recorded import Recorded, replay
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.recording import Recording
+
+FAULTS = [
+    {"kind": "gnss_loss", "start_s": 4.0, "end_s": 6.0},
+    {"kind": "gnss_loss", "start_s": 9.95, "end_s": 10.0},
+    {"kind": "friction", "start_s": 8.0},
+]
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory):
+    path = tmp_path_factory.mktemp("faulty") / "run.rrd"
+    scenario = load_scenario("straight_line", {"duration_s": 12, "fault": FAULTS})
+    return Recorded(path, run(scenario, (Recording(path),)))
+
+
+def marks(recorded):
+    """Tick, label and place of each."""
+    times, labels = recorded.column("/world/events", "Points3D:labels")
+    _, places = recorded.column("/world/events", "Points3D:positions")
+    found = zip(times // 50_000_000, labels, places, strict=True)
+    return [(int(tick), label, np.array(place)) for tick, (label,), (place,) in found]
+
+
+def lane(recorded, path):
+    times, states = recorded.column(f"/states/{path}", "StateChange:state")
+    return [(int(tick), state) for tick, (state,) in zip(times // 50_000_000, states, strict=True)]
+
+
+def test_markers_stand_where_and_when_faults_begin_and_end(faulty):
+    found = [(tick, label) for tick, label, _ in marks(faulty) if "limit" not in label]
+    assert found == [
+        *[(80, "GNSS loss begins"), (120, "GNSS loss ends"), (160, "friction begins")],
+        *[(199, "GNSS loss begins"), (200, "GNSS loss ends"), (239, "completed")],
+    ]
+    for tick, _, place in marks(faulty):
+        expected = [faulty.log.column(name)[tick] for name in ("x", "y")]
+        np.testing.assert_allclose(place[:2], expected, atol=1e-5)
+        assert 0 < place[2] < 0.3
+
+
+def test_each_kind_of_fault_has_a_lane(faulty):
+    assert lane(faulty, "fault/gnss_loss") == [
+        *[(0, "off"), (80, "active"), (120, "off"), (199, "active"), (200, "off")],
+    ]
+    assert lane(faulty, "fault/friction") == [(0, "off"), (160, "active")]
+    assert lane(faulty, "run") == [(0, "running"), (239, "completed")]
+
+
+def test_without_faults_there_are_no_such_lanes(eight):
+    assert not [entity for entity in eight.entities() if entity.startswith("/states/fault")]
+
+
+def test_a_fault_from_the_start_is_marked(tmp_path):
+    path = tmp_path / "run.rrd"
+    scenario = load_scenario("straight_line", {"duration_s": 1, "fault": [{"kind": "gnss_loss"}]})
+    run(scenario, (Recording(path),))
+    assert [(tick, label) for tick, label, _ in marks(Recorded(path))] == [(0, "GNSS loss begins"), (19, "completed")]
+
+
+def test_the_limit_is_marked_once_a_time(short, tmp_path):
+    saturated = short.column("steer_saturated")
+    saturated[:] = 0
+    saturated[[30, 31, 60, 90]] = 1  # never free for two seconds
+    saturated[190:210] = 1
+    saturated[300] = 1
+    found = [tick for tick, label, _ in marks(replay(short, tmp_path / "run.rrd")) if "limit" in label]
+    assert found == [30, 190, 300]
+
+
+def test_markers_stay_few(short, tmp_path):
+    faults = [{"kind": "gnss_loss", "start_s": 0.2 * k, "end_s": 0.2 * k + 0.1} for k in range(1, 60)]
+    scenario = short.scenario.changed({"fault": faults})
+    found = marks(replay(short, tmp_path / "run.rrd", scenario))
+    assert len(found) <= 50
+    assert found[-1][1] == "completed"
+
+
+def test_an_end_before_its_time_is_said(tmp_path):
+    ticks, path = iter(range(10_000)), tmp_path / "run.rrd"
+    run(load_scenario("straight_line"), (Recording(path),), lambda: next(ticks) == 229)
+    recorded = Recorded(path)
+    assert marks(recorded)[-1][:2] == (229, "aborted")
+    assert lane(recorded, "run")[-1] == (229, "aborted")
