@@ -13,8 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from agrobot_mj import __version__
+from agrobot_mj.crosstrack import cross_track
 from agrobot_mj.log import Log
-from agrobot_mj.metrics import cross_track_of
 from agrobot_mj.plants.scene import Geom, Scene
 from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, whole_run
 from agrobot_mj.recording.ground import on_ground
@@ -138,7 +138,7 @@ def _send_plots(stream: rr.RecordingStream, run: Run, column: rr.TimeColumn) -> 
 
 def _signal(log: Log, name: str) -> Array:
     if name == "cross_track":
-        return cross_track_of(log)
+        return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
     return -log.column("tau_n") if name == "network" else log.column(name)
 
 

@@ -22,7 +22,7 @@ class Heightmap(Tilted):
     """Heights from a `.npy`, `.png` (grey, 16 or 8 bits) or `.asc` file."""
 
     kind: Literal["heightmap"] = "heightmap"
-    file: str = Field(default="rolling_field.asc", min_length=1)
+    file: str = Field(default="hills.asc", min_length=1)
     """Relative to the scenario's folder, or one that comes with the scenarios."""
     scale: float = 1.0
     """Metres a unit of the file [m]; of a 16-bit picture the range of heights over 65535."""

@@ -3,7 +3,7 @@ import pytest
 from recorded import Recorded
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.metrics import cross_track_of
+from agrobot_mj.crosstrack import cross_track
 from agrobot_mj.recording import write_comparison
 
 
@@ -26,7 +26,7 @@ def test_every_run_has_its_lines(compared):
     for name, log in logs.items():
         for path, expected in (
             ("lateral", log.column("e_lateral")),
-            ("cross_track", cross_track_of(log)),
+            ("cross_track", cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))),
             ("command", log.column("steer_ref") * factor),
             ("yaw_rate", log.column("e_yaw_rate") * factor),
             ("speed", log.column("speed")),

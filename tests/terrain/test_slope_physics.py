@@ -31,11 +31,11 @@ def under_tilted_gravity(tyre, uphill_deg, driveline):
 
 
 def frame(ground):
-    """Of a plane: along the projection of east, to the left of it, and normal, as columns."""
+    """Of a plane: along it east as seen from above, to the left of that, and normal, as columns."""
     h = ground.heights
     n = np.array([h[0, 0] - h[0, 1], h[0, 0] - h[1, 0], ground.spacing])
     n /= np.linalg.norm(n)
-    forward = np.array([1.0, 0.0, 0.0]) - n[0] * n
+    forward = np.cross([0.0, 1.0, 0.0], n)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(n, forward), n], axis=1)
 
