@@ -40,7 +40,6 @@ class Recording:
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.sink = Sink(self.stream, self.path, self.live)
-        self.recording = True
         self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",
@@ -53,6 +52,7 @@ class Recording:
         self.motion = Motion(rows, scene, ground, scenario)
         self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
         self.states = States(rows, scenario.fault)
+        self.recording = self.sink.flush()
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""
