@@ -4,6 +4,7 @@
 file grows as the run goes and opens even if the process dies. This package is the only importer of rerun.
 """
 
+import errno
 import uuid
 from pathlib import Path
 
@@ -53,6 +54,8 @@ class Recording:
         self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
         self.states = States(rows, scenario.fault)
         self.recording = self.sink.flush()
+        if not self.recording:
+            raise OSError(errno.ENOSPC, "no room for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""
