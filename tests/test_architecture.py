@@ -19,8 +19,8 @@ MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
 GUIDANCE = ["sensors", "estimation", "paths", "control", "faults"]
 """The stages on the computer, and what befalls them: none of them knows another, nor the machine."""
 AFTER = [
-    *("outcomes", "scenario", "log", "crosstrack", "passes"),
-    *("metrics", "simulate", "recording", "storage", "report", "progress"),
+    *("outcomes", "scenario", "log", "crosstrack", "passes", "metrics"),
+    *("simulate", "storage", "recording", "report", "progress"),
     *("compare", "rig", "identify", "validation", "cli"),
 ]
 """What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""

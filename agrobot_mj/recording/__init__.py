@@ -4,6 +4,7 @@
 file grows as the run goes and opens even if the process dies. This package is the only importer of rerun.
 """
 
+import errno
 import uuid
 from pathlib import Path
 
@@ -40,7 +41,6 @@ class Recording:
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.sink = Sink(self.stream, self.path, self.live)
-        self.recording = True
         self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",
@@ -53,6 +53,9 @@ class Recording:
         self.motion = Motion(rows, scene, ground, scenario)
         self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
         self.states = States(rows, scenario.fault)
+        self.recording = self.sink.flush()
+        if not self.recording:
+            raise OSError(errno.ENOSPC, "no room for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
         """Write rows `first` to `rows.filled`."""

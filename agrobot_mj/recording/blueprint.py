@@ -38,7 +38,7 @@ VIEWED = (2.2, 0.85)
 """Width and height of what the overview shows over its height above the ground. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
-LEGEND_ROOM = 1.3
+LEGEND_ROOM = 1.4
 """Time axis over the run, so that the legends hide no line."""
 
 

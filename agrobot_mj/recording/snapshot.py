@@ -4,7 +4,6 @@ The viewer needs a Vulkan driver; Mesa's software one will do. Pictures are writ
 """
 
 import os
-import signal
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
@@ -15,7 +14,7 @@ from typing import Any
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.timeline import TIMELINE
-from agrobot_mj.recording.viewer import RERUN, free_port
+from agrobot_mj.recording.viewer import RERUN, end, free_port
 from agrobot_mj.storage import whole
 
 SIZE = "1920x1080"
@@ -107,7 +106,7 @@ def _viewer() -> Iterator[ViewerClient]:
     except (RuntimeError, ConnectionError) as error:
         raise SnapshotError(_why(process, error)) from None
     finally:
-        _end(process)
+        end(process)
 
 
 def _connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
@@ -126,20 +125,8 @@ def _connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
 
 def _why(process: "subprocess.Popen[bytes]", error: Exception) -> str:
     """What went wrong, from what the viewer said before it ended."""
-    _end(process)
+    end(process)
     said = process.stderr.read().decode(errors="replace") if process.stderr else ""
     if "adapter" in said or "render context" in said:
         return f"no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}"
     return f"no pictures: {error}; if the viewer finds no Vulkan driver, {REMEDY}"
-
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End the viewer and the launcher before it."""
-    try:
-        os.killpg(process.pid, signal.SIGTERM)
-        process.wait(timeout=5)
-    except ProcessLookupError:
-        pass
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()

@@ -1,6 +1,7 @@
 """The Rerun viewer, on loopback only: beside a live run, for a file, or in the browser."""
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -32,7 +33,23 @@ def serve(file: Path) -> int:
     print(f"http://127.0.0.1:{web}?url={data} (Ctrl-C ends it)", flush=True)
     ports = ("--port", str(port), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
-    return subprocess.run(command, check=False, env={**os.environ, "RUST_LOG": "error"}).returncode
+    process = subprocess.Popen(command, env={**os.environ, "RUST_LOG": "error"}, start_new_session=True)
+    try:
+        return process.wait()
+    finally:
+        end(process)
+
+
+def end(process: "subprocess.Popen[bytes]") -> None:
+    """End a viewer that leads a session, and the launcher before it."""
+    try:
+        os.killpg(process.pid, signal.SIGTERM)
+        process.wait(timeout=5)
+    except ProcessLookupError:
+        pass
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def free_port() -> int:

@@ -89,11 +89,8 @@ def test_a_viewer_that_does_not_start_is_no_traceback(eight, tmp_path, monkeypat
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
 def test_the_browser_is_served_on_loopback_only(eight):
-    code = (
-        "import sys; from pathlib import Path; from agrobot_mj.recording.viewer import serve; serve(Path(sys.argv[1]))"
-    )
     environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2]), "BROWSER": "true"}
-    command = [sys.executable, "-c", code, str(eight.path)]
+    command = [sys.executable, "-m", "agrobot_mj", "view", "--web", str(eight.path)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
     ) as process:
@@ -102,11 +99,17 @@ def test_the_browser_is_served_on_loopback_only(eight):
             page = fetched(url.partition("?")[0])
             assert b"<html" in page.lower()
             ports = {int(part) for part in (url.split(":")[2].split("?")[0], url.split("%3A")[-1].split("%2F")[0])}
-            places = [line.split()[1] for table in ("tcp", "tcp6") for line in listening(table)]
-            bound = {address for address, port in (place.split(":") for place in places) if int(port, 16) in ports}
+            lines = [line for table in ("tcp", "tcp6") for line in listening(table) if port_of(line) in ports]
+            bound = {line.split()[1].split(":")[0] for line in lines}
             assert bound == {"0100007F"}
         finally:
-            os.killpg(process.pid, signal.SIGKILL)
+            process.send_signal(signal.SIGTERM)
+    time.sleep(0.2)
+    assert not [line for table in ("tcp", "tcp6") for line in listening(table) if port_of(line) in ports]
+
+
+def port_of(line):
+    return int(line.split()[1].split(":")[1], 16)
 
 
 def fetched(url):
