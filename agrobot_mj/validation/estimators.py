@@ -46,6 +46,17 @@ REMEDIES: dict[str, dict[str, Any]] = {
     "ekf_bias, gnss_correlated_fraction 0": {"kind": "ekf_bias", "gnss_correlated_fraction": 0.0},
 }
 """Against too small a stated uncertainty on the figure eight."""
+ROUGH = "figure eight, rough ground of class D"
+CASES[ROUGH] = ("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}})
+SWINGS: dict[str, dict[str, Any]] = {
+    f"ekf_bias, compensated, swing_filter_s {filter_s:g}": {
+        "kind": "ekf_bias",
+        "terrain_compensation": True,
+        "swing_filter_s": filter_s,
+    }
+    for filter_s in (0.0, 0.1, 1e6)
+}
+"""On rough ground; the last one leaves the swing in the velocity."""
 
 
 class Row(NamedTuple):
@@ -61,6 +72,8 @@ class Row(NamedTuple):
     nis: float
     coast: float
     """NaN without a loss [cm]."""
+    speed: float
+    """RMS of the speed against that of the CG [cm/s]."""
     lateral: float
     """RMS of the true lateral error of the loop [cm]."""
 
@@ -85,6 +98,7 @@ def row(log: Log) -> Row:
         float(np.mean(c("position_nees")[counts])),
         float(np.nanmean(c("position_nis")[counts])),
         100 * float(off[lost[-1]]) if lost.size else np.nan,
+        100 * _rms((c("speed_hat") - c("speed"))[counts]),
         100 * _rms(c("e_lateral")[counts]),
     )
 
@@ -99,6 +113,7 @@ def table(seeds: int) -> str:
     """Everything, as Markdown."""
     tried = [(case, words, given) for case in CASES for words, given in ESTIMATORS.items() if _of_interest(case, words)]
     tried += [("figure eight", words, given) for words, given in REMEDIES.items()]
+    tried += [(ROUGH, words, given) for words, given in SWINGS.items()]
     heads = (
         "case",
         "estimator",
@@ -108,6 +123,7 @@ def table(seeds: int) -> str:
         "NEES",
         "NIS",
         "coast [cm]",
+        "speed [cm/s]",
         "lateral [cm]",
     )
     lines = [heads, ("---", "---", *["---:"] * (len(heads) - 2))]

@@ -5,10 +5,12 @@ import pytest
 
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Valve
+from agrobot_mj.simulate import run
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear
 from agrobot_mj.validation import (
+    antenna_lean,
     coasting,
     convergence,
     cornering,
@@ -143,3 +145,10 @@ def test_soak_counts_broken_ticks():
     broken, _, restarts = soak.soak(plant, 1.0)
     assert broken == 1
     assert restarts == 1
+
+
+def test_antenna_lean_sees_a_mast_that_is_a_tenth_shorter(monkeypatch):
+    monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
+    assert not failures(antenna_lean.run(quick=True))
+    monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
+    assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean.run(quick=True))
