@@ -85,9 +85,9 @@ def test_a_changed_file_is_read_anew(tmp_path):
 
 def test_the_field_that_comes_with_the_scenarios_can_be_driven_on():
     ground = Heightmap().ground()
-    assert ground.extent == (-128, 128, -128, 128)
+    assert ground.extent == (-100, 100, -80, 80)
     assert 5 < np.ptp(ground.heights) < 20
-    assert ground.steepest < tan(radians(12))
+    assert ground.steepest < tan(radians(15))
 
 
 def test_a_heightmap_of_a_plane_is_the_slope(tmp_path):

@@ -135,12 +135,13 @@ def test_mujocos_height_field_is_the_grid(terrain):
     plant, _ = mujoco_plant(MagicFormula(), ground, settle_s=0.0)
     geom, hit = np.zeros(1, dtype=np.int32), np.zeros(3)
     rows, columns = ground.heights.shape
+    above = float(ground.heights.max()) + 50.0
     for row, column in np.random.default_rng(3).integers(1, min(rows, columns) - 1, (30, 2)):
         x, y = ground.x0 + column * ground.spacing, ground.y0 + row * ground.spacing
-        start = np.array([x, y, 50.0])
+        start = np.array([x, y, above])
         fall = mujoco.mj_ray(plant.model, plant.data, start, np.array([0.0, 0.0, -1.0]), None, 1, 1, geom, hit)
         assert plant.model.geom(geom[0]).name == "ground"
-        assert 50.0 - fall == pytest.approx(ground.heights[row, column], abs=2e-5)
+        assert above - fall == pytest.approx(ground.heights[row, column], abs=2e-5)
         assert height_and_gradient(ground, x, y)[0] == pytest.approx(ground.heights[row, column], abs=1e-9)
 
 
