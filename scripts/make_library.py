@@ -29,7 +29,8 @@ from agrobot_mj.terrain.grid import heights
 
 ROOT = Path(__file__).parent.parent
 PAGE, IMAGES = ROOT / "docs" / "scenarios.md", ROOT / "docs" / "images" / "scenarios"
-BEGIN, END = "<!-- library -->\n", "<!-- end of library -->"
+INDEX, PAGES = "index", "pages"
+"""Blocks of the page between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
@@ -164,10 +165,12 @@ def main() -> None:
     if chosen:
         print("\n".join(sections))
         return
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(
-        before + BEGIN + "\n" + "\n".join([*index, "", *sections]) + "\n" + END + rest.split(END)[1], encoding="utf-8"
-    )
+    text = PAGE.read_text(encoding="utf-8")
+    for block, lines in ((INDEX, index), (PAGES, sections)):
+        before, rest = text.split(f"<!-- {block} -->\n")
+        end = f"<!-- end of {block} -->"
+        text = before + f"<!-- {block} -->\n\n" + "\n".join(lines).rstrip() + f"\n\n{end}" + rest.split(end)[1]
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
