@@ -16,7 +16,7 @@ from agrobot_mj import __version__
 from agrobot_mj.crosstrack import cross_track
 from agrobot_mj.log import Log
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, whole_run
+from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled, whole_run
 from agrobot_mj.recording.ground import on_ground
 from agrobot_mj.recording.info import compared, resolved
 from agrobot_mj.recording.scene import reference_line, send_scene, shapes
@@ -165,7 +165,7 @@ def _blueprint(runs: Sequence[Run], plots: dict[str, Plot], reference: Array) ->
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(left, rrb.Vertical(*views()[:BESIDE]), column_shares=[3, 2], name="Drive"),
-            rrb.Grid(*views(), grid_columns=2, name="Control"),
+            tiled(views(), "Control", 2),
             information(),
         ),
         *panels(),

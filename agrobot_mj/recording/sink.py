@@ -4,6 +4,7 @@ Rerun writes beside the run and says nothing when it fails, and a file cut withi
 flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
 """
 
+import ctypes
 import errno
 import os
 import shutil
@@ -63,7 +64,18 @@ class Sink:
         return self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
 
     def _cut(self) -> None:
-        if self.path is not None:
+        if self.path is None:
+            return
+        if self.whole:
             os.truncate(self.path, self.whole)
             print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
-            self.path = None
+        else:
+            self.path.unlink()
+        self.path = None
+        abandon(self.stream)
+
+
+def abandon(stream: rr.RecordingStream) -> None:
+    """Leave `stream` to the end of the process: where the writer died, rerun may wait for it forever to close."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
+    rr.unregister_shutdown()

@@ -152,6 +152,18 @@ def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
 
 
+@pytest.mark.parametrize("limit", [20_000, 50_000, 80_000])
+def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path, limit):
+    path = tmp_path / "run.rrd"
+    code = CRAMPED.replace("1_200_000", str(limit))
+    done = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert f"no room for a recording: '{path}'" in done.stderr
+    assert not path.exists()
+
+
 def test_an_error_in_the_run_is_told(short, tmp_path):
     class Failing(Recording):
         def advance(self, first):
