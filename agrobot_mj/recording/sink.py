@@ -19,6 +19,8 @@ PATIENCE_S = 5.0
 """How long a flush may take [s]; it needs a thousandth of that."""
 FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+FOOTER, FOOTER_END = b"RRF2FOOT", 32
+"""What is among the last bytes of a whole file, and how many those are."""
 
 
 class Sink:
@@ -57,7 +59,7 @@ class Sink:
         """Write what is left, and the footer."""
         if self.path is None or self.flush():
             self.stream.disconnect()
-            if self._full():
+            if self.path is not None and not _ends_well(self.path):
                 self._cut()
 
     def _full(self) -> bool:
@@ -73,6 +75,13 @@ class Sink:
             self.path.unlink()
         self.path = None
         abandon(self.stream)
+
+
+def _ends_well(path: Path) -> bool:
+    """Whether rerun could write the footer, of which it says nothing."""
+    with path.open("rb") as file:
+        file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
+        return FOOTER in file.read()
 
 
 def abandon(stream: rr.RecordingStream) -> None:

@@ -39,7 +39,7 @@ from agrobot_mj.recording import Recording
 
 run(load_scenario("straight_line", {"duration_s": 0.1}))  # its kernels go to the cache
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_200_000, 1_200_000))
-log = run(load_scenario("straight_line"), (Recording(Path(sys.argv[1])),))
+log = run(load_scenario("straight_line", {"duration_s": 40}), (Recording(Path(sys.argv[1])),))
 print(log.outcome)
 """
 
@@ -150,6 +150,18 @@ def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
     assert "is the disk full? It ends early, but opens" in done.stderr
     assert path.stat().st_size < 1_200_000
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_file_without_room_for_its_footer_opens(tmp_path):
+    run(load_scenario("straight_line", {"duration_s": 40}), (Recording(tmp_path / "whole.rrd"),))
+    whole = (tmp_path / "whole.rrd").stat().st_size
+    path = tmp_path / "run.rrd"
+    code = CRAMPED.replace("1_200_000", str(whole - 20_000))
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
+    assert "It ends early, but opens" in done.stderr
+    assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
 
 
 @pytest.mark.parametrize("limit", [20_000, 50_000, 80_000])

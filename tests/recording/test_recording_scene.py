@@ -4,7 +4,7 @@ from recorded import replay
 
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom
-from agrobot_mj.recording.blueprint import blueprint
+from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.scene import shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
@@ -104,4 +104,4 @@ def test_heights_are_those_that_the_wheels_feel():
 
 
 def test_a_layout_without_plots_is_a_layout():
-    blueprint([], np.zeros((1, 3)), 0.0, 1.0)
+    blueprint(Shown([]), np.zeros((1, 3)), 0.0, 1.0)
