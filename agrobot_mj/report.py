@@ -48,9 +48,9 @@ STYLE: dict[Any, Any] = {
 PANEL_WIDTH_IN = 3.5
 DPI = 200
 SMOOTHING_S = 1.0
+"""Length of the moving average over noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 """Between the points of a drawn path [m], and how many it may have."""
-"""Length of the moving average over noisy signals [s]."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}

@@ -1,7 +1,7 @@
-"""Draws the pictures of docs/recordings.md: each tab of four recordings, and docs/images/recording.png.
+"""Draws the pictures of docs/recordings.md: each tab of four recordings, and docs/images/recording.jpg.
 
-Needs what `agrobot-mj snapshot` needs; takes about three minutes. Pictures are scaled and have 256 colours, so that
-all together stay below 6 MB.
+Needs what `agrobot-mj snapshot` needs; takes about a minute. Pictures are scaled to 1280 pixels, so that all together
+stay below 6 MB.
 """
 
 import sys
@@ -18,7 +18,7 @@ TIMES_S = {"figure_eight": 103.0, "side_slope_10": 30.0, "furrows_across": 25.0,
 """When each scenario is looked at."""
 COVER = "figure_eight", "drive"
 """The picture that stands alone, in the README too."""
-SIZE, COLOURS = (1280, 720), 256
+SIZE, QUALITY = (1280, 720), 85
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
 
@@ -35,9 +35,9 @@ def main() -> int:
                 return 1
             for picture in written:
                 tab = picture.stem.partition("_")[0]
-                shrink(picture, IMAGES / "recordings" / f"{name}_{tab}.png")
+                shrink(picture, IMAGES / "recordings" / f"{name}_{tab}.jpg")
                 if (name, tab) == COVER:
-                    shrink(picture, IMAGES / "recording.png")
+                    shrink(picture, IMAGES / "recording.jpg")
             print(f"{name}: {len(written)} pictures", flush=True)
     return 0
 
@@ -47,7 +47,7 @@ def shrink(picture: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(picture) as whole:
         small = whole.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
-    small.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    small.save(target, quality=QUALITY, subsampling=0, optimize=True)
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ import numpy as np
 
 from agrobot_mj.signals import Array
 
-MOST_STEPS = 9.0
-"""Between numbers on an axis: as many have room on the smallest plot of a picture of 1080 lines."""
+MOST_STEPS = 42.0
+"""Between numbers one above the other, as many as have room on a tab 1080 pixels high; plots share them."""
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [share of the range]."""
 ROOM = 1.37
@@ -33,32 +33,29 @@ class Range(NamedTuple):
     """The largest value of a plot that is cut, else None."""
 
 
-def readable(low: float, high: float) -> Range | None:
-    """The range from `low` to `high`, made larger until two numbers stand on it; None if it has no extent."""
+def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
+    """The range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`."""
     span = high - low
-    if not np.isfinite(span) or span <= 1e-9 * max(abs(low), abs(high), 1e-9):
-        return None
     step = 10.0 ** floor(log10(span))
-    if span * (1 + 2 * MARGIN) > MOST_STEPS * step:
+    if span * (1 + 2 * MARGIN) > most_steps * step:
         step *= 10
     while floor(high / step + 1e-9) - ceil(low / step - 1e-9) < 1:
         above, below = step * (floor(high / step + 1e-9) + 1), step * (ceil(low / step - 1e-9) - 1)
         low, high = (low, above) if above - high <= low - below else (below, high)
     margin = MARGIN * (high - low)
-    return Range(low - margin, high + margin)
+    return low - margin, high + margin
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """The range of the finite `values` and of `includes`; None leaves it to the viewer."""
+    """The range of the finite `values` and of `includes`; None, if it has no extent, leaves it to the viewer."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
     low, high = min(float(finite.min()), *includes, np.inf), max(float(finite.max()), *includes, -np.inf)
     end = CUT_AT * float(np.quantile(finite, CUT_QUANTILE)) if may_be_cut else np.inf
-    if high <= CUT_ABOVE * end:
-        return readable(low, high)
-    found = readable(low, end)
-    return found and found._replace(beyond=high)
+    found = Range(low, high) if high <= CUT_ABOVE * end else Range(low, end, high)
+    span = found.high - low
+    return found if np.isfinite(span) and span > 1e-9 * max(abs(low), abs(found.high)) else None
 
 
 def time_end(run_s: float) -> float:

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from agrobot_mj.geometry import from_heading
-from agrobot_mj.recording.axes import Range, time_end
+from agrobot_mj.recording.axes import MOST_STEPS, Range, readable, time_end
 from agrobot_mj.recording.network import Map
 from agrobot_mj.recording.signals import Plot
 from agrobot_mj.recording.timeline import TIMELINE
@@ -42,6 +42,8 @@ VIEWED = (2.2, 0.85)
 """Width and height of what the overview shows over its height above the ground. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
+DRIVE_ROWS = 4
+"""Of the plots beside the scene and the states."""
 COLUMNS = 3
 """Plots side by side on a tab."""
 LANE, LANES_BESIDES, BESIDE = 0.041, 0.06, 1.0
@@ -69,22 +71,32 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
     """
     axis = whole_run(end_s)
 
-    def views(starts: tuple[str, ...]) -> list[rrb.View]:
-        chosen = [plot for plot in shown.plots if plot.path.startswith(starts)]
-        return [plot_view(plot.title, plot.unit, plot.entity, axis, shown.ranges.get(plot.path)) for plot in chosen]
+    def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
+        return [plot_view(plot, plot.entity, axis, shown.ranges.get(plot.path), rows) for plot in plots]
 
     def tab(name: str, starts: tuple[str, ...]) -> rrb.Vertical:
-        return tiled([*views(starts), *(_map(one) for one in shown.maps if one.entity.startswith(starts))], name)
+        plots, maps = _of(shown.plots, starts), [one for one in shown.maps if one.entity.startswith(starts)]
+        rows = -(-(len(plots) + len(maps)) // COLUMNS)
+        return tiled([*views(plots, rows), *(_map(one) for one in maps)], name)
 
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(scenes(places, yaw), _beside(views(DRIVE), shown, axis), column_shares=[3, 2], name="Drive"),
-            *(tab(name, starts) for name, starts in TABS.items() if views(starts[:1])),
+            rrb.Horizontal(
+                scenes(places, yaw),
+                _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, axis),
+                column_shares=[3, 2],
+                name="Drive",
+            ),
+            *(tab(name, starts) for name, starts in TABS.items() if _of(shown.plots, starts[:1])),
             information(),
         ),
         *panels(),
         auto_views=False,
     )
+
+
+def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
+    return [plot for plot in plots if plot.path.startswith(starts)]
 
 
 def _beside(plots: Sequence[rrb.View], shown: Shown, axis: rrb.TimeAxis) -> rrb.Vertical:
@@ -131,13 +143,11 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
     return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def plot_view(
-    title: str, unit: str, entity: str, axis: rrb.TimeAxis, shown: Range | None = None
-) -> rrb.TimeSeriesView:
-    """The series at and below `entity`; the viewer chooses the range if none is `shown`."""
-    cut = f"; cut, the largest is {shown.beyond:.3g}" if shown and shown.beyond is not None else ""
-    values = rrb.ScalarAxis(range=(shown.low, shown.high)) if shown else None
-    name = f"{title} [{unit}]{cut}"
+def plot_view(plot: Plot, entity: str, axis: rrb.TimeAxis, shown: Range | None, rows: int) -> rrb.TimeSeriesView:
+    """The series at and below `entity` on a tab of so many rows; the viewer chooses the range if none is `shown`."""
+    cut = f"; cut, the largest is {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
+    values = rrb.ScalarAxis(range=readable(shown.low, shown.high, MOST_STEPS / rows)) if shown else None
+    name = f"{plot.title} [{plot.unit}]{cut}"
     return rrb.TimeSeriesView(origin=entity, name=name, axis_x=axis, axis_y=values, plot_legend=LEGEND)
 
 

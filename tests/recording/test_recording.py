@@ -168,9 +168,7 @@ def test_a_file_without_room_for_its_footer_opens(tmp_path):
 def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path, limit):
     path = tmp_path / "run.rrd"
     code = CRAMPED.replace("1_200_000", str(limit))
-    done = subprocess.run(
-        [sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1
     assert f"no room for a recording: '{path}'" in done.stderr
     assert not path.exists()
