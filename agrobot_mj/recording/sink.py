@@ -9,6 +9,7 @@ import errno
 import os
 import shutil
 import sys
+import time
 from pathlib import Path
 
 import rerun as rr
@@ -17,6 +18,8 @@ from agrobot_mj.recording.viewer import URL, open_viewer
 
 PATIENCE_S = 5.0
 """How long a flush may take [s]; it needs a thousandth of that."""
+LAST_WORDS_S = 0.5
+"""After it failed rerun's writer tries once more, which must not come after the cut [s]."""
 FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
@@ -68,6 +71,7 @@ class Sink:
     def _cut(self) -> None:
         if self.path is None:
             return
+        time.sleep(LAST_WORDS_S)
         if self.whole:
             os.truncate(self.path, self.whole)
             print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
