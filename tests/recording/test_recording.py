@@ -84,6 +84,18 @@ def test_agrees_with_the_metrics(eight):
     assert f"| nn_share | {metrics['nn_share'][0]:.6g} |" in table
 
 
+def test_accuracy_from_pass_to_pass_and_the_expected_outcome_are_told(tmp_path):
+    path = tmp_path / "run.rrd"
+    scenario = load_scenario("one_hectare", {"duration_s": 190, "plant.kind": "bicycle"})
+    log = run(scenario.model_copy(update={"expected_outcome": "stuck"}), (Recording(path),))
+    info, found = Recorded(path).static("/info", "TextDocument:text")[0], log.metrics["iso_12188_2_style"]
+    assert "**completed** after 190.00 s" in info
+    assert "**expected: stuck**" in info
+    assert f"| pass_to_pass_p95_m | {found['pass_to_pass_p95_m']:.6g} | m |" in info
+    numbers = " | ".join(f"{found['per_pass'][0][name]:.6g}" for name in ("xte_mean", "xte_rms", "xte_abs_p95"))
+    assert f"| 1 | {numbers} |" in info
+
+
 def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
     ticks = iter(range(10_000))
     path = tmp_path / "run.rrd"
