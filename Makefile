@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow check validate bench figures library lock
+.PHONY: help install demo test slow check validate bench figures library snapshots lock
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -50,6 +50,9 @@ figures: $(STAMP) ## Draw the README's results again
 
 library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages again
 	@$(PY) scripts/make_library.py
+
+snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
+	@$(PY) scripts/make_snapshots.py
 
 lock: ## Resolve the dependencies anew (needs uv)
 	$(UV) lock

@@ -62,6 +62,7 @@ def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
         ],
         "nn_share": [nn_share(log, rows) for rows in turns],
         "position_nees": _mean(log.column("position_nees")),
+        "position_nis": _mean(log.column("position_nis")),
         "steer_saturated_fraction": _mean(log.column("steer_saturated")),
     } | _of_passes(log, beside)
 

@@ -49,6 +49,8 @@ PANEL_WIDTH_IN = 3.5
 DPI = 200
 SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
+PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
+"""Between the points of a drawn path [m], and how many it may have."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
@@ -295,7 +297,9 @@ def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
         t, x, y = (run.log.column(name) for name in ("t", "x", "y"))
         for rows, style in ((t > first_end, "-"), (t <= first_end, ":")):
             axes.plot(x[rows], y[rows], color=_colour(runs, run.controller), linestyle=style)
-    axes.plot(*sample(path, np.linspace(*path.turns_s[0], 2000)).T, color="black", linewidth=0.5, zorder=1)
+    start, end = path.turns_s[0]
+    count = int(np.clip((end - start) * path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
+    axes.plot(*sample(path, np.linspace(start, end, count)).T, color="black", linewidth=0.5, zorder=1)
 
 
 def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:

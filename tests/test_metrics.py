@@ -12,7 +12,7 @@ from agrobot_mj.metrics import errors, metrics
 from agrobot_mj.paths import Circle, FigureEight, Line
 
 SIGNALS = ("x", "y", "e_lateral", "e_longitudinal", "e_yaw_rate", "tau_c", "tau_n")
-SIGNALS += ("position_nees", "steer_saturated")
+SIGNALS += ("position_nees", "position_nis", "steer_saturated")
 
 
 class FakeLog:
@@ -68,8 +68,11 @@ def test_share_without_a_network_is_zero(tau_c: float, tau_n: float) -> None:
 
 
 def test_consistency_and_saturation_are_means() -> None:
-    m = metrics(four_ticks(position_nees=[1, 3, np.nan, 2], steer_saturated=[0, 1, 0, 0]))
+    m = metrics(
+        four_ticks(position_nees=[1, 3, np.nan, 2], position_nis=[np.nan, 1, 2, np.nan], steer_saturated=[0, 1, 0, 0])
+    )
     assert m["position_nees"] == pytest.approx(2)
+    assert m["position_nis"] == pytest.approx(1.5)
     assert m["steer_saturated_fraction"] == 0.25
 
 
@@ -78,7 +81,14 @@ def test_per_turn_has_every_error_of_the_total() -> None:
     total = {"lateral_mse", "lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"}
     total |= {"yaw_rate_error_rms"}
     assert next(iter(m)) == "outcome"
-    assert set(m) == total | {"outcome", "per_turn", "nn_share", "position_nees", "steer_saturated_fraction"}
+    assert set(m) == total | {
+        "outcome",
+        "per_turn",
+        "nn_share",
+        "position_nees",
+        "position_nis",
+        "steer_saturated_fraction",
+    }
     assert [set(turn) for turn in m["per_turn"]] == [total | {"turn", "complete"}] * 2
 
 

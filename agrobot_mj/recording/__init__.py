@@ -14,7 +14,7 @@ import rerun as rr
 from agrobot_mj import __version__
 from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.blueprint import blueprint
+from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.comparison import write_comparison
 from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.motion import Motion
@@ -78,7 +78,7 @@ class Recording:
         self.motion.finish(self.stream, log)
         self.states.finish(self.stream, log.outcome)
         if self.rows.filled:
-            self._lay_out(self.rows.filled * TICK_S)
+            self._lay_out(self.rows.filled * TICK_S, log.outcome)
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
@@ -88,12 +88,13 @@ class Recording:
         self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
 
-    def _lay_out(self, end_s: float) -> None:
+    def _lay_out(self, end_s: float, outcome: str = "") -> None:
         """Arrange what there is so far; the last layout is the one that opens."""
         driven = self.rows.poses[: self.rows.filled, 0, :3]
         places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
-        yaw = self.rows.column("yaw")[0]
-        self.stream.send_blueprint(blueprint(self.signals.shown, places, yaw, end_s, self.firing.maps))
+        ranges = self.signals.ranges() if outcome else {}
+        shown = Shown(self.signals.shown, self.firing.maps, self.states.count, ranges, outcome)
+        self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))
 
     def _tell(self, text: str, entity: str = "info") -> None:
         self.stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -1,12 +1,15 @@
 """The layout of a recording: tabs as an engineer thinks, whole runs on the axes, a camera that follows."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from agrobot_mj.geometry import from_heading
+from agrobot_mj.recording.axes import MOST_STEPS, Range, readable, time_end
 from agrobot_mj.recording.network import Map
 from agrobot_mj.recording.signals import Plot
 from agrobot_mj.recording.timeline import TIMELINE
@@ -16,7 +19,8 @@ FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
 """What stays from its time on."""
-SKY = 0xB9CDDBFF
+SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
+"""Behind the ground: from the side, and from above, where a field ends."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
@@ -38,37 +42,75 @@ VIEWED = (2.2, 0.85)
 """Width and height of what the overview shows over its height above the ground. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
-LEGEND_ROOM = 1.4
-"""Time axis over the run, so that the legends hide no line."""
+DRIVE_ROWS = 4
+"""Of the plots beside the scene and the states."""
+COLUMNS = 3
+"""Plots side by side on a tab."""
+LANE, LANES_BESIDES, BESIDE = 0.041, 0.06, 1.0
+"""Heights of a lane, of what the pane of states has besides, and of all that stands beside the scene [-]."""
 
 
-def blueprint(
-    plots: Sequence[Plot], places: Array, yaw: float, end_s: float, maps: Sequence[Map] = ()
-) -> rrb.Blueprint:
-    """The layout of `plots` until `end_s` [s], and of the `maps` of the network.
+class Shown(NamedTuple):
+    """What a recording has to show."""
+
+    plots: Sequence[Plot]
+    maps: Sequence[Map] = ()
+    """Of the network."""
+    lanes: int = 3
+    """How many states there are."""
+    ranges: Mapping[str, Range | None] = MappingProxyType({})
+    """Of the values of plots, by path; the viewer chooses the others."""
+    outcome: str = ""
+    """Of the run, once it is known."""
+
+
+def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
+    """The layout until `end_s` [s].
 
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
     axis = whole_run(end_s)
 
-    def views(starts: tuple[str, ...]) -> list[rrb.View]:
-        return [plot_view(plot.title, plot.unit, plot.entity, axis) for plot in plots if plot.path.startswith(starts)]
+    def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
+        return [plot_view(plot, plot.entity, axis, shown.ranges.get(plot.path), rows) for plot in plots]
 
-    def tab(name: str, starts: tuple[str, ...]) -> rrb.Grid:
-        pictures = [_map(shown) for shown in maps if shown.entity.startswith(starts)]
-        return rrb.Grid(*views(starts), *pictures, grid_columns=3, name=name)
+    def tab(name: str, starts: tuple[str, ...]) -> rrb.Vertical:
+        plots, maps = _of(shown.plots, starts), [one for one in shown.maps if one.entity.startswith(starts)]
+        rows = -(-(len(plots) + len(maps)) // COLUMNS)
+        return tiled([*views(plots, rows), *(_map(one) for one in maps)], name)
 
-    states = rrb.StateTimelineView(origin="states", name="States", time_view=axis)
-    beside = rrb.Vertical(*views(DRIVE), states, row_shares=[*(3.0 for _ in views(DRIVE)), 2.6])
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(scenes(places, yaw), beside, column_shares=[3, 2], name="Drive"),
-            *(tab(name, starts) for name, starts in TABS.items() if views(starts[:1])),
+            rrb.Horizontal(
+                scenes(places, yaw),
+                _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, axis),
+                column_shares=[3, 2],
+                name="Drive",
+            ),
+            *(tab(name, starts) for name, starts in TABS.items() if _of(shown.plots, starts[:1])),
             information(),
         ),
         *panels(),
         auto_views=False,
     )
+
+
+def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
+    return [plot for plot in plots if plot.path.startswith(starts)]
+
+
+def _beside(plots: Sequence[rrb.View], shown: Shown, axis: rrb.TimeAxis) -> rrb.Vertical:
+    """The plots beside the scene, and below them the states, all of their lanes."""
+    name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
+    states = rrb.StateTimelineView(origin="states", name=name, time_view=axis)
+    share = min(LANES_BESIDES + LANE * shown.lanes, BESIDE / 2)
+    return rrb.Vertical(*plots, states, row_shares=[*((BESIDE - share) / len(plots) for _ in plots), share])
+
+
+def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
+    """The views in rows of at most `columns`, of which none has an empty place."""
+    rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
+    return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
 
 def scenes(places: Array, yaw: float, followed: str = FOLLOWED, growing: Sequence[str] = GROWING) -> rrb.Vertical:
@@ -94,16 +136,19 @@ def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
 
 def whole_run(end_s: float) -> rrb.TimeAxis:
     """A time axis that shows a run of `end_s` [s], with room for legends."""
-    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(LEGEND_ROOM * end_s)))
+    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s))))
 
 
 def _seconds(t: float) -> rr.TimeRangeBoundary:
     return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def plot_view(title: str, unit: str, entity: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
-    """The series at and below `entity`."""
-    return rrb.TimeSeriesView(origin=entity, name=f"{title} [{unit}]", axis_x=axis, plot_legend=LEGEND)
+def plot_view(plot: Plot, entity: str, axis: rrb.TimeAxis, shown: Range | None, rows: int) -> rrb.TimeSeriesView:
+    """The series at and below `entity` on a tab of so many rows; the viewer chooses the range if none is `shown`."""
+    cut = f"; cut, the largest is {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
+    values = rrb.ScalarAxis(range=readable(shown.low, shown.high, MOST_STEPS / rows)) if shown else None
+    name = f"{plot.title} [{plot.unit}]{cut}"
+    return rrb.TimeSeriesView(origin=entity, name=name, axis_x=axis, axis_y=values, plot_legend=LEGEND)
 
 
 def _map(shown: Map) -> rrb.Spatial2DView:
@@ -119,7 +164,7 @@ def _follow(start: Array, yaw: float, followed: str, growing: Sequence[str]) -> 
         look_target=start + LOOK_AT,
         tracking_entity=followed,
     )
-    return _view(eye, "Tractor", growing)
+    return _view(eye, "Tractor", growing, SKY)
 
 
 def _overview(places: Array, growing: Sequence[str]) -> rrb.Spatial3DView:
@@ -127,15 +172,15 @@ def _overview(places: Array, growing: Sequence[str]) -> rrb.Spatial3DView:
     above = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max()
     middle = (low + high) / 2
     eye = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
-    return _view(eye, "From above", growing)
+    return _view(eye, "From above", growing, BEYOND)
 
 
-def _view(eye: rrb.EyeControls3D, name: str, growing: Sequence[str]) -> rrb.Spatial3DView:
+def _view(eye: rrb.EyeControls3D, name: str, growing: Sequence[str], behind: int) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="world",
         name=name,
         eye_controls=eye,
         line_grid=False,
-        background=rrb.Background(color=SKY),
+        background=rrb.Background(color=behind),
         overrides=dict.fromkeys(growing, SO_FAR),
     )

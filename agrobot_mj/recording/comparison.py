@@ -16,7 +16,8 @@ from agrobot_mj import __version__
 from agrobot_mj.crosstrack import cross_track
 from agrobot_mj.log import Log
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, whole_run
+from agrobot_mj.recording.axes import value_range
+from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled, whole_run
 from agrobot_mj.recording.ground import on_ground
 from agrobot_mj.recording.info import compared, resolved
 from agrobot_mj.recording.scene import reference_line, send_scene, shapes
@@ -136,6 +137,12 @@ def _send_plots(stream: rr.RecordingStream, run: Run, column: rr.TimeColumn) -> 
     return shown
 
 
+def _values(run: Run, path: str) -> Array:
+    """What the plot `path` shows of a run, in its unit."""
+    ((unit, name),) = [(unit, name) for there, _, unit, name in PLOTS if there == path]
+    return _signal(run.log, name) * UNITS[unit]
+
+
 def _signal(log: Log, name: str) -> Array:
     if name == "cross_track":
         return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
@@ -159,13 +166,14 @@ def _blueprint(runs: Sequence[Run], plots: dict[str, Plot], reference: Array) ->
     growing = [f"world/tracks/{run.name}" for run in runs]
     left = scenes(reference, float(longest.column("yaw")[0]), followed, growing)
 
-    def views() -> list[rrb.View]:
-        return [plot_view(plot.title, plot.unit, f"plots/{path}", axis) for path, plot in plots.items()]
+    def views(rows: int) -> list[rrb.View]:
+        ranges = {path: value_range(np.concatenate([_values(run, path) for run in runs])) for path in plots}
+        return [plot_view(plot, f"plots/{path}", axis, ranges[path], rows) for path, plot in plots.items()]
 
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(left, rrb.Vertical(*views()[:BESIDE]), column_shares=[3, 2], name="Drive"),
-            rrb.Grid(*views(), grid_columns=2, name="Control"),
+            rrb.Horizontal(left, rrb.Vertical(*views(BESIDE)[:BESIDE]), column_shares=[3, 2], name="Drive"),
+            tiled(views(BESIDE), "Control", 2),
             information(),
         ),
         *panels(),

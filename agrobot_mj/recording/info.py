@@ -32,8 +32,12 @@ def broken(scenario: Scenario, error: BaseException, t: float) -> str:
 
 def summary(log: Log) -> str:
     """The text of a finished run."""
-    end = f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time."
-    return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics)]))
+    expected = log.scenario.expected_outcome
+    end = (
+        f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time; "
+        f"{'as expected' if log.outcome == expected else f'**expected: {expected}**'}."
+    )
+    return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics), _passes(log.metrics)]))
 
 
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
@@ -93,6 +97,27 @@ def _turns(metrics: dict[str, Any]) -> str:
         [
             *("## Turn by turn", "", f"| metric | {heads} | unit |", "|---" * (len(turns) + 2) + "|"),
             *(*lines, f"| nn_share | {_cells(shares)} | - |"),
+        ]
+    )
+
+
+def _passes(metrics: dict[str, Any]) -> str:
+    """The accuracy from pass to pass, one line a pass; nothing for a path without passes."""
+    found = metrics.get("iso_12188_2_style")
+    if found is None:
+        return ""
+    total = [(name, value) for name, value in found.items() if name not in ("label", "per_pass")]
+    names = [name for name in found["per_pass"][0] if name not in ("pass", "complete")]
+    heads = " | ".join(f"{name} [m]" for name in names)
+    return "\n".join(
+        [
+            *(f"## Pass to pass, {found['label']}", "", "| metric | value | unit |", "|---|---|---|"),
+            *(f"| {name} | {_cells([value])} | m |" for name, value in total),
+            *("", f"| pass | {heads} |", "|---" * (len(names) + 1) + "|"),
+            *(
+                f"| {one['pass']}{'' if one['complete'] else ' (in part)'} | {_cells([one[name] for name in names])} |"
+                for one in found["per_pass"]
+            ),
         ]
     )
 

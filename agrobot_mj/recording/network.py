@@ -67,7 +67,8 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
     """The plot of families of parameters of input k."""
     what, unit = INPUTS[k]
     named = [(_label(name), name) for start in families for name in family(start, columns)]
-    return Plot(path, f"{title}, the {what}", unit, _lines(named), EVERY_TICKS)
+    cut = path.startswith("network/widths")
+    return Plot(path, f"{title}, the {what}", unit, _lines(named), EVERY_TICKS, may_be_cut=cut)
 
 
 def _label(column: str) -> str:

@@ -4,6 +4,7 @@ A body's geoms go into one entity a shape, so that the 64 lugs of the wheels cos
 """
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 import rerun as rr
@@ -20,8 +21,8 @@ PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
 """Lines are lifted above the ground, each to its own height, so that none hides in it or in another [m]."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Widths are those on the screen, so that lines are visible from near and far."""
-PATH_POINTS, ROUGH_PATH_POINTS = 1000, 3000
-"""Of the reference on a plane, and where the line must follow the relief."""
+PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
+"""Between points of the reference on a plane, and where the line must follow the relief [m]; how many there may be."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
@@ -36,8 +37,9 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
     """The reference over the whole run, shape (n, 3) [m]."""
-    most = PATH_POINTS if ground.is_plane else ROUGH_PATH_POINTS
-    times = np.linspace(0.0, scenario.ticks * TICK_S, min(scenario.ticks, most) + 1)
+    duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
+    count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
+    times = np.linspace(0.0, duration, max(count, 1) + 1)
     return on_ground(ground, sample(scenario.path, times), PATH_LIFT_M)
 
 

@@ -13,9 +13,11 @@ import rerun as rr
 
 from agrobot_mj.log import Rows
 from agrobot_mj.plants.model import WHEELS
+from agrobot_mj.recording.axes import Range, value_range
 from agrobot_mj.recording.timeline import TIMELINE, Times
 from agrobot_mj.signals import Array
 
+Early = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 UNITS = {
     **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
     **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
@@ -24,6 +26,8 @@ UNITS = {
 TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
 """Sky blue, orange and grey, of the colour-blind-safe palette of Okabe and Ito, as are the others."""
 PD, NETWORK, BOUND = 0xD55E00FF, 0x3A9BDCFF, 0x8A8A8AFF
+SETTLED_S = 5.0
+"""From then on the axis shows the bounds of the estimate, which begin far away [s]."""
 WHEEL_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF)
 
 
@@ -47,6 +51,12 @@ class Plot(NamedTuple):
     series: tuple[Series, ...]
     every: int = 1
     """Ticks from one point to the next; more than one for what moves slowly."""
+    includes: tuple[float, ...] = ()
+    """Values that the axis shows in any case."""
+    may_be_cut: bool = False
+    """Whether the axis may end below rare values that would flatten the others."""
+    steps: bool = False
+    """Whether the values stay from one point to the next."""
 
     @property
     def entity(self) -> str:
@@ -112,8 +122,12 @@ PLOTS = (
     _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
     _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
     _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
-    _single("estimator/faults", "Faults that act", "-", "faults", "faults_active"),
-    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality"),
+    _single("estimator/faults", "Faults that act", "-", "faults", "faults_active")._replace(
+        includes=(0, 1), steps=True
+    ),
+    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality")._replace(
+        includes=(0, 2), steps=True
+    ),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
 """Every plot but those of the network, in the order of the tabs."""
@@ -152,6 +166,12 @@ class Signals:
         known = {*rows.columns, *derived(rows, 0)}
         self.plots = [plot for plot in (*PLOTS, *more) if all(series.column in known for series in plot.series)]
 
+    def ranges(self) -> dict[str, Range | None]:
+        """What the axes of the plots should show of all rows, by the path of the plot."""
+        table = {name: self.rows.column(name) for name in self.rows.columns} | derived(self.rows, 0)
+        early = self.rows.column("t") < SETTLED_S
+        return {plot.path: _range(plot, values(plot, table), early) for plot in self.shown}
+
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
         table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
@@ -169,6 +189,13 @@ class Signals:
             stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
 
 
+def _range(plot: Plot, numbers: Array, early: Early) -> Range | None:
+    """Of the numbers (rows, series) of a plot; bounds of the `early` rows (n,) do not count."""
+    bounds = [series.column.startswith("bound_") for series in plot.series]
+    numbers[np.outer(early, bounds)] = np.nan
+    return value_range(numbers, plot.includes, plot.may_be_cut)
+
+
 def _style(plot: Plot) -> rr.SeriesLines:
     """Names and colours; spikes survive zooming out."""
     return rr.SeriesLines(
@@ -176,4 +203,5 @@ def _style(plot: Plot) -> rr.SeriesLines:
         colors=np.array([series.colour for series in plot.series], dtype=np.uint32),
         widths=[1.5] * len(plot.series),
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        interpolation_mode=rr.components.InterpolationMode.StepAfter if plot.steps else None,
     )

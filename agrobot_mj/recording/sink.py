@@ -4,10 +4,12 @@ Rerun writes beside the run and says nothing when it fails, and a file cut withi
 flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
 """
 
+import ctypes
 import errno
 import os
 import shutil
 import sys
+import time
 from pathlib import Path
 
 import rerun as rr
@@ -16,8 +18,12 @@ from agrobot_mj.recording.viewer import URL, open_viewer
 
 PATIENCE_S = 5.0
 """How long a flush may take [s]; it needs a thousandth of that."""
+LAST_WORDS_S = 0.5
+"""After it failed rerun's writer tries once more, which must not come after the cut [s]."""
 FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+FOOTER, FOOTER_END = b"RRF2FOOT", 32
+"""What is among the last bytes of a whole file, and how many those are."""
 
 
 class Sink:
@@ -56,14 +62,33 @@ class Sink:
         """Write what is left, and the footer."""
         if self.path is None or self.flush():
             self.stream.disconnect()
-            if self._full():
+            if self.path is not None and not _ends_well(self.path):
                 self._cut()
 
     def _full(self) -> bool:
         return self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
 
     def _cut(self) -> None:
-        if self.path is not None:
+        if self.path is None:
+            return
+        time.sleep(LAST_WORDS_S)
+        if self.whole:
             os.truncate(self.path, self.whole)
             print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
-            self.path = None
+        else:
+            self.path.unlink()
+        self.path = None
+        abandon(self.stream)
+
+
+def _ends_well(path: Path) -> bool:
+    """Whether rerun could write the footer, of which it says nothing."""
+    with path.open("rb") as file:
+        file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
+        return FOOTER in file.read()
+
+
+def abandon(stream: rr.RecordingStream) -> None:
+    """Leave `stream` to the end of the process: where the writer died, rerun may wait for it forever to close."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
+    rr.unregister_shutdown()

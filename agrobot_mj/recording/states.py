@@ -69,6 +69,11 @@ class States:
         ]
         self.rows, self.lanes = rows, (*LANES, *scripted)
 
+    @property
+    def count(self) -> int:
+        """How many lanes there are, that of the run included."""
+        return len(self.lanes) + 1
+
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """The changes in rows `first` to `rows.filled` at `times` (n,)."""
         if first == 0:

@@ -39,7 +39,7 @@ from agrobot_mj.recording import Recording
 
 run(load_scenario("straight_line", {"duration_s": 0.1}))  # its kernels go to the cache
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_200_000, 1_200_000))
-log = run(load_scenario("straight_line"), (Recording(Path(sys.argv[1])),))
+log = run(load_scenario("straight_line", {"duration_s": 40}), (Recording(Path(sys.argv[1])),))
 print(log.outcome)
 """
 
@@ -82,6 +82,18 @@ def test_agrees_with_the_metrics(eight):
     for name, value in metrics["per_turn"][0].items():
         assert name in ("turn", "complete") or f"| {name} | {value:.6g} |" in table
     assert f"| nn_share | {metrics['nn_share'][0]:.6g} |" in table
+
+
+def test_accuracy_from_pass_to_pass_and_the_expected_outcome_are_told(tmp_path):
+    path = tmp_path / "run.rrd"
+    scenario = load_scenario("one_hectare", {"duration_s": 190, "plant.kind": "bicycle"})
+    log = run(scenario.model_copy(update={"expected_outcome": "stuck"}), (Recording(path),))
+    info, found = Recorded(path).static("/info", "TextDocument:text")[0], log.metrics["iso_12188_2_style"]
+    assert "**completed** after 190.00 s" in info
+    assert "**expected: stuck**" in info
+    assert f"| pass_to_pass_p95_m | {found['pass_to_pass_p95_m']:.6g} | m |" in info
+    numbers = " | ".join(f"{found['per_pass'][0][name]:.6g}" for name in ("xte_mean", "xte_rms", "xte_abs_p95"))
+    assert f"| 1 | {numbers} |" in info
 
 
 def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
@@ -150,6 +162,28 @@ def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
     assert "is the disk full? It ends early, but opens" in done.stderr
     assert path.stat().st_size < 1_200_000
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_file_without_room_for_its_footer_opens(tmp_path):
+    run(load_scenario("straight_line", {"duration_s": 40}), (Recording(tmp_path / "whole.rrd"),))
+    whole = (tmp_path / "whole.rrd").stat().st_size
+    path = tmp_path / "run.rrd"
+    code = CRAMPED.replace("1_200_000", str(whole - 20_000))
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
+    assert "It ends early, but opens" in done.stderr
+    assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
+
+
+@pytest.mark.parametrize("limit", [20_000, 50_000, 80_000])
+def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path, limit):
+    path = tmp_path / "run.rrd"
+    code = CRAMPED.replace("1_200_000", str(limit))
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert f"no room for a recording: '{path}'" in done.stderr
+    assert not path.exists()
 
 
 def test_an_error_in_the_run_is_told(short, tmp_path):

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 from recorded import replay
+from rerun.blueprint import TextDocumentView
 
+from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom
-from agrobot_mj.recording.blueprint import blueprint
-from agrobot_mj.recording.scene import shapes
+from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
+from agrobot_mj.recording.scene import reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
 
@@ -104,4 +106,20 @@ def test_heights_are_those_that_the_wheels_feel():
 
 
 def test_a_layout_without_plots_is_a_layout():
-    blueprint([], np.zeros((1, 3)), 0.0, 1.0)
+    blueprint(Shown([]), np.zeros((1, 3)), 0.0, 1.0)
+
+
+def test_no_place_of_a_tab_is_empty():
+    for count in range(1, 14):
+        views = [TextDocumentView(origin=f"{i}") for i in range(count)]
+        rows = tiled(views, "Tab").contents
+        sizes = [len(row.contents) for row in rows]
+        assert sum(sizes) == count
+        assert max(sizes) <= 3
+        assert max(sizes) - min(sizes) <= 1
+
+
+def test_the_reference_keeps_its_shape_on_long_runs():
+    scenario = load_scenario("one_hectare")
+    line = reference_line(scenario, scenario.terrain.ground())
+    assert np.hypot(*np.diff(line[:, :2], axis=0).T).max() <= 0.25 + 1e-9
