@@ -30,7 +30,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
         if not isinstance(table, dict | list):
             raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
     if isinstance(table, list):
-        raise ScenarioError(f"--set {dotted}: {'.'.join(tables)} is a list; write {'.'.join(tables)}.0.key=value")
+        key = ".".join(tables)
+        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
     if last == "kind" and table.get("kind", value) != value:
         known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
         for key in [key for key in table if key not in known]:

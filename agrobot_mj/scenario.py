@@ -74,7 +74,7 @@ class Scenario(Spec):
     terrain: Terrain = Flat()
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
-    fault: tuple[Fault, ...] = ()
+    fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """Scripted faults and disturbances, `[[fault]]`."""
     guidance: KinematicLaw = KinematicLaw()
     """Kinematic law: position error to speed and yaw rate."""
@@ -198,7 +198,7 @@ def read_toml(path: FilePath) -> dict[str, Any]:
     """The plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None

@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.signals import Array
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.spec import HUGE, Positive, Spec
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
 """(x_min, x_max, y_min, y_max) [m]."""
+Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
@@ -23,7 +24,7 @@ class Special(Spec):
     """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
     cone_index_kpa: Positive | None = None
     """Of the soil; the tyre's own when left out [kPa]."""
-    cell_m: Positive = 0.25
+    cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the cells that stand for the shape; the finest of all patches counts [m]."""
 
     def bounds(self) -> Bounds:
@@ -93,7 +94,7 @@ class Polygon(Special):
     """A polygon; where its edges cross each other, points inside an even number of times do not count."""
 
     kind: Literal["polygon"] = "polygon"
-    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)] = (
+    points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
@@ -103,6 +104,9 @@ class Polygon(Special):
     def _has_corners(self) -> "Polygon":
         if len(set(self.points)) < 3:
             raise ValueError("points: has fewer than 3 different corners; add some")
+        lengths = np.linalg.svd(np.array(self.points) - self.points[0], compute_uv=False)
+        if lengths[1] < 1e-9 * lengths[0]:
+            raise ValueError("points: all lie on one line; add a corner beside it")
         return self
 
     def bounds(self) -> Bounds:

@@ -186,6 +186,8 @@ BAD = {
     "binary.asc": (b"ncols \xff\xfe", "cannot be read"),
     "nosize.asc": (asc(HILL, HEAD.replace("cellsize 2.5\n", "")).encode(), "has no cellsize in its header"),
     "zero.asc": (asc(HILL, HEAD.replace("2.5", "0")).encode(), "says cellsize 0"),
+    "degrees.asc": (asc(HILL, HEAD.replace("2.5", "2.8e-4")).encode(), "has cells of 0.00028 m; if those are degrees"),
+    "utf16.asc": (asc(HILL).encode("utf-16"), "cannot be read"),
     "word.asc": (asc(HILL, HEAD.replace("2.5", "wide")).encode(), "cannot be read (could not convert"),
     "half.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows 2.5")).encode(), "says nrows 2.5"),
     "nan.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows nan")).encode(), "says nrows nan"),
