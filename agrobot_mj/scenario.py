@@ -8,6 +8,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
+from copy import deepcopy
 from math import atan, degrees
 from pathlib import Path as FilePath
 from typing import Annotated, Any
@@ -182,16 +183,23 @@ def scenario_files() -> dict[str, FilePath]:
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """A scenario by name or path, with overrides by (dotted) key.
 
+    Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
     Raises `ScenarioError` with every fault of the input in one message.
     """
     path = _find(source)
-    data = read_toml(path)
-    locate(data, path.parent.resolve())
-    fill(data, Scenario())
-    for key, value in (overrides or {}).items():
-        override(data, key, value, Scenario)
-    data.setdefault("name", path.stem)
-    return resolve(data, path.name)
+    data, folder = read_toml(path), path.parent.resolve()
+    try:
+        locate(data, folder)
+        fill(data, Scenario())
+        for key, value in (overrides or {}).items():
+            last = key.rpartition(".")[2]
+            given = {last: deepcopy(value)}
+            locate(given, FilePath.cwd(), folder)
+            override(data, key, given[last], Scenario)
+        data.setdefault("name", path.stem)
+        return resolve(data, path.name)
+    except RecursionError:
+        raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
 
 
 def read_toml(path: FilePath) -> dict[str, Any]:
