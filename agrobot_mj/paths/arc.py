@@ -12,7 +12,7 @@ from pydantic import Field
 from agrobot_mj.geometry import wrap
 from agrobot_mj.signals import Reference
 
-SLOWEST_M_S, FASTEST_M_S = 0.01, 5.0
+SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
 """Speeds that a reference may have [m/s]."""
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]

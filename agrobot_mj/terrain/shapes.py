@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.signals import Array
-from agrobot_mj.spec import HUGE, Positive, Spec
+from agrobot_mj.spec import HUGE, Positive, Scale, Spec
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
@@ -20,7 +20,7 @@ class Special(Spec):
     """Ground with properties of its own; a shape overrides `bounds` and `covers`."""
 
     kind: str
-    friction: Positive = 1.0
+    friction: Scale = 1.0
     """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
     cone_index_kpa: Positive | None = None
     """Of the soil; the tyre's own when left out [kPa]."""
@@ -136,7 +136,7 @@ class Picture(Special):
     """Centre, north [m]."""
     width_m: Positive = 100.0
     """From west to east; the height follows from the picture [m]."""
-    friction_white: Positive | None = None
+    friction_white: Scale | None = None
     """Scale of the friction where it is white, linear between; as `friction` when left out [-]."""
     cone_index_white_kpa: Positive | None = None
     """Likewise of the soil; as `cone_index_kpa` when left out [kPa]."""
