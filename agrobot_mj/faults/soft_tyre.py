@@ -5,11 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions
+from agrobot_mj.signals import WHEELS, Conditions
 from agrobot_mj.spec import Scale
-
-WHEELS = ("fl", "fr", "rl", "rr")
-"""Order of the wheels in `Conditions`."""
 
 
 class SoftTyre(Scripted):

@@ -12,9 +12,8 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.log import Rows
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.timeline import TIMELINE, Times
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 UNITS = {
     **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
