@@ -64,7 +64,7 @@ class Scenario(Spec):
     """Version of agrobot_mj that wrote the file; for information."""
     expected_outcome: Outcome = "completed"
     """How the run should end; for information and tests."""
-    seed: Annotated[int, Field(ge=0)] = 1
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """All randomness follows from it."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
     """[s]. The path's own when left out."""

@@ -13,16 +13,8 @@ from agrobot_mj.compiled import PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 BASE = [
-    "signals",
-    "geometry",
-    "spec",
-    "compiled",
-    "resources",
-    "datafile",
-    "randomness",
-    "problems",
-    "tractor",
-    "edits",
+    *("signals", "geometry", "spec", "compiled", "resources", "datafile"),
+    *("randomness", "problems", "tractor", "edits"),
 ]
 """What every stage may use."""
 MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]

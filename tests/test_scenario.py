@@ -220,6 +220,7 @@ def test_changing_leaves_the_original_alone():
         ),
         ({"seed": "one"}, "seed", "whole number"),
         ({"seed": -1}, "seed", "at least 0"),
+        ({"seed": 10**30}, "seed", "at most 9.22337e+18"),
         ({"seed": True}, "seed", "whole number"),
         ({"path.speed_m_s": "fast"}, "path.speed_m_s", "number"),
         ({"path.speed_m_s": True}, "path.speed_m_s", "number"),

@@ -252,3 +252,10 @@ def test_a_grid_that_states_its_cells_takes_no_other(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; leave the key out"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()
+
+
+def test_an_esri_grid_may_begin_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "marked.asc").write_bytes(b"\xef\xbb\xbf" + asc(HILL).encode())
+    (tmp_path / "plain.asc").write_bytes(asc(HILL).encode())
+    marked, plain = (Heightmap(file=str(tmp_path / name)).ground() for name in ("marked.asc", "plain.asc"))
+    assert np.array_equal(marked.heights, plain.heights)
