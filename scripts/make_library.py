@@ -29,7 +29,8 @@ from agrobot_mj.terrain.grid import heights
 
 ROOT = Path(__file__).parent.parent
 PAGE, IMAGES = ROOT / "docs" / "scenarios.md", ROOT / "docs" / "images" / "scenarios"
-BEGIN, END = "<!-- library -->\n", "<!-- end of library -->"
+INDEX, PAGES = "index", "pages"
+"""Blocks of the page between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
@@ -126,9 +127,20 @@ def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
             f"| {' | '.join(HEADS)} |",
             "|---" * len(HEADS) + "|",
             *(row(kind, log) for kind, log in logs.items()),
+            *passes(logs),
             "",
         ]
     )
+
+
+def passes(logs: dict[str, Log]) -> list[str]:
+    """What there is to say of a field in swaths."""
+    found = {kind: log.metrics["iso_12188_2_style"] for kind, log in logs.items() if "iso_12188_2_style" in log.metrics}
+    return [
+        f"\n{NAMES[kind]}, {m['label']}: {m['pass_to_pass_p95_m']:.3f} m from pass to pass (95 % of the unsigned values), "
+        f"{m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
+        for kind, m in found.items()
+    ]
 
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
@@ -164,10 +176,12 @@ def main() -> None:
     if chosen:
         print("\n".join(sections))
         return
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(
-        before + BEGIN + "\n" + "\n".join([*index, "", *sections]) + "\n" + END + rest.split(END)[1], encoding="utf-8"
-    )
+    text = PAGE.read_text(encoding="utf-8")
+    for block, lines in ((INDEX, index), (PAGES, sections)):
+        before, rest = text.split(f"<!-- {block} -->\n")
+        end = f"<!-- end of {block} -->"
+        text = before + f"<!-- {block} -->\n\n" + "\n".join(lines).rstrip() + f"\n\n{end}" + rest.split(end)[1]
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
