@@ -101,18 +101,26 @@ def run_scenario(
 def compare_scenario(
     source: Source,
     controllers: Annotated[str, typer.Option(help="Comma-separated controller kinds.")] = "pd,pd_t2fnn",
-    plants: Annotated[str, typer.Option(help="Comma-separated plant kinds.")] = "bicycle,mujoco",
+    plants: Annotated[
+        str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
     sets: Sets = None,
     out: Out = None,
     no_rrd: NoRrd = False,
 ) -> None:
     """Run one scenario under several controllers and plants, with the paper's figures."""
-    from agrobot_mj.compare import cases, compare
+    from agrobot_mj.compare import cases, compare, runnable
     from agrobot_mj.report import table
 
     scenario = load_scenario(source, overrides(sets))
-    todo = cases(scenario, names(controllers, "--controllers"), names(plants, "--plants"), seeds)
+    if plants is None:
+        kinds, left_out = runnable(scenario)
+        for line in left_out:
+            print(line, file=sys.stderr)
+    else:
+        kinds = names(plants, "--plants")
+    todo = cases(scenario, names(controllers, "--controllers"), kinds, seeds)
     folder = _folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo)) as advance:
         rows = compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())

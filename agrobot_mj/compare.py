@@ -11,11 +11,15 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 from agrobot_mj.log import Log
+from agrobot_mj.problems import ScenarioError
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.report import write_figures
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.simulate import run
 from agrobot_mj.storage import write_json, write_log
+
+PLANTS = ("bicycle", "mujoco")
+"""What a comparison runs on unless told otherwise."""
 
 
 class Case(NamedTuple):
@@ -45,6 +49,18 @@ def cases(scenario: Scenario, controllers: Sequence[str], plants: Sequence[str],
         for controller in controllers
         for seed in range(scenario.seed, scenario.seed + seeds)
     ]
+
+
+def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
+    """Those of `plants` that can run the scenario, and for each other one a line that says why it cannot."""
+    able, left_out = [], []
+    for plant in plants:
+        try:
+            scenario.changed({"plant.kind": plant})
+            able.append(plant)
+        except ScenarioError as error:
+            left_out.append(f"{plant} is left out: {str(error).splitlines()[0]}")
+    return able, left_out
 
 
 def compare(

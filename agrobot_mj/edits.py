@@ -30,7 +30,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
         if not isinstance(table, dict | list):
             raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
     if isinstance(table, list):
-        raise ScenarioError(f"--set {dotted}: {'.'.join(tables)} is a list; write {'.'.join(tables)}.0.key=value")
+        key = ".".join(tables)
+        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
     if last == "kind" and table.get("kind", value) != value:
         known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
         for key in [key for key in table if key not in known]:
@@ -90,14 +91,18 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
-def locate(data: Any, folder: Path) -> None:
-    """Make the paths of files absolute that stand beside a scenario; those of the library keep their names."""
+def locate(data: Any, *folders: Path) -> None:
+    """Make the paths of files absolute: the first folder that has the file counts, else the last.
+
+    Files of the library keep their names, unless one of the folders has a file of the same name.
+    """
     for table in _below(data):
-        locate(table, folder)
-    if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str) and folder != SCENARIOS.resolve():
-        beside = folder / file
-        if is_file(beside) or not is_file(SCENARIOS / file):
-            data[FILE_KEY] = str(beside)
+        locate(table, *folders)
+    beside = [folder for folder in folders if folder != SCENARIOS.resolve()]
+    if beside and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+        found = next((folder / file for folder in beside if is_file(folder / file)), None)
+        if found or not is_file(SCENARIOS / file):
+            data[FILE_KEY] = str(found or beside[-1] / file)
 
 
 def files(data: Any) -> list[Path]:

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario import Scenario
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 COLUMNS = (
     *("t", "x_ref", "y_ref", "z_ref", "yaw_ref", "curvature_ref"),

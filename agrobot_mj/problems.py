@@ -31,6 +31,8 @@ _TEXTS = {
     "model_type": "must be a table, got {input!r}",
     "dict_type": "must be a table, got {input!r}",
     "missing": "is missing",
+    "too_long": "must have at most {max_length} items",
+    "too_short": "must have at least {min_length} items, got {actual_length}",
 }
 
 

@@ -5,6 +5,7 @@ no other stream, and the same seed gives the same numbers in every process (Pyth
 """
 
 from hashlib import blake2b
+from math import exp, sqrt
 
 from numpy.random import Generator, SeedSequence, default_rng
 
@@ -16,3 +17,12 @@ def stream(seed: int, name: str) -> Generator:
     """
     key = int.from_bytes(blake2b(name.encode(), digest_size=16).digest(), "little")
     return default_rng(SeedSequence(seed, spawn_key=(key,)))
+
+
+def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:
+    """The next value of a first-order Gauss-Markov process [Brown2012] of unit variance.
+
+    `white` is standard normal; the correlation falls to 37 % over `correlation`, in the unit of the step `dt`.
+    """
+    kept = exp(-dt / correlation)
+    return kept * value + sqrt(1.0 - kept * kept) * white

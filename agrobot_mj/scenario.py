@@ -8,6 +8,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
+from copy import deepcopy
 from math import atan, degrees
 from pathlib import Path as FilePath
 from typing import Annotated, Any
@@ -63,7 +64,7 @@ class Scenario(Spec):
     """Version of agrobot_mj that wrote the file; for information."""
     expected_outcome: Outcome = "completed"
     """How the run should end; for information and tests."""
-    seed: Annotated[int, Field(ge=0)] = 1
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """All randomness follows from it."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
     """[s]. The path's own when left out."""
@@ -74,7 +75,7 @@ class Scenario(Spec):
     terrain: Terrain = Flat()
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
-    fault: tuple[Fault, ...] = ()
+    fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """Scripted faults and disturbances, `[[fault]]`."""
     guidance: KinematicLaw = KinematicLaw()
     """Kinematic law: position error to speed and yaw rate."""
@@ -182,23 +183,30 @@ def scenario_files() -> dict[str, FilePath]:
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """A scenario by name or path, with overrides by (dotted) key.
 
+    Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
     Raises `ScenarioError` with every fault of the input in one message.
     """
     path = _find(source)
-    data = read_toml(path)
-    locate(data, path.parent.resolve())
-    fill(data, Scenario())
-    for key, value in (overrides or {}).items():
-        override(data, key, value, Scenario)
-    data.setdefault("name", path.stem)
-    return resolve(data, path.name)
+    data, folder = read_toml(path), path.parent.resolve()
+    try:
+        locate(data, folder)
+        fill(data, Scenario())
+        for key, value in (overrides or {}).items():
+            last = key.rpartition(".")[2]
+            given = {last: deepcopy(value)}
+            locate(given, FilePath.cwd(), folder)
+            override(data, key, given[last], Scenario)
+        data.setdefault("name", path.stem)
+        return resolve(data, path.name)
+    except RecursionError:
+        raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
 
 
 def read_toml(path: FilePath) -> dict[str, Any]:
     """The plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None

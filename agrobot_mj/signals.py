@@ -15,6 +15,9 @@ TICK_S = 0.05
 NEUTRAL_V = 6.0
 """Voltage at which a valve moves nothing [V]. Paper: range 0-12 V."""
 
+WHEELS = ("fl", "fr", "rl", "rr")
+"""Order of the wheels everywhere: front and rear, left and right."""
+
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 

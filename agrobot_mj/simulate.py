@@ -203,6 +203,9 @@ def _drive(loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: C
             break
         if k + 1 < ticks:
             loop.advance(drive)
+            if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
+                outcome = "diverged"
+                break
         if rows.filled - told == CHUNK_TICKS or time.perf_counter() > due:
             for watcher in watchers:
                 watcher.advance(told)

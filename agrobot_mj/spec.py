@@ -11,6 +11,10 @@ HUGE = 1e9
 """No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
+Scale = Annotated[float, Field(gt=0, le=10)]
+"""Of something that is 1 on a good day [-]."""
+Spread = Annotated[float, Field(ge=0, le=10)]
+"""Standard deviation over the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

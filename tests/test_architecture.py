@@ -12,7 +12,10 @@ import agrobot_mj
 from agrobot_mj.compiled import PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
-BASE = ["signals", "geometry", "spec", "compiled", "resources", "randomness", "problems", "tractor", "edits"]
+BASE = [
+    *("signals", "geometry", "spec", "compiled", "resources", "datafile"),
+    *("randomness", "problems", "tractor", "edits"),
+]
 """What every stage may use."""
 MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
 """The physical stages in the order in which they build on each other."""

@@ -277,6 +277,19 @@ def test_a_comparison_with_a_failed_run_ends_with_status_1(call):
     assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
 
 
+def test_plants_that_cannot_run_it_are_left_out_unless_asked_for(call):
+    arguments = ("side_slope_5", "--controllers", "pd", "--no-rrd", "--set", "duration_s=1", "--out", "cmp")
+    status, out, err = call("compare", *arguments)
+    assert status == 0
+    assert "mujoco" in out
+    assert err.startswith("bicycle is left out: side_slope_5: terrain.kind: the bicycle plant knows only flat ground")
+    assert err.count("\n") == 1
+    status, _, err = call("compare", *arguments, "--plants", "bicycle,mujoco")
+    assert status == 2
+    assert "left out" not in err
+    assert "the bicycle plant knows only flat ground" in err
+
+
 def test_comparing_in_parallel_gives_the_runs_of_their_own(call):
     arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd")
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0

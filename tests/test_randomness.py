@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.randomness import stream
+from agrobot_mj.randomness import gauss_markov, stream
 
 NAMES = ["gnss", "steering_pot", "pedal_pot", "gyro", "terrain"]
 
@@ -35,3 +35,13 @@ def test_streams_of_different_names_and_seeds_are_uncorrelated():
 def test_a_negative_seed_is_refused():
     with pytest.raises(ValueError, match="non-negative"):
         stream(-1, "gnss")
+
+
+def test_a_gauss_markov_process_keeps_its_variance_and_forgets_at_its_rate():
+    rng, value, seen = np.random.default_rng(1), 0.0, []
+    for white in rng.standard_normal(200_000).tolist():
+        value = gauss_markov(value, white, 0.05, 0.5)
+        seen.append(value)
+    x = np.array(seen)
+    assert x.var() == pytest.approx(1.0, rel=0.03)
+    assert (x[:-10] * x[10:]).mean() == pytest.approx(np.exp(-1.0), abs=0.02)

@@ -220,6 +220,7 @@ def test_changing_leaves_the_original_alone():
         ),
         ({"seed": "one"}, "seed", "whole number"),
         ({"seed": -1}, "seed", "at least 0"),
+        ({"seed": 10**30}, "seed", "at most 9.22337e+18"),
         ({"seed": True}, "seed", "whole number"),
         ({"path.speed_m_s": "fast"}, "path.speed_m_s", "number"),
         ({"path.speed_m_s": True}, "path.speed_m_s", "number"),
@@ -349,3 +350,46 @@ def test_the_duration_is_the_paths_unless_given():
 def test_scenario_files_lie_in_the_package_or_beside_it():
     assert set(SHIPPED) <= set(scenario_files())
     assert all(isinstance(path, Path) and path.suffix == ".toml" for path in scenario_files().values())
+
+
+# --- data files of a scenario -------------------------------------------------------------------------------------
+
+ROUTE = "0,0\n10,0\n20,{}\n"
+
+
+def field_with_routes(folder):
+    """A scenario in a folder with a blank and an umlaut in its name, its own route and another one elsewhere."""
+    field, elsewhere = folder / "Übungs feld", folder / "elsewhere"
+    field.mkdir()
+    elsewhere.mkdir()
+    (field / "weg.csv").write_text(ROUTE.format(0))
+    (elsewhere / "other.csv").write_text(ROUTE.format(1))
+    (field / "mine.toml").write_text('[path]\nkind = "waypoints"\nfile = "weg.csv"\n', encoding="utf-8")
+    return field, elsewhere
+
+
+def test_files_beside_the_scenario_are_found_from_anywhere(tmp_path, monkeypatch):
+    field, elsewhere = field_with_routes(tmp_path)
+    monkeypatch.chdir(elsewhere)
+    scenario = load_scenario(field / "mine.toml")
+    assert scenario.path.file == str(field / "weg.csv")
+    assert load_scenario(field / "mine.toml", {"path.file": "weg.csv"}) == scenario
+
+
+def test_a_file_in_an_override_counts_from_the_working_directory(tmp_path, monkeypatch):
+    field, elsewhere = field_with_routes(tmp_path)
+    monkeypatch.chdir(elsewhere)
+    given = {"path": {"kind": "waypoints", "file": "other.csv"}}
+    scenario = load_scenario(field / "mine.toml", given)
+    assert scenario.path.file == str(elsewhere / "other.csv")
+    assert given["path"]["file"] == "other.csv"
+    written = tmp_path / "scenario.toml"
+    written.write_text(scenario.to_toml(), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario(written).hash8 == scenario.hash8
+    assert "nowhere.csv: no such file in" in refused(field / "mine.toml", {"path.file": "nowhere.csv"})
+
+
+def test_what_is_nested_too_deeply_is_refused(tmp_path):
+    assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
+    assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))

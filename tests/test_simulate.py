@@ -8,8 +8,9 @@ from agrobot_mj.control import Controller
 from agrobot_mj.geometry import to_heading
 from agrobot_mj.log import COLUMNS, WHEEL_COLUMNS
 from agrobot_mj.paths import Path
-from agrobot_mj.plants import Plant
+from agrobot_mj.plants import MujocoPlant, Plant
 from agrobot_mj.problems import ScenarioError
+from agrobot_mj.signals import GOOD_DAY
 from agrobot_mj.simulate import CHUNK_TICKS, build_plant
 from agrobot_mj.spec import every
 from agrobot_mj.tyres import Tyre
@@ -109,6 +110,24 @@ def test_a_tractor_far_from_its_reference_has_diverged():
     assert log.outcome == "diverged"
     assert off[-1] > 35
     assert (off[:-1] < 50).all()
+
+
+def test_physics_that_blow_up_end_the_run_before_anything_senses_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    scenario = short(seconds=2.0)
+    advance, calls = MujocoPlant.advance, iter(range(1000))
+
+    def exploding(plant, drive, conditions=GOOD_DAY):
+        if next(calls) == 20:
+            plant.data.qvel[0] = np.nan
+        return advance(plant, drive, conditions)
+
+    monkeypatch.setattr(MujocoPlant, "advance", exploding)
+    log = run(scenario)
+    assert log.outcome == "diverged"
+    assert log.column("t")[-1] == pytest.approx(1.0)
+    assert np.isfinite(log.column("x")).all()
+    assert log.metrics["physics_warnings"] > 0
 
 
 def test_asking_to_stop_aborts_and_keeps_the_rows():

@@ -61,14 +61,15 @@ class Script:
 def clashes(faults: Sequence[Scripted]) -> list[str]:
     """What is wrong between the faults of a scenario, each beginning with the key of the later one."""
     found = []
+    earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):
-        for earlier in range(k):
-            other = faults[earlier]
-            if fault.subject == other.subject and fault.overlaps(other):
-                found.append(
-                    f"fault[{k}]: overlaps fault[{earlier}], both {fault.kind} "
-                    f"({_window(fault)} and {_window(other)}); let one end before the other begins"
-                )
+        alike = earlier.setdefault(fault.subject, [])
+        if (first := next((i for i in alike if fault.overlaps(faults[i])), None)) is not None:
+            found.append(
+                f"fault[{k}]: overlaps fault[{first}], both {fault.kind} "
+                f"({_window(fault)} and {_window(faults[first])}); let one end before the other begins"
+            )
+        alike.append(k)
     return found
 
 

@@ -9,7 +9,7 @@ from pydantic import Field
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.noise import Noise, noise
 from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import NonNegative, Positive
+from agrobot_mj.spec import Positive, Spread
 
 
 class Drawbar(Scripted):
@@ -23,7 +23,7 @@ class Drawbar(Scripted):
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
     """Mean pull [N]. Estimate: a fifth of the weight, a light cultivator (500-3000)."""
-    noise_share: NonNegative = 0.0
+    noise_share: Spread = 0.0
     """Standard deviation over the mean [-]. None by default; in soil 0.1-0.3, estimate."""
     noise_time_s: Positive = 0.5
     """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""

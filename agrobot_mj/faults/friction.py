@@ -4,7 +4,7 @@ from typing import Literal
 
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import Positive
+from agrobot_mj.spec import Scale
 
 
 class Friction(Scripted):
@@ -13,7 +13,7 @@ class Friction(Scripted):
     machine = True
 
     kind: Literal["friction"] = "friction"
-    scale: Positive = 0.6
+    scale: Scale = 0.6
     """Friction over that of a good day [-]. Estimate: wet grass over dry (0.5-0.7)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:

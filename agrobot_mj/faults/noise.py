@@ -1,9 +1,10 @@
 """A first-order Gauss-Markov process for disturbances that fluctuate: unit variance, from its steady state on."""
 
-from math import exp, sqrt
 from typing import NamedTuple
 
 from numpy.random import Generator
+
+from agrobot_mj.randomness import gauss_markov
 
 
 class Noise(NamedTuple):
@@ -15,8 +16,8 @@ class Noise(NamedTuple):
 
     def step(self, dt: float, correlation: float) -> "Noise":
         """After `dt`, where the correlation falls to 37 % over `correlation`, both in the same unit."""
-        kept = exp(-dt / correlation)
-        return self._replace(value=kept * self.value + sqrt(1.0 - kept * kept) * float(self.generator.normal()))
+        white = float(self.generator.normal())
+        return self._replace(value=gauss_markov(self.value, white, dt, correlation))
 
 
 def noise(generator: Generator) -> Noise:

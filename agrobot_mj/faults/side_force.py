@@ -8,7 +8,7 @@ from pydantic import Field
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.noise import Noise, noise
 from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import NonNegative, Positive
+from agrobot_mj.spec import Positive, Spread
 
 
 class SideForce(Scripted):
@@ -19,7 +19,7 @@ class SideForce(Scripted):
     kind: Literal["side_force"] = "side_force"
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
     """Mean force to the left [N]. Estimate: wind of 15 m/s on 2 m2; side draught up to 1000."""
-    gust_share: NonNegative = 0.0
+    gust_share: Spread = 0.0
     """Standard deviation over the mean [-]. None by default; wind 0.2-0.5, estimate."""
     gust_time_s: Positive = 2.0
     """Correlation time of the gusts [s]. Estimate."""

@@ -5,11 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import Positive
-
-WHEELS = ("fl", "fr", "rl", "rr")
-"""Order of the wheels in `Conditions`."""
+from agrobot_mj.signals import WHEELS, Conditions
+from agrobot_mj.spec import Scale
 
 
 class SoftTyre(Scripted):
@@ -22,7 +19,7 @@ class SoftTyre(Scripted):
     """Front or rear, left or right."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
     """What is left of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
-    rolling_share: Positive = 1.6
+    rolling_share: Scale = 1.6
     """Rolling resistance over that of the sound tyre [-]. Estimate: inversely as the root of the pressure."""
 
     @property

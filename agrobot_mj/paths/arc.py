@@ -12,7 +12,9 @@ from pydantic import Field
 from agrobot_mj.geometry import wrap
 from agrobot_mj.signals import Reference
 
-Speed = Annotated[float, Field(gt=0, le=5)]
+SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
+"""Speeds that a reference may have [m/s]."""
+Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0
 """Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Estimate: what a driver takes."""

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agrobot_mj.resources import library_file
+from agrobot_mj.datafile import Stamp, checked, refuse, stamp
+from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.signals import Array
 
 MOST_BYTES = 2_000_000
@@ -21,29 +22,13 @@ FARTHEST_M = 100e3
 """From the origin [m]: beyond, coordinates are those of a map, and lose digits."""
 CLOSEST_M = 0.001
 """Between one waypoint and the next [m]."""
-FASTEST_M_S = 5.0
-"""As any path's speed [m/s]."""
 COLUMNS = ("x", "y", "speed")
-
-Stamp = tuple[str, int, int]
-"""Path of a file, time of its last change, size: a file with the same stamp has the same content."""
 
 
 def stamp_of(name: str) -> Stamp:
     """What tells this state of the file from others. Raises ValueError if it cannot be one."""
-    file = library_file(name)
-    try:
-        status = file.stat()
-    except (OSError, ValueError):
-        shown = file.name if len(file.name) <= 80 else file.name[:80] + "..."
-        raise ValueError(f"{shown}: no such file; give its path from the folder of the scenario") from None
-    if file.is_dir():
-        raise ValueError(f"{file.name}: is a folder; name a CSV file with the columns x, y[, speed]")
-    if status.st_size > MOST_BYTES:
-        raise ValueError(
-            f"{file.name}: has {status.st_size / 1e6:.3g} MB, at most {MOST_BYTES / 1e6:g}; leave out some of its rows"
-        )
-    return str(file), status.st_mtime_ns, status.st_size
+    path = checked(name, (), MOST_BYTES)
+    return stamp(name) or refuse(path, "has just vanished; write it again")
 
 
 @lru_cache(maxsize=8)
@@ -53,13 +38,13 @@ def waypoints(stamp: Stamp) -> Array:
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
-        raise ValueError(f"{file.name}: is not a text file; name a CSV file with the columns x, y[, speed]") from None
+        refuse(file, "is no text in UTF-8; save it as a CSV file in UTF-8 with the columns x, y[, speed]")
     except OSError as error:
-        raise ValueError(f"{file.name}: cannot be read: {error.strerror}; choose another file") from None
+        refuse(file, f"cannot be read: {error.strerror}; choose another file")
     try:
         return _table(lines)
-    except ValueError as error:
-        raise ValueError(f"{file.name}: {error}") from None
+    except (ValueError, csv.Error) as error:
+        refuse(file, str(error))
 
 
 def _table(lines: list[str]) -> Array:
@@ -82,11 +67,15 @@ def _table(lines: list[str]) -> Array:
 def _rows(lines: list[str]) -> Iterator[tuple[int, list[float]]]:
     """Number and values of each row that has any."""
     first = True
-    for number, cells in enumerate(csv.reader(lines), start=1):
-        cells = [cell.strip() for cell in cells]
+    for number, line in enumerate(lines, start=1):
+        cells = [cell.strip() for cell in next(csv.reader([line]), [])]
         if not any(cells):
             continue
-        if not (first and _is_header(cells)):
+        if any(mark in line for mark in ";\t"):
+            raise ValueError(f"row {number}: has semicolons or tabs; put commas between columns, points in decimals")
+        if first and _is_header(cells):
+            _in_order(number, cells)
+        else:
             yield number, _numbers(number, cells)
         first = False
 
@@ -95,12 +84,21 @@ def _is_header(cells: list[str]) -> bool:
     return not any(_is_number(cell) for cell in cells)
 
 
+def _in_order(number: int, cells: list[str]) -> None:
+    """Refuse a header that names the columns in another order."""
+    for k, name in enumerate(cell.lower() for cell in cells):
+        if name in COLUMNS and COLUMNS.index(name) != k:
+            raise ValueError(
+                f"row {number}: has {name} in column {k + 1}; the columns are x, y[, speed], in this order"
+            )
+
+
 def _is_number(cell: str) -> bool:
     try:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell
 
 
 def _numbers(number: int, cells: list[str]) -> list[float]:
@@ -115,8 +113,8 @@ def _numbers(number: int, cells: list[str]) -> list[float]:
         value = float(cell)
         if not isfinite(value):
             raise ValueError(f"row {number}: {name} is {value:g}; give a finite number, or leave the row out")
-        if name == "speed" and not 0 < value <= FASTEST_M_S:
-            raise ValueError(f"row {number}: speed is {value:g} m/s; give one above 0 and at most {FASTEST_M_S:g}")
+        if name == "speed" and not SLOWEST_M_S <= value <= FASTEST_M_S:
+            raise ValueError(f"row {number}: speed is {value:g} m/s; give one from {SLOWEST_M_S:g} to {FASTEST_M_S:g}")
         if abs(value) > FARTHEST_M:
             raise ValueError(
                 f"row {number}: {name} is {value:g} m, more than {FARTHEST_M / 1000:g} km from the origin; "

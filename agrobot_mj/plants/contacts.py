@@ -5,8 +5,7 @@ from math import atan2, hypot
 import mujoco
 import numpy as np
 
-from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import surface_at
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, SLIP_ANGLE, SLIP_RATIO, TyreSet

@@ -13,12 +13,9 @@ import numpy as np
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Cylinder
 from agrobot_mj.resources import MODELS
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tractor import TractorParameters
-
-WHEELS = ("fl", "fr", "rl", "rr")
-"""Order of the wheels wherever there are four of something."""
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
 """Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Estimate: half the

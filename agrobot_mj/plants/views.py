@@ -5,8 +5,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 CHASSIS = 1

@@ -7,11 +7,10 @@ below it. Without wheels in the log there are none.
 import numpy as np
 import rerun as rr
 
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.colours import ramp
 from agrobot_mj.recording.timeline import TIMELINE, Index, Times
 from agrobot_mj.recording.wheels import Wheels
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 M_PER_N, LOAD_M_PER_N = 1 / 1000, 1 / 2000
 """Length of the arrows: forces along the ground are the smaller ones."""

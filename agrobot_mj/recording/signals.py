@@ -12,10 +12,9 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.log import Rows
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.axes import Range, value_range
 from agrobot_mj.recording.timeline import TIMELINE, Times
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 Early = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 UNITS = {

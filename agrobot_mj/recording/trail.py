@@ -7,12 +7,11 @@ the present. A wheel in the air leaves no mark.
 import numpy as np
 import rerun as rr
 
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.recording.colours import ramp
 from agrobot_mj.recording.ground import on_ground
 from agrobot_mj.recording.timeline import TIMELINE, Index, Times, nanoseconds
 from agrobot_mj.recording.wheels import Wheels
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 
 Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"

@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.log import Rows
-from agrobot_mj.plants.model import WHEELS
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.ground import slopes
 from agrobot_mj.recording.timeline import Index
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 from agrobot_mj.terrain import Ground
 
 REACH_M = 0.01

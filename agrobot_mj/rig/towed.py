@@ -15,9 +15,9 @@ import numpy as np
 
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.hydraulics import Cylinder
-from agrobot_mj.plants.model import WHEELS, tractor_spec
+from agrobot_mj.plants.model import tractor_spec
 from agrobot_mj.rig.wheel import DT_S, FRONT, Reading, Setting
-from agrobot_mj.signals import Array
+from agrobot_mj.signals import WHEELS, Array
 from agrobot_mj.tractor import GRAVITY, TractorParameters
 from agrobot_mj.tyres import Contact
 

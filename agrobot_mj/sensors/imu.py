@@ -4,12 +4,12 @@ Error per axis = constant bias + slow wander (first-order Gauss-Markov [Brown201
 taken for tilt) + white noise. Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in deg.
 """
 
-from math import exp, nan, radians, sqrt
+from math import nan, radians
 from typing import NamedTuple
 
 from numpy.random import Generator
 
-from agrobot_mj.randomness import stream
+from agrobot_mj.randomness import gauss_markov, stream
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
 
@@ -49,8 +49,7 @@ class Imu(Spec):
         if not self.enabled:
             return state, nan, nan
         w = state.generator.standard_normal(4).tolist()
-        phi = exp(-dt / self.wander_time_s)
-        b_r, b_p = (phi * b + sqrt(1.0 - phi * phi) * w_b for b, w_b in zip(state.wander, w[:2], strict=True))
+        b_r, b_p = (gauss_markov(b, w_b, dt, self.wander_time_s) for b, w_b in zip(state.wander, w[:2], strict=True))
         e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w[2]
         e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w[3]
         return ImuState(state.generator, (b_r, b_p)), roll + radians(e_r), pitch + radians(e_p)

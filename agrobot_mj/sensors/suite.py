@@ -9,7 +9,7 @@ outside, degrees inside the potentiometers; a tick has any number of physics ste
 """
 
 from functools import lru_cache
-from math import exp, nan, pi, radians, sqrt
+from math import nan, pi, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +17,13 @@ from numpy.random import Generator
 from pydantic import Field, model_validator
 from scipy.signal import savgol_filter
 
-from agrobot_mj.randomness import stream
+from agrobot_mj.randomness import gauss_markov, stream
 from agrobot_mj.sensors.imu import Imu, ImuState
 from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Fix, Measurement, Quality, Truth
 from agrobot_mj.spec import Fraction, Latency, NonNegative, Positive, Spec
+
+Pair = tuple[float, float]
+"""East and north."""
 
 
 class GnssState(NamedTuple):
@@ -74,9 +77,9 @@ class Gnss(Spec):
         """
         w = state.generator.standard_normal(6).tolist()
         state = state._replace(
-            correlated=_gauss_markov(state.correlated, (w[0], w[1]), exp(-dt / self.correlation_time_s)),
-            float_correlated=_gauss_markov(
-                state.float_correlated, _pair(state.float_generator), exp(-dt / self.float_correlation_time_s)
+            correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
+            float_correlated=_correlated(
+                state.float_correlated, _pair(state.float_generator), dt, self.float_correlation_time_s
             ),
         )
         quality = conditions.gnss_quality
@@ -104,15 +107,14 @@ class Gnss(Spec):
         )
 
 
-def _pair(generator: Generator) -> tuple[float, float]:
+def _pair(generator: Generator) -> Pair:
     east, north = generator.standard_normal(2).tolist()
     return east, north
 
 
-def _gauss_markov(value: tuple[float, float], white: tuple[float, float], keep: float) -> tuple[float, float]:
-    """The next value of a process of variance 1 that keeps a share `keep` of the last one [-]."""
-    fresh = sqrt(1.0 - keep * keep)
-    return keep * value[0] + fresh * white[0], keep * value[1] + fresh * white[1]
+def _correlated(value: Pair, white: Pair, dt: float, correlation: float) -> Pair:
+    """The next values of both axes, in units of their standard deviation [-]."""
+    return gauss_markov(value[0], white[0], dt, correlation), gauss_markov(value[1], white[1], dt, correlation)
 
 
 class Potentiometer(Spec):

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.resources import library_file
+from agrobot_mj.datafile import stamp as file_stamp
 from agrobot_mj.spec import Spec
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.patches import Patch, surface
@@ -21,7 +21,7 @@ class Landscape(Spec):
     """A terrain; a kind overrides `relief`."""
 
     kind: str
-    patch: tuple[Patch, ...] = ()
+    patch: Annotated[tuple[Patch, ...], Field(max_length=1000)] = ()
     """Ground with properties of its own; of patches that overlap the last one counts."""
 
     def relief(self) -> Ground:
@@ -30,7 +30,7 @@ class Landscape(Spec):
 
     def stamp(self) -> tuple[object, ...]:
         """Changes whenever a file that the relief or a patch is read from does."""
-        return tuple(_state_of(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
+        return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
         """The height grid with the properties of the ground. Raises ValueError, naming the key."""
@@ -59,15 +59,6 @@ class Tilted(Landscape):
         grade_x, grade_y = self.gradient
         heights = ground.heights + grade_x * x[None, :] + grade_y * y[:, None]
         return ground._replace(heights=np.ascontiguousarray(heights))
-
-
-def _state_of(file: str) -> tuple[object, ...]:
-    """Size and time of a file, nothing where there is none."""
-    try:
-        state = library_file(file).stat()
-    except (OSError, ValueError):
-        return ()
-    return state.st_size, state.st_mtime_ns
 
 
 @lru_cache(maxsize=4)

@@ -5,7 +5,7 @@ that begins with `file: NAME: ` and names the fix.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -13,18 +13,19 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from PIL import Image
 
-from agrobot_mj.resources import library_file
+from agrobot_mj.datafile import checked, refuse
 from agrobot_mj.signals import Array
+from agrobot_mj.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2
 """Of a file: the largest grid as text fits in."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
 """White in Pillow's modes of a grey picture."""
+FINEST_M = 0.01
+"""No terrain is measured more finely; a smaller cell is one in degrees [m]."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """What the head of an ESRI grid may say."""
-
-
 LONGEST_HEAD = 2000
 """Characters that a header fits in."""
 
@@ -42,7 +43,7 @@ class Sheet(NamedTuple):
 
 def read_grid(file: str) -> Sheet:
     """Finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
-    path = _checked(file, READERS)
+    path = _checked(file, list(READERS))
     sheet = READERS[path.suffix.lower()](path)
     _fits(path, sheet.values.shape)
     if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
@@ -58,30 +59,18 @@ def read_picture(file: str) -> Array:
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
-    raise ValueError(f"file: {path.name}: {what}") from None
-
-
-def _checked(file: str, suffixes: Any) -> Path:
-    """The path of a regular file of sensible size."""
-    path = library_file(file)
-    known = ", ".join(suffixes)
     try:
-        if path.is_dir():
-            _refuse(path, f"is a folder; name a file ({known})")
-        if not path.exists():
-            _refuse(path, f"no such file in {path.parent.resolve()}")
-        if not path.is_file():
-            _refuse(path, "is not a regular file")
-        size = path.stat().st_size
-    except OSError as error:
-        _refuse(path, f"cannot be read: {error.strerror}")
-    if path.suffix.lower() not in suffixes:
-        _refuse(path, f"unknown type {path.suffix!r}; convert it to one of {known}")
-    if size == 0:
-        _refuse(path, "is empty; write it again")
-    if size > MOST_BYTES:
-        _refuse(path, f"has {size / 1e6:.0f} MB, the limit is {MOST_BYTES / 1e6:.0f}; crop or thin it out")
-    return path
+        refuse(path, what)
+    except ValueError as error:
+        raise ValueError(f"file: {error}") from None
+
+
+def _checked(file: str, suffixes: Sequence[str]) -> Path:
+    """The path of a regular file of sensible size."""
+    try:
+        return checked(file, suffixes, MOST_BYTES)
+    except ValueError as error:
+        raise ValueError(f"file: {error}") from None
 
 
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
@@ -155,7 +144,7 @@ def _text(path: Path, size: int = -1) -> list[str]:
     """The words among the first `size` characters, or of the whole file."""
 
     def read() -> list[str]:
-        with path.open(encoding="ascii") as stream:
+        with path.open(encoding="utf-8-sig") as stream:
             return stream.read(size).split()
 
     words: list[str] = _try(path, "export it again as ESRI ASCII grid", read)
@@ -195,6 +184,8 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
         _refuse(
             path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones, e.g. with gdalwarp -tr {dx:g} {dx:g}"
         )
+    if not FINEST_M <= dx <= HUGE:
+        _refuse(path, f"has cells of {dx:g} m; if those are degrees, reproject it to metres, e.g. with gdalwarp -t_srs")
     return dx
 
 

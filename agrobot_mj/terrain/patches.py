@@ -27,12 +27,23 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
             f"patch: {rows} x {columns} cells are more than {MOST_CELLS}; make cell_m larger, e.g. "
             f"{_coarse_enough(cell, width, height):g}"
         )
-    x, y = np.meshgrid(low_x + cell * (np.arange(columns) + 0.5), low_y + cell * (np.arange(rows) + 0.5))
-    friction, cone_index = np.ones(x.shape), np.zeros(x.shape)
-    for patch in patches:
-        covered = patch.covers(x, y)
-        friction[covered], cone_index[covered] = patch.properties(x[covered], y[covered])
+    x, y = low_x + cell * (np.arange(columns) + 0.5), low_y + cell * (np.arange(rows) + 0.5)
+    friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))
+    for k, (patch, box) in enumerate(zip(patches, boxes, strict=True)):
+        window = _window(low_y, box[2:], cell), _window(low_x, box[:2], cell)
+        inside = np.meshgrid(x[window[1]], y[window[0]])
+        covered = patch.covers(*inside)
+        if not covered.any():
+            raise ValueError(f"patch[{k}]: covers no cell of {cell:g} m; make it larger or cell_m smaller")
+        found = patch.properties(*(along[covered] for along in inside))
+        friction[window][covered], cone_index[window][covered] = found
     return Surface(low_x, low_y, cell, friction, cone_index)
+
+
+def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
+    """The cells of a row or column that starts at `first` which reach into `between`, and one more either side [m]."""
+    low, high = between
+    return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:

@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.signals import Array
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.spec import HUGE, Positive, Scale, Spec
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
 """(x_min, x_max, y_min, y_max) [m]."""
+Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
@@ -19,11 +20,11 @@ class Special(Spec):
     """Ground with properties of its own; a shape overrides `bounds` and `covers`."""
 
     kind: str
-    friction: Positive = 1.0
+    friction: Scale = 1.0
     """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
     cone_index_kpa: Positive | None = None
     """Of the soil; the tyre's own when left out [kPa]."""
-    cell_m: Positive = 0.25
+    cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the cells that stand for the shape; the finest of all patches counts [m]."""
 
     def bounds(self) -> Bounds:
@@ -93,7 +94,7 @@ class Polygon(Special):
     """A polygon; where its edges cross each other, points inside an even number of times do not count."""
 
     kind: Literal["polygon"] = "polygon"
-    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)] = (
+    points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
@@ -103,6 +104,9 @@ class Polygon(Special):
     def _has_corners(self) -> "Polygon":
         if len(set(self.points)) < 3:
             raise ValueError("points: has fewer than 3 different corners; add some")
+        lengths = np.linalg.svd(np.array(self.points) - self.points[0], compute_uv=False)
+        if lengths[1] < 1e-9 * lengths[0]:
+            raise ValueError("points: all lie on one line; add a corner beside it")
         return self
 
     def bounds(self) -> Bounds:
@@ -132,7 +136,7 @@ class Picture(Special):
     """Centre, north [m]."""
     width_m: Positive = 100.0
     """From west to east; the height follows from the picture [m]."""
-    friction_white: Positive | None = None
+    friction_white: Scale | None = None
     """Scale of the friction where it is white, linear between; as `friction` when left out [-]."""
     cone_index_white_kpa: Positive | None = None
     """Likewise of the soil; as `cone_index_kpa` when left out [kPa]."""

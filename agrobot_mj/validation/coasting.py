@@ -14,8 +14,7 @@ import numpy as np
 
 from agrobot_mj.driveline import Driveline
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.signals import NEUTRAL_V, TICK_S, Array, Drive
+from agrobot_mj.signals import NEUTRAL_V, TICK_S, WHEELS, Array, Drive
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact, Linear

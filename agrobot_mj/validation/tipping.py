@@ -12,8 +12,7 @@ from math import cos, hypot, radians, sin
 from typing import NamedTuple
 
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.signals import TICK_S
+from agrobot_mj.signals import TICK_S, WHEELS
 from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Contact
 from agrobot_mj.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings

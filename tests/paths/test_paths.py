@@ -23,6 +23,7 @@ from agrobot_mj.paths import (
     Waypoints,
     sample,
 )
+from agrobot_mj.paths.arc import SLOWEST_M_S
 from agrobot_mj.spec import every
 
 RAMPED = [
@@ -187,3 +188,10 @@ def test_the_kind_selects_the_path() -> None:
         assert isinstance(adapter.validate_python({"kind": cls().kind}), cls)
     with pytest.raises(ValidationError, match="oval"):
         adapter.validate_python({"kind": "oval"})
+
+
+@pytest.mark.parametrize("path", [Line, FigureEight, Sinusoid, LaneChange, Swaths, Contour])
+def test_the_slowest_speed_makes_a_path_and_a_slower_one_is_refused(path):
+    assert 0 < path(speed_m_s=SLOWEST_M_S).duration_s < 1e9
+    with pytest.raises(ValidationError, match="greater than or equal to"):
+        path(speed_m_s=SLOWEST_M_S / 2)

@@ -99,17 +99,17 @@ def test_a_changed_file_is_another_path(tmp_path):
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
     "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write metres with a decimal point"),
-    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has 3 columns|row 1: y is not a number"),
+    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has semicolons or tabs; put commas between columns"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; give a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; give a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
     "duplicates": ("x,y\n0,0\n\n10,0\n10,0\n20,0\n", "row 5: repeats the waypoint before it; leave it out"),
-    "empty": ("", "has 0 waypoints; give at least 3"),
+    "empty": ("", "is empty; write it again"),
     "only a header": ("x,y\n", "has 0 waypoints; give at least 3"),
     "two points": ("0,0\n1,1\n", "has 2 waypoints; give at least 3"),
-    "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one above 0 and at most 5"),
-    "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one above 0 and at most 5"),
-    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; give one above 0 and at most 5"),
+    "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one from 0.001 to 5"),
+    "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one from 0.001 to 5"),
+    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; give one from 0.001 to 5"),
     "one column": ("0\n1\n2\n", "row 1: has 1 columns; give x, y or x, y, speed"),
     "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; give x, y or x, y, speed"),
     "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, those before 3; give every row the same"),
@@ -123,6 +123,12 @@ FAULTS = {
         f"has {MOST_ROWS + 1} waypoints, at most {MOST_ROWS}",
     ),
     "long": ("0,0\n90e3,0\n0,1\n", "km long, at most 50 km"),
+    "tabs": ("0\t0\n1\t2\n", "row 1: has semicolons or tabs; put commas between columns"),
+    "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: has 4 columns"),
+    "columns the other way round": ("y,x\n" + GOOD, "row 1: has y in column 1; the columns are x, y"),
+    "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
+    "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; give one from 0.001 to 5"),
+    "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
     "a null byte": ("0,0\n1,\x001\n2,0\n", "row 2: y is not a number"),
 }
 
@@ -149,14 +155,23 @@ def test_a_fault_names_file_row_and_fix(tmp_path, name):
 
 def test_what_is_no_text_file_is_refused(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
-    assert "binary.csv: is not a text file" in refused(tmp_path, "binary.csv")
+    assert "binary.csv: is no text in UTF-8" in refused(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
-    assert "folder.csv: is a folder; name a CSV file" in refused(tmp_path, "folder.csv")
-    assert "nowhere.csv: no such file; give its path" in refused(tmp_path, "nowhere.csv")
+    assert "folder.csv: is a folder; name a file" in refused(tmp_path, "folder.csv")
+    assert "nowhere.csv: no such file in " in refused(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(MOST_BYTES + 1)
-    assert "huge.csv: has 2 MB, at most 2; leave out" in refused(tmp_path, "huge.csv")
+    assert "huge.csv: has 2 MB, the limit is 2" in refused(tmp_path, "huge.csv")
     assert "path.file" in refused(tmp_path, "a" * 5000)
+
+
+def test_what_never_ends_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    (tmp_path / "round.csv").symlink_to("round.csv")
+    assert "pipe.csv: is not a regular file; name one" in refused(tmp_path, "pipe.csv")
+    assert "zero.csv: is not a regular file; name one" in refused(tmp_path, "zero.csv")
+    assert "round.csv: no such file in " in refused(tmp_path, "round.csv")
 
 
 def test_too_much_smoothing_is_refused(tmp_path):

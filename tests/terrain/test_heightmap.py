@@ -186,6 +186,8 @@ BAD = {
     "binary.asc": (b"ncols \xff\xfe", "cannot be read"),
     "nosize.asc": (asc(HILL, HEAD.replace("cellsize 2.5\n", "")).encode(), "has no cellsize in its header"),
     "zero.asc": (asc(HILL, HEAD.replace("2.5", "0")).encode(), "says cellsize 0"),
+    "degrees.asc": (asc(HILL, HEAD.replace("2.5", "2.8e-4")).encode(), "has cells of 0.00028 m; if those are degrees"),
+    "utf16.asc": (asc(HILL).encode("utf-16"), "cannot be read"),
     "word.asc": (asc(HILL, HEAD.replace("2.5", "wide")).encode(), "cannot be read (could not convert"),
     "half.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows 2.5")).encode(), "says nrows 2.5"),
     "nan.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows nan")).encode(), "says nrows nan"),
@@ -250,3 +252,10 @@ def test_a_grid_that_states_its_cells_takes_no_other(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; leave the key out"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()
+
+
+def test_an_esri_grid_may_begin_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "marked.asc").write_bytes(b"\xef\xbb\xbf" + asc(HILL).encode())
+    (tmp_path / "plain.asc").write_bytes(asc(HILL).encode())
+    marked, plain = (Heightmap(file=str(tmp_path / name)).ground() for name in ("marked.asc", "plain.asc"))
+    assert np.array_equal(marked.heights, plain.heights)

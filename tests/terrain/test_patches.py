@@ -101,7 +101,7 @@ def test_of_patches_that_overlap_the_last_one_counts():
     "patch",
     [
         Rectangle(length_m=900.0, width_m=900.0),
-        Rectangle(length_m=999.0, width_m=0.01, cell_m=1e-4),
+        Rectangle(length_m=999.0, width_m=5.0, cell_m=0.01),
         Rectangle(length_m=900.0, width_m=300.0, cell_m=0.01),
     ],
 )
@@ -120,6 +120,18 @@ BAD = [
     ('kind = "polygon"\npoints = [[0, 0], [1, 0], [0, 0]]', "terrain.patch[0].points: has fewer than 3 different"),
     ('kind = "polygon"\npoints = [[0, 0], [1, 0], [nan, 0]]', "terrain.patch[0].points"),
     ('kind = "polygon"\npoints = [[900, 0], [901, 0], [900, 1]]', "terrain.patch[0]: lies outside the field"),
+    ('kind = "polygon"\npoints = [[0, 0], [5, 1], [10, 2]]', "terrain.patch[0].points: all lie on one line; add"),
+    ('kind = "polygon"\npoints = [[0, 0], [1e300, 0], [0, 1]]', "terrain.patch[0].points[1][0]: must be at most 1e+09"),
+    ('kind = "rectangle"\nlength_m = -3', "terrain.patch[0].length_m: must be above 0"),
+    (
+        'kind = "circle"\nradius_m = 0.01',
+        "terrain.patch[0]: covers no cell of 0.25 m; make it larger or cell_m smaller",
+    ),
+    ('kind = "circle"\ncell_m = 1e-300', "terrain.patch[0].cell_m: must be at least 0.01"),
+    (
+        'kind = "circle"\n' + '[[terrain.patch]]\nkind = "circle"\n' * 1000,
+        "terrain.patch: must have at most 1000 items",
+    ),
     ('kind = "circle"\nx_m = 600', "terrain.patch[0]: lies outside the field"),
     ('kind = "image"', "terrain.patch[0].file: is missing"),
     ('kind = "image"\nfile = "none.png"', "terrain.patch[0].file: none.png: no such file in "),
