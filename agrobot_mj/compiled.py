@@ -53,10 +53,23 @@ CACHE = None if config.DISABLE_JIT else _cache()
 
 def jit(function: F) -> F:
     """Compile `function` on its first call."""
+    return _compiled(function)
+
+
+def kernel(function: F) -> F:
+    """The same for what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
+
+    Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
+    wheel. A function that does make an array does not compile.
+    """
+    return _compiled(function, _nrt=False, error_model="numpy")
+
+
+def _compiled(function: F, **options: object) -> F:
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = str(CACHE or "")
-        compiled: F = njit(cache=CACHE is not None, nogil=True)(function)
+        compiled: F = njit(cache=CACHE is not None, nogil=True, **options)(function)
     finally:
         config.CACHE_DIR = before
     return compiled

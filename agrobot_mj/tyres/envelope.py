@@ -12,7 +12,7 @@ from math import inf, radians, sqrt
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 MIDDLE = 11
@@ -31,7 +31,7 @@ BASE_WIDTH = 0.25
 Vector = tuple[float, float, float]
 
 
-@jit
+@kernel
 def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[float, float]:
     """Slopes dh/dx, dh/dy of the ground over the footprint of a wheel [-]."""
     level = sqrt(axle[0] ** 2 + axle[1] ** 2)
@@ -47,14 +47,14 @@ def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> 
     return along * left_y + across * left_x, across * left_y - along * left_x
 
 
-@jit
+@kernel
 def depth_at(ground: Ground, centre: Vector, down: Vector, forward: Vector, c: float, s: float) -> float:
     """How far the point `c` down and `s` forward of the centre [m] lies below the ground, vertically [m]."""
     x, y = centre[0] + c * down[0] + s * forward[0], centre[1] + c * down[1] + s * forward[1]
     return height_and_gradient(ground, x, y)[0] - centre[2] - c * down[2] - s * forward[2]
 
 
-@jit
+@kernel
 def peak_near(
     ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int
 ) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def peak_near(
     return (k - MIDDLE + aside) * STEP, here + tilt * aside - bend * aside * aside / 2
 
 
-@jit
+@kernel
 def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector) -> tuple[float, float]:
     """Angle from the way down, forward positive [rad], and vertical depth [m] of the place the wheel stands on."""
     best = second = -inf
