@@ -56,11 +56,10 @@ def depth_at(ground: Ground, centre: Vector, down: Vector, forward: Vector, c: f
 
 @kernel
 def peak_near(
-    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int
+    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int, here: float
 ) -> tuple[float, float]:
-    """Angle [rad] and depth [m] of the summit of a parabola through point `k` and half a step to either side."""
+    """Angle [rad] and depth [m] of the summit of a parabola through point `k`, `here` deep, and its neighbours."""
     before = depth_at(ground, centre, down, forward, radius * COS[k - 1], radius * SIN[k - 1])
-    here = depth_at(ground, centre, down, forward, radius * COS[k], radius * SIN[k])
     after = depth_at(ground, centre, down, forward, radius * COS[k + 1], radius * SIN[k + 1])
     bend, tilt = max(2 * here - before - after, 1e-9), (after - before) / 2
     aside = min(max(tilt / bend, -1.0), 1.0)
@@ -83,10 +82,10 @@ def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward
             elif here > second:
                 second, second_k = here, k
         before, here = here, after
-    phi, depth = peak_near(ground, radius, centre, down, forward, best_k)
+    phi, depth = peak_near(ground, radius, centre, down, forward, best_k, best)
     if best - second > 4 * BLEND:
         return phi, depth
-    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k)
+    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k, second)
     share = max(0.0, 1.0 - abs(depth - other) / BLEND)
     if other > depth:
         phi, other_phi, depth = other_phi, phi, other
