@@ -9,9 +9,9 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
-from numba import config, njit
+from numba import config, njit, typeof
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -63,6 +63,16 @@ def kernel(function: F) -> F:
     wheel. A function that does make an array does not compile.
     """
     return _compiled(function, _nrt=False, error_model="numpy")
+
+
+def bound(function: Any, *arguments: object) -> Callable[..., Any]:
+    """A compiled function for arguments of the types of these, and of no others: a call looks at no types.
+
+    Looking at them costs a microsecond a named tuple.
+    """
+    if config.DISABLE_JIT:
+        return cast(Callable[..., Any], function)
+    return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))
 
 
 def _compiled(function: F, **options: object) -> F:
