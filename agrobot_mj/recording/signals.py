@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
+from rerun.components import ScalarBatch
 
 from agrobot_mj.log import Rows
 from agrobot_mj.plants.model import WHEELS
-from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.recording.timeline import TIMELINE, Index, Times, partitioned
 from agrobot_mj.signals import Array
 
 UNITS = {
@@ -24,6 +25,7 @@ UNITS = {
 TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
 """Sky blue, orange and grey, of the colour-blind-safe palette of Okabe and Ito, as are the others."""
 PD, NETWORK, BOUND = 0xD55E00FF, 0x3A9BDCFF, 0x8A8A8AFF
+SCALARS = rr.Scalars.descriptor_scalars()
 WHEEL_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF)
 
 
@@ -137,10 +139,14 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
     }
 
 
-def values(plot: Plot, table: dict[str, Array]) -> Array:
-    """The numbers of a plot in its unit, shape (rows, series)."""
-    scale = UNITS[plot.unit]
-    return np.stack([table[series.column] * (scale * series.sign) for series in plot.series], axis=1)
+class _Lines(NamedTuple):
+    """A plot with its place in a table of all signals."""
+
+    plot: Plot
+    columns: Index
+    """Of the table, one a series."""
+    factors: Array
+    """From the SI unit of the log to the plot's, with the sign."""
 
 
 class Signals:
@@ -149,24 +155,37 @@ class Signals:
     def __init__(self, rows: Rows, more: Sequence[Plot] = ()) -> None:
         """`more` plots come after those of every run."""
         self.rows, self.shown = rows, list[Plot]()
-        known = {*rows.columns, *derived(rows, 0)}
-        self.plots = [plot for plot in (*PLOTS, *more) if all(series.column in known for series in plot.series)]
+        known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
+        self.lines = [
+            _Lines(
+                plot,
+                np.array([known[series.column] for series in plot.series]),
+                np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
+            )
+            for plot in (*PLOTS, *more)
+            if all(series.column in known for series in plot.series)
+        ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
-        column = rr.TimeColumn(TIMELINE, duration=times)
-        for plot in self.plots:
-            numbers = values(plot, table)
-            there = np.isfinite(numbers).all(axis=1) & ((first + np.arange(len(times))) % plot.every == 0)
+        logged, implied = self.rows.values[first : self.rows.filled], derived(self.rows, first)
+        table = np.column_stack([logged, *implied.values()])
+        finite, turns = np.isfinite(table), first + np.arange(len(times))
+        clocks: dict[bytes, rr.TimeColumn] = {}
+        for plot, columns, factors in self.lines:
+            there = finite[:, columns].all(axis=1) & (turns % plot.every == 0)
             if not there.any():
                 continue
             if plot not in self.shown:
                 self.shown.append(plot)
                 stream.log(plot.entity, _style(plot), static=True)
-            when = column if there.all() else rr.TimeColumn(TIMELINE, duration=times[there])
-            scalars = rr.Scalars.columns(scalars=numbers[there].ravel())
-            stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
+            which = there.tobytes()
+            if which not in clocks:
+                clocks[which] = rr.TimeColumn(TIMELINE, duration=times[there])
+            numbers = table[:, columns][there] * factors
+            stream.send_columns(
+                plot.entity, [clocks[which]], [partitioned(SCALARS, ScalarBatch(numbers.ravel()), len(columns))]
+            )
 
 
 def _style(plot: Plot) -> rr.SeriesLines:
