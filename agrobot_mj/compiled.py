@@ -60,7 +60,7 @@ def kernel(function: F) -> F:
     """The same for what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
 
     Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
-    wheel. A function that does make an array does not compile.
+    wheel. An array that it did make would never be freed; tests/test_compiled.py watches that there is none.
     """
     return _compiled(function, _nrt=False, error_model="numpy")
 
