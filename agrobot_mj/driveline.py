@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import NEUTRAL_V, Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
@@ -91,7 +91,7 @@ def drive_at_rest(memory: DriveMemory) -> None:
     memory.pedal[:], memory.speed[:] = 0.0, 0.0
 
 
-@jit
+@kernel
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
     """Advance pedal and pump by one step under `voltage` [V]; returns the rim speed asked for [m/s]."""
     v = voltage - NEUTRAL_V

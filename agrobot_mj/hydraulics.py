@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import NEUTRAL_V, Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
@@ -131,7 +131,7 @@ def ailing(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
     )
 
 
-@jit
+@kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
     """Steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""
     v = voltage - NEUTRAL_V
@@ -142,7 +142,7 @@ def static_flow(law: ValveLaw, voltage: float) -> float:
     return 0.0
 
 
-@jit
+@kernel
 def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
     """Advance the valve by one step under `voltage` [V]; returns the flow [m3/s]."""
     n = memory.queue.shape[0]

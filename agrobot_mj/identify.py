@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.optimize import OptimizeResult, least_squares
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.hydraulics import (
     LITRE_PER_MINUTE,
     Cylinder,
@@ -191,7 +191,7 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
     return Data(voltage, windows[kept], kept, tick, cylinder.displacement)
 
 
-@jit
+@kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
     """Oil in the cylinder at every step under `voltage` (n,), held over a tick; `oil` (n * steps + 1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from agrobot_mj.compiled import bound
 from agrobot_mj.faults import Script, loadings
 from agrobot_mj.geometry import to_heading
 from agrobot_mj.log import COLUMNS, Log, Rows
@@ -55,6 +56,7 @@ class Loop:
     def __init__(self, scenario: Scenario) -> None:
         s = self.scenario = scenario
         self.plant, self.ground = build_plant(scenario), scenario.terrain.ground()
+        self.height = bound(height_and_gradient, self.ground, 0.0, 0.0)
         self.l_r, self.limit = s.tractor.cg_to_rear_axle, s.tractor.steer_limit
         self.truth = self.plant.reset(s.path.at(0.0), Script(s.fault, s.seed).conditions(0.0, TICK_S))
         truth = self.truth
@@ -76,13 +78,13 @@ class Loop:
         e_yaw_rate = yaw_rate_ref - estimate.yaw_rate
         self.yawing, command = s.controller.update(self.yawing, truth.t, e_yaw_rate, TICK_S, self.limit)
         self.steer_ref = s.steering.loop.reference(self.steer_ref, command.steer, TICK_S)
-        command = command._replace(steer=self.steer_ref)
+        command = Command(self.steer_ref, *command[1:])
         self.speeding, (pedal_ref, pedal_voltage) = s.speed.update(
             self.speeding, speed_ref, estimate.speed, measured.pedal, TICK_S
         )
         self.steering, steer_voltage = s.steering.loop.update(self.steering, command.steer, measured.steer, TICK_S)
         drive = Drive(steer_voltage, pedal_voltage)
-        z_ref = height_and_gradient(self.ground, reference.x, reference.y)[0]
+        z_ref = self.height(self.ground, reference.x, reference.y)[0]
         wanted = Wanted(speed_ref, yaw_rate_ref, e_yaw_rate, pedal_ref, z_ref)
         faults = self.script.active(truth.t)
         return drive, row(truth, measured, estimate, reference, wanted, command, drive, self.limit, faults)

@@ -137,8 +137,8 @@ def passes(logs: dict[str, Log]) -> list[str]:
     """What there is to say of a field in swaths."""
     found = {kind: log.metrics["iso_12188_2_style"] for kind, log in logs.items() if "iso_12188_2_style" in log.metrics}
     return [
-        f"\n{NAMES[kind]}, {m['label']}: {m['pass_to_pass_p95_m']:.3f} m from pass to pass (95 % of the unsigned values), "
-        f"{m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
+        f"\n{NAMES[kind]}, {m['label']}: {m['pass_to_pass_p95_m']:.3f} m from pass to pass, {m['pass_xte_abs_p95_m']:.3f} m "
+        "across the track on the passes, both 95 % of the unsigned values."
         for kind, m in found.items()
     ]
 

@@ -125,7 +125,8 @@ def test_every_module_says_what_it_is():
 
 
 def test_the_cache_of_kernels_knows_every_part_that_they_come_from():
-    kernels = {part for part in ALL if any("agrobot_mj.compiled.jit" in set(imported(file)) for file in files_of(part))}
+    compilers = {"agrobot_mj.compiled.jit", "agrobot_mj.compiled.kernel"}
+    kernels = {part for part in ALL if any(compilers & set(imported(file)) for file in files_of(part))}
     assert kernels
     assert kernels <= set(PARTS)
     stages = {part for part in ALL if part in (*MACHINE, "signals", "geometry", "tractor")}

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_at_rest, drive_law, drive_step
 from agrobot_mj.geometry import from_heading, wrap
 from agrobot_mj.hydraulics import (
@@ -70,7 +70,7 @@ class Linear2(NamedTuple):
     B2: float
 
 
-@jit
+@kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
     """A and B of the yaw dynamics at speed `u` [m/s], u not zero."""
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
@@ -84,7 +84,7 @@ def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
     )
 
 
-@jit
+@kernel
 def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
     """(v, gamma) at rest under a constant steering angle: the solution of A x = -B delta."""
     det = a.A11 * a.A22 - a.A12 * a.A21
@@ -93,7 +93,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
     return v, gamma
 
 
-@jit
+@kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
     """Exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
     v_s, gamma_s = steady_state(a, delta)
@@ -114,7 +114,7 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
     return v_t + v_s, g_t + gamma_s, turned
 
 
-@jit
+@kernel
 def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
     """Advance `state` = (x, y, yaw, v, gamma) in place by `dt` [s]."""
     yaw, v, gamma = state[2], state[3], state[4]
@@ -136,13 +136,13 @@ def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None
     state[2], state[3], state[4] = yaw + turned, v_1, gamma_1
 
 
-@jit
+@kernel
 def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
     """ENU velocity of the CG [m/s]."""
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 
-@jit
+@kernel
 def run_steps(
     p: BicycleLaw,
     state: Array,

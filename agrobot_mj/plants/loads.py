@@ -14,7 +14,7 @@ from math import hypot
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.plants.views import CHASSIS, Views
 from agrobot_mj.signals import Array
 from agrobot_mj.tyres.patch import cross, relax
@@ -36,7 +36,7 @@ def no_loads(behind: float, height: float) -> Array:
     return loads
 
 
-@jit
+@kernel
 def apply_loads(v: Views, loads: Array, dt: float) -> None:
     """Write the loads' wrench about the chassis' own centre of mass into `xfrc_applied`, and step the implement."""
     wrench = v.xfrc[CHASSIS]
@@ -52,7 +52,7 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
 
-@jit
+@kernel
 def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
     """Add the implement's resistance to the wrench (6,)."""
     R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
@@ -66,7 +66,7 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
     push(R, loads, place, (R[0] * f_x + R[1] * f_y, R[3] * f_x + R[4] * f_y, R[6] * f_x + R[7] * f_y), wrench)
 
 
-@jit
+@kernel
 def push(
     R: Array, loads: Array, place: tuple[float, float, float], force: tuple[float, float, float], wrench: Array
 ) -> None:

@@ -1,12 +1,13 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 from math import cos, isfinite, radians
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import mujoco
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.compiled import bound
 from agrobot_mj.driveline import Driveline, drive_at_rest, drive_law
 from agrobot_mj.geometry import wrap
 from agrobot_mj.hydraulics import Cylinder, Valve, ailing, come_to_rest, static_flow, valve_law
@@ -95,6 +96,8 @@ class MujocoPlant:
         self.scene = scene_of(self.model)
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
         self.motion = np.zeros(18)
+        self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
+        self._observe = bound(observe, self.views, *self.sites, self.motion)
 
     def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
         """Place the tractor at rest with its CG above the path's start; let it settle under these conditions."""
@@ -127,7 +130,11 @@ class MujocoPlant:
         """The physics steps of one tick under constant voltages, without looking at the outcome."""
         if self.tyred.native:
             self.contacts.set_friction()
-        run_steps(
+        self._run(*self._arguments((drive.steer_voltage, drive.pedal_voltage)))
+
+    def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
+        """Of `run_steps`."""
+        return (
             self.views,
             self.tyred,
             self.loads,
@@ -136,7 +143,7 @@ class MujocoPlant:
             self.valve_memory,
             self.drive,
             self.drive_memory,
-            (drive.steer_voltage, drive.pedal_voltage),
+            voltages,
             self.samples,
         )
 
@@ -165,7 +172,7 @@ class MujocoPlant:
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
-        observe(self.views, self.sites[0], self.sites[1], self.motion)
+        self._observe(self.views, *self.sites, self.motion)
         motion, q = self.motion.tolist(), self.data.qpos
         return Truth(
             t=self.ticks * self.tick_s,
@@ -210,8 +217,8 @@ class MujocoPlant:
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""
-        x, y = self.motion[0], self.motion[1]
-        if not isfinite(self.motion.sum()) or abs(self.motion[6:12]).max() > UNEARTHLY_SPEED:
+        x, y, *motion = self.motion.tolist()
+        if not isfinite(x + y + sum(motion)) or max(map(abs, motion[4:10])) > UNEARTHLY_SPEED:
             return "diverged"
         if self._fallen:
             return "rolled_over"

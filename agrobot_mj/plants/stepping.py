@@ -3,7 +3,7 @@
 from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.hydraulics import ValveLaw, ValveMemory, valve_step
 from agrobot_mj.plants.engine import kinematics, step1, step2
@@ -54,7 +54,7 @@ class Tyred(NamedTuple):
     """Shape (4, 6): see `tyres.patch`."""
 
 
-@jit
+@kernel
 def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
     """Read each wheel's motion, step its tyre, and write the wrench into `xfrc_applied`."""
     c = v.root_com
@@ -84,7 +84,7 @@ def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
         )
 
 
-@jit
+@kernel
 def relieve(v: Views, oil: Oil) -> None:
     """Open the relief valves: the oil columns never wind up past relief pressure, nor past the stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
@@ -99,7 +99,7 @@ def relieve(v: Views, oil: Oil) -> None:
     v.act[DRIVE] = min(max(v.act[DRIVE], wheel - behind), wheel + ahead)
 
 
-@jit
+@kernel
 def run_steps(
     v: Views,
     tyred: Tyred,
@@ -129,7 +129,7 @@ def run_steps(
     kinematics(v.model, v.data)
 
 
-@jit
+@kernel
 def observe(v: Views, cg: Array, antenna: Array, out: Array) -> None:
     """Write the chassis' motion into `out` (18,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll,
     speed, lateral speed, yaw rate; `cg` and `antenna` (3,) in the chassis frame [m]."""

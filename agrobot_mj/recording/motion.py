@@ -2,18 +2,21 @@
 
 import numpy as np
 import rerun as rr
+from rerun.components import RotationQuatBatch, Translation3DBatch
 
 from agrobot_mj.log import Log, Rows
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.belief import Belief
 from agrobot_mj.recording.events import Events
 from agrobot_mj.recording.forces import Forces
-from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.recording.timeline import TIMELINE, Times, partitioned
 from agrobot_mj.recording.tracks import TRACKS, Tracks
 from agrobot_mj.recording.trail import Trail
 from agrobot_mj.recording.wheels import Wheels
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.terrain import Ground
+
+PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
 class Motion:
@@ -41,7 +44,10 @@ class Motion:
         column = rr.TimeColumn(TIMELINE, duration=times)
         for i, body in enumerate(self.scene.bodies):
             pose = self.rows.poses[first : first + len(times), i]
-            columns = rr.Transform3D.columns(translation=pose[:, :3], quaternion=pose[:, [4, 5, 6, 3]])
+            columns = (
+                partitioned(PLACE, Translation3DBatch(pose[:, :3])),
+                partitioned(ATTITUDE, RotationQuatBatch(pose[:, [4, 5, 6, 3]])),
+            )
             stream.send_columns(f"world/bodies/{body}", [column], columns)
         for part in self.parts:
             part.send(stream, times, first)

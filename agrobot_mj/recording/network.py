@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
+from rerun.components import ImageBufferBatch, TextBatch
 
 from agrobot_mj.log import Rows
 from agrobot_mj.recording.signals import NETWORK, Plot, Series
-from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.recording.timeline import TIMELINE, Times, partitioned
 from agrobot_mj.signals import Array
 
 COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF, 0x8C6D46FF)
@@ -24,6 +26,7 @@ MOST_LABELS = 64
 """Cells of a heat map that still have room for their value."""
 BESIDE, ABOVE = 0.2, 0.1
 """Where the names of the sets stand, as shares of the map's width and height."""
+PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
 """By number of the input: what it is, and the unit of its sets."""
 
@@ -93,13 +96,17 @@ class Firing:
         self.rows, names = rows, family("w_lower", rows.columns)
         self.sizes = len(family("c1", rows.columns)), len(family("c2", rows.columns))
         self.maps = [shown._replace(sizes=self.sizes) for shown in MAPS] if names else []
+        columns = rows.columns
+        self.places = {
+            shown.matrix: np.array([columns.index(name) for name in family(shown.matrix, columns)])
+            for shown in self.maps
+        }
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
-            columns = [self.rows.column(name, first)[chosen] for name in family(shown.matrix, self.rows.columns)]
-            values = np.stack(columns, axis=1)
+            values = self.rows.values[np.ix_(first + chosen, self.places[shown.matrix])]
             there = np.isfinite(values).all(axis=1)
             if first == 0:
                 self._frame(stream, shown)
@@ -108,11 +115,10 @@ class Firing:
 
     def _send(self, stream: rr.RecordingStream, shown: Map, times: Times, values: Array) -> None:
         column = rr.TimeColumn(TIMELINE, duration=times)
-        buffers = [row.tobytes() for row in values.astype(np.float32)]
-        stream.send_columns(shown.entity, [column], rr.DepthImage.columns(buffer=buffers))
+        stream.send_columns(shown.entity, [column], [partitioned(PICTURE, ImageBufferBatch(_buffers(values)))])
         if values.shape[1] <= MOST_LABELS:
-            labels = rr.Points2D.columns(labels=[f"{value:.2f}" for value in values.ravel()])
-            stream.send_columns(f"{shown.entity}/values", [column], labels.partition([values.shape[1]] * len(values)))
+            labels = TextBatch([f"{value:.2f}" for value in values.ravel().tolist()])
+            stream.send_columns(f"{shown.entity}/values", [column], [partitioned(LABELS, labels, values.shape[1])])
 
     def _brightest(self) -> float:
         """The share at the bright end of the colours: four times what each rule has if all fire alike [-]."""
@@ -134,6 +140,14 @@ class Firing:
         above = [(j + 0.5, -ABOVE * height) for j in range(width)]
         names = [f"x1 set {i}" for i in range(height)] + [f"x2 set {j}" for j in range(width)]
         stream.log(f"{shown.entity}/sets", _text(beside + above, 0xBBBBBBFF, names), static=True)
+
+
+def _buffers(values: Array) -> pa.Array:
+    """Pictures, one a row of `values` (n, cells), as rerun lays them out; its own conversion goes row by row."""
+    cells = values.astype(np.float32)
+    ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
+    kind = ImageBufferBatch([]).as_arrow_array().type
+    return pa.ListArray.from_arrays(ends, pa.array(cells.view(np.uint8).ravel()), type=kind)
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:

@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
+from rerun.components import ScalarBatch
 
 from agrobot_mj.log import Rows
 from agrobot_mj.recording.axes import Range, value_range
-from agrobot_mj.recording.timeline import TIMELINE, Times
+from agrobot_mj.recording.timeline import TIMELINE, Index, Times, partitioned
 from agrobot_mj.signals import WHEELS, Array
 
 Early = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -27,6 +28,7 @@ TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
 PD, NETWORK, BOUND = 0xD55E00FF, 0x3A9BDCFF, 0x8A8A8AFF
 SETTLED_S = 5.0
 """From then on the axis shows the bounds of the estimate, which begin far away [s]."""
+SCALARS = rr.Scalars.descriptor_scalars()
 WHEEL_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF)
 
 
@@ -150,10 +152,14 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
     }
 
 
-def values(plot: Plot, table: dict[str, Array]) -> Array:
-    """The numbers of a plot in its unit, shape (rows, series)."""
-    scale = UNITS[plot.unit]
-    return np.stack([table[series.column] * (scale * series.sign) for series in plot.series], axis=1)
+class _Lines(NamedTuple):
+    """A plot with its place in a table of all signals."""
+
+    plot: Plot
+    columns: Index
+    """Of the table, one a series."""
+    factors: Array
+    """From the SI unit of the log to the plot's, with the sign."""
 
 
 class Signals:
@@ -162,30 +168,46 @@ class Signals:
     def __init__(self, rows: Rows, more: Sequence[Plot] = ()) -> None:
         """`more` plots come after those of every run."""
         self.rows, self.shown = rows, list[Plot]()
-        known = {*rows.columns, *derived(rows, 0)}
-        self.plots = [plot for plot in (*PLOTS, *more) if all(series.column in known for series in plot.series)]
+        known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
+        self.lines = [
+            _Lines(
+                plot,
+                np.array([known[series.column] for series in plot.series]),
+                np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
+            )
+            for plot in (*PLOTS, *more)
+            if all(series.column in known for series in plot.series)
+        ]
 
     def ranges(self) -> dict[str, Range | None]:
         """What the axes of the plots should show of all rows, by the path of the plot."""
-        table = {name: self.rows.column(name) for name in self.rows.columns} | derived(self.rows, 0)
-        early = self.rows.column("t") < SETTLED_S
-        return {plot.path: _range(plot, values(plot, table), early) for plot in self.shown}
+        table, early = self._table(0), self.rows.column("t") < SETTLED_S
+        shown = [line for line in self.lines if line.plot in self.shown]
+        return {plot.path: _range(plot, table[:, columns] * factors, early) for plot, columns, factors in shown}
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = {name: self.rows.column(name, first) for name in self.rows.columns} | derived(self.rows, first)
-        column = rr.TimeColumn(TIMELINE, duration=times)
-        for plot in self.plots:
-            numbers = values(plot, table)
-            there = np.isfinite(numbers).all(axis=1) & ((first + np.arange(len(times))) % plot.every == 0)
+        table = self._table(first)
+        finite, turns = np.isfinite(table), first + np.arange(len(times))
+        clocks: dict[bytes, rr.TimeColumn] = {}
+        for plot, columns, factors in self.lines:
+            there = finite[:, columns].all(axis=1) & (turns % plot.every == 0)
             if not there.any():
                 continue
             if plot not in self.shown:
                 self.shown.append(plot)
                 stream.log(plot.entity, _style(plot), static=True)
-            when = column if there.all() else rr.TimeColumn(TIMELINE, duration=times[there])
-            scalars = rr.Scalars.columns(scalars=numbers[there].ravel())
-            stream.send_columns(plot.entity, [when], scalars.partition(np.full(there.sum(), len(plot.series))))
+            which = there.tobytes()
+            if which not in clocks:
+                clocks[which] = rr.TimeColumn(TIMELINE, duration=times[there])
+            numbers = table[:, columns][there] * factors
+            stream.send_columns(
+                plot.entity, [clocks[which]], [partitioned(SCALARS, ScalarBatch(numbers.ravel()), len(columns))]
+            )
+
+    def _table(self, first: int) -> Array:
+        """All signals from row `first` on and what they imply, shape (rows, columns), SI units."""
+        return np.column_stack([self.rows.values[first : self.rows.filled], *derived(self.rows, first).values()])
 
 
 def _range(plot: Plot, numbers: Array, early: Early) -> Range | None:

@@ -76,25 +76,30 @@ class Gnss(Spec):
         that have been overtaken are lost.
         """
         w = state.generator.standard_normal(6).tolist()
-        state = state._replace(
-            correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
-            float_correlated=_correlated(
-                state.float_correlated, _pair(state.float_generator), dt, self.float_correlation_time_s
-            ),
-        )
+        generator, correlated, float_generator, float_correlated, pending = state
+        correlated = _correlated(correlated, (w[0], w[1]), dt, self.correlation_time_s)
+        float_correlated = _correlated(float_correlated, _pair(float_generator), dt, self.float_correlation_time_s)
         quality = conditions.gnss_quality
-        fix = None if quality == Quality.NONE else self._fix(state, truth, conditions, w[2:])
-        pending = (*state.pending, (fix, quality))
+        fix = None if quality == Quality.NONE else self._fix(correlated, float_correlated, truth, conditions, w[2:])
+        pending = (*pending, (fix, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         if due < 0:
-            return state._replace(pending=pending), None, Quality.NONE
-        return state._replace(pending=pending[due + 1 :]), *pending[due]
+            return GnssState(generator, correlated, float_generator, float_correlated, pending), None, Quality.NONE
+        delivered, pending = pending[due], pending[due + 1 :]
+        return GnssState(generator, correlated, float_generator, float_correlated, pending), *delivered
 
-    def _fix(self, state: GnssState, truth: Truth, conditions: Conditions, white: list[float]) -> Fix:
+    def _fix(
+        self,
+        correlated: tuple[float, float],
+        float_correlated: tuple[float, float],
+        truth: Truth,
+        conditions: Conditions,
+        white: list[float],
+    ) -> Fix:
         if conditions.gnss_quality == Quality.FIX:
-            sigma, share, correlated = self.sigma_m, self.correlated_fraction, state.correlated
+            sigma, share = self.sigma_m, self.correlated_fraction
         else:
-            sigma, share, correlated = self.float_sigma_m, self.float_correlated_fraction, state.float_correlated
+            sigma, share, correlated = self.float_sigma_m, self.float_correlated_fraction, float_correlated
         slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
         x, y, _ = truth.antenna
         vx, vy, _ = truth.antenna_velocity

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import jit, kernel
 from agrobot_mj.signals import Array
 
 MOST_NODES = 4_200_000
@@ -79,7 +79,7 @@ class Ground(NamedTuple):
         return h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9
 
 
-@jit
+@kernel
 def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
     """Height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
     rows, columns = ground.heights.shape
@@ -95,7 +95,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
     return height, dx, dy
 
 
-@jit
+@kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
     """Scale of the friction [-] and cone index [Pa, 0 where the tyre's own counts] at (x, y) [m]."""
     rows, columns = surface.friction.shape

@@ -12,7 +12,7 @@ from math import inf, radians, sqrt
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 MIDDLE = 11
@@ -31,7 +31,7 @@ BASE_WIDTH = 0.25
 Vector = tuple[float, float, float]
 
 
-@jit
+@kernel
 def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[float, float]:
     """Slopes dh/dx, dh/dy of the ground over the footprint of a wheel [-]."""
     level = sqrt(axle[0] ** 2 + axle[1] ** 2)
@@ -47,27 +47,26 @@ def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> 
     return along * left_y + across * left_x, across * left_y - along * left_x
 
 
-@jit
+@kernel
 def depth_at(ground: Ground, centre: Vector, down: Vector, forward: Vector, c: float, s: float) -> float:
     """How far the point `c` down and `s` forward of the centre [m] lies below the ground, vertically [m]."""
     x, y = centre[0] + c * down[0] + s * forward[0], centre[1] + c * down[1] + s * forward[1]
     return height_and_gradient(ground, x, y)[0] - centre[2] - c * down[2] - s * forward[2]
 
 
-@jit
+@kernel
 def peak_near(
-    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int
+    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int, here: float
 ) -> tuple[float, float]:
-    """Angle [rad] and depth [m] of the summit of a parabola through point `k` and half a step to either side."""
+    """Angle [rad] and depth [m] of the summit of a parabola through point `k`, `here` deep, and its neighbours."""
     before = depth_at(ground, centre, down, forward, radius * COS[k - 1], radius * SIN[k - 1])
-    here = depth_at(ground, centre, down, forward, radius * COS[k], radius * SIN[k])
     after = depth_at(ground, centre, down, forward, radius * COS[k + 1], radius * SIN[k + 1])
     bend, tilt = max(2 * here - before - after, 1e-9), (after - before) / 2
     aside = min(max(tilt / bend, -1.0), 1.0)
     return (k - MIDDLE + aside) * STEP, here + tilt * aside - bend * aside * aside / 2
 
 
-@jit
+@kernel
 def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector) -> tuple[float, float]:
     """Angle from the way down, forward positive [rad], and vertical depth [m] of the place the wheel stands on."""
     best = second = -inf
@@ -83,10 +82,10 @@ def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward
             elif here > second:
                 second, second_k = here, k
         before, here = here, after
-    phi, depth = peak_near(ground, radius, centre, down, forward, best_k)
+    phi, depth = peak_near(ground, radius, centre, down, forward, best_k, best)
     if best - second > 4 * BLEND:
         return phi, depth
-    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k)
+    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k, second)
     share = max(0.0, 1.0 - abs(depth - other) / BLEND)
     if other > depth:
         phi, other_phi, depth = other_phi, phi, other

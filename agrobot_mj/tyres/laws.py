@@ -4,7 +4,7 @@ from math import atan, exp
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tractor import TractorParameters
@@ -43,7 +43,7 @@ STILL = 0.02
 """Soil resistance and pneumatic trail build up over this speed [m/s]."""
 
 
-@jit
+@kernel
 def force(
     law: int,
     coefficients: Array,
@@ -62,7 +62,7 @@ def force(
     return linear_force(coefficients, slip_x, slip_y)
 
 
-@jit
+@kernel
 def drag(
     law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float, footing: Footing
 ) -> float:
@@ -107,7 +107,7 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
     )
 
 
-@jit
+@kernel
 def scrub(tyres: TyreSet, patch: Patch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
@@ -122,7 +122,7 @@ def scrub(tyres: TyreSet, patch: Patch, load: float, grip: float, dt: float, bri
     return float(-2.0 / 3.0 * GRIP * grip * load * a * bristle[2] / SLIDE)
 
 
-@jit
+@kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
     """Aligning moment [N m]: the lateral force behind the patch's centre by a trail that slip uses up."""
     if tyres.trail <= 0.0:
@@ -130,7 +130,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
 
 
-@jit
+@kernel
 def wheel_step(
     tyres: TyreSet,
     i: int,

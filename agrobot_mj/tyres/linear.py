@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
@@ -40,7 +40,7 @@ class Linear(Spec):
         return np.array([front, front, rear, rear])
 
 
-@jit
+@kernel
 def linear_force(coefficients: Array, slip_x: float, slip_y: float) -> tuple[float, float, float, float]:
     """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
 

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 
@@ -97,7 +97,7 @@ class MagicFormula(Spec):
         return np.array([front, front, rear, rear])
 
 
-@jit
+@kernel
 def peak_and_stiffness(F_z: float, df: float, curve: Array) -> tuple[float, float]:
     """D [N] and K [N per unit slip]."""
     D = F_z * curve[0] * max(1.0 + curve[1] * df, LEAST_SHARE)
@@ -105,14 +105,14 @@ def peak_and_stiffness(F_z: float, df: float, curve: Array) -> tuple[float, floa
     return D, K
 
 
-@jit
+@kernel
 def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
     """F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
     x = K / (C * D) * s
     return D * sin(C * atan(x - E * (x - atan(x))))
 
 
-@jit
+@kernel
 def magic_force(
     coefficients: Array, slip_x: float, slip_y: float, load: float, v_roll: float, grip: float = 1.0
 ) -> tuple[float, float, float, float]:

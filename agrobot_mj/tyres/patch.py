@@ -16,7 +16,7 @@ r_e lies a third of the deflection below the free radius [Pacejka2012].
 from math import cos, exp, sin, sqrt, tanh
 from typing import NamedTuple
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import Array
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
@@ -92,33 +92,33 @@ class Patch(NamedTuple):
     """Angular velocity about the ground's normal [rad/s]."""
 
 
-@jit
+@kernel
 def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit
+@kernel
 def cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@jit
+@kernel
 def unit(a: tuple[float, float, float]) -> tuple[float, float, float]:
     """`a` over its length."""
     s = 1.0 / sqrt(dot(a, a))
     return a[0] * s, a[1] * s, a[2] * s
 
 
-@jit
+@kernel
 def below(n: tuple[float, float, float], axle: tuple[float, float, float]) -> tuple[float, float, float]:
     """The way down in the plane of a wheel, against the normal `n`."""
     tilt = dot(n, axle)
     return unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
 
 
-@jit
+@kernel
 def standing(
     ground: Ground, radius: float, centre: tuple[float, float, float], axle: tuple[float, float, float]
 ) -> tuple[tuple[float, float, float], float]:
@@ -136,7 +136,7 @@ def standing(
     return turned, depth * turned[2]
 
 
-@jit
+@kernel
 def find_patch(
     ground: Ground,
     radius: float,
@@ -159,14 +159,14 @@ def find_patch(
     return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
 
 
-@jit
+@kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
     """The footing of wheel `i` at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
 
 
-@jit
+@kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
     """The bristle after a step, exact for constant velocities."""
     k = v_roll / sigma
@@ -176,7 +176,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
     return z * decay + v_slip / k * (1.0 - decay)
 
 
-@jit
+@kernel
 def soft_sign(v: float, width: float) -> float:
     """Sign of `v`, smooth over `width`: tanh(v / width), without its cost where it is 1 to machine precision."""
     x = v / width
@@ -185,14 +185,14 @@ def soft_sign(v: float, width: float) -> float:
     return tanh(x)
 
 
-@jit
+@kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
     """Rolling resistance of wheel `i` about the axle, against the spin [N m]."""
     share = tyres.rolling_resistance * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
-@jit
+@kernel
 def add_wrench(
     wrench: Array,
     patch: Patch,

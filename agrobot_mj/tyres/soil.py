@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
+from agrobot_mj.compiled import kernel
 from agrobot_mj.signals import Array
 from agrobot_mj.spec import NonNegative, Positive, Spec
 from agrobot_mj.tractor import TractorParameters
@@ -60,14 +60,14 @@ class Soil(Spec):
         return np.array([front, front, rear, rear])
 
 
-@jit
+@kernel
 def mobility_number(coefficients: Array, CI: float, W: float, delta: float) -> float:
     """B_n [-]."""
     b, d, h = coefficients[0], coefficients[1], coefficients[2]
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
-@jit
+@kernel
 def resistance(coefficients: Array, CI: float, W: float, delta: float, s: float) -> float:
     """Motion resistance less the tyre's own loss [N], at slip `s` of either sign."""
     B_n = mobility_number(coefficients, CI, W, delta)
@@ -76,7 +76,7 @@ def resistance(coefficients: Array, CI: float, W: float, delta: float, s: float)
     return W * (1.0 / B_n + 0.5 * abs(s) / sqrt(B_n))
 
 
-@jit
+@kernel
 def lateral_shape(coefficients: Array, CI: float, W: float, delta: float) -> tuple[float, float]:
     """Peak mu [-] and B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
     b, d, h = coefficients[0], coefficients[1], coefficients[2]
@@ -87,13 +87,13 @@ def lateral_shape(coefficients: Array, CI: float, W: float, delta: float) -> tup
     return mu, (2.34 + 0.088 * M) / mu
 
 
-@jit
+@kernel
 def drive_slip(slip_x: float) -> float:
     """Slip of the faster of rim and ground, driving positive [-], from the bristle's (sliding over ground speed)."""
     return -slip_x / (1.0 - slip_x) if slip_x < 0.0 else -slip_x
 
 
-@jit
+@kernel
 def soil_force(
     coefficients: Array, slip_x: float, slip_y: float, load: float, deflection: float, v_roll: float, footing: Footing
 ) -> tuple[float, float, float, float]:

@@ -51,6 +51,21 @@ def test_a_wheel_stands_as_high_as_a_circle(name, radius):
 
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
+def test_on_rough_ground_it_misses_no_summit_whatever_its_heading(radius):
+    """Nodes a decimetre apart, each of its own height: no place stands out more than the circle's points see."""
+    rng = np.random.default_rng(5)
+    ground = Ground(-3.0, -3.0, 0.1, rng.uniform(-0.01, 0.01, (61, 61)))
+    s = np.linspace(-radius, radius, 4001)
+    missed = []
+    for x, y, yaw in rng.uniform(-1.5, 1.5, (150, 3)) * (1.0, 1.0, 2.1):
+        z, _ = stand(ground, radius, x, y, (-sin(yaw), cos(yaw), 0.0))
+        exact = heights(ground, x + s * cos(yaw), y + s * sin(yaw)) + np.sqrt(radius**2 - s**2)
+        missed.append(exact.max() - z)
+    assert np.abs(missed).max() < 0.004
+    assert np.abs(missed).mean() < 0.001
+
+
+@pytest.mark.parametrize("radius", [0.28, 0.42])
 def test_the_push_is_along_the_way_of_the_centre(radius):
     """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
     ground = FURROWS["wide"].ground()
