@@ -28,6 +28,8 @@ from agrobot_mj.terrain import height_and_gradient
 
 CHUNK_TICKS = 200
 """Watchers hear of new rows every 10 s of simulated time ..."""
+LONG_TICKS, LONG_CHUNK_TICKS = 12_000, 1200
+"""... beyond 10 min every 60 s, since each chunk of a recording costs memory until its end ..."""
 TELL_S = 5.0
 """... and, where a run is slow, after this much wall time [s]."""
 NOSE = radians(0.01)
@@ -208,7 +210,7 @@ def _drive(loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: C
             if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
                 outcome = "diverged"
                 break
-        if rows.filled - told == CHUNK_TICKS or time.perf_counter() > due:
+        if rows.filled - told >= chunk_ticks(rows.filled) or time.perf_counter() > due:
             for watcher in watchers:
                 watcher.advance(told)
             told, due = rows.filled, time.perf_counter() + TELL_S
@@ -216,6 +218,11 @@ def _drive(loop: Loop, rows: Rows, watchers: tuple[Watcher, ...], should_stop: C
     for watcher in watchers:
         watcher.advance(told)
     return outcome, wall
+
+
+def chunk_ticks(filled: int) -> int:
+    """After how many new rows watchers hear of them, when `filled` rows are there."""
+    return CHUNK_TICKS if filled <= LONG_TICKS else LONG_CHUNK_TICKS
 
 
 _E_LONGITUDINAL, _E_LATERAL = COLUMNS.index("e_longitudinal"), COLUMNS.index("e_lateral")

@@ -135,11 +135,12 @@ def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
 
 def passes(logs: dict[str, Log]) -> list[str]:
     """What there is to say of a field in swaths."""
-    found = {kind: log.metrics["iso_12188_2_style"] for kind, log in logs.items() if "iso_12188_2_style" in log.metrics}
+    found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     return [
-        f"\n{NAMES[kind]}, {m['label']}: {m['pass_to_pass_p95_m']:.3f} m from pass to pass, {m['pass_xte_abs_p95_m']:.3f} m "
-        "across the track on the passes, both 95 % of the unsigned values."
+        f"\n{NAMES[kind]}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
+        f"from pass to pass, and below {m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
         for kind, m in found.items()
+        if m is not None
     ]
 
 
