@@ -181,13 +181,17 @@ class Signals:
 
     def ranges(self) -> dict[str, Range | None]:
         """What the axes of the plots should show of all rows, by the path of the plot."""
-        table, early = self._table(0), self.rows.column("t") < SETTLED_S
-        shown = [line for line in self.lines if line.plot in self.shown]
-        return {plot.path: _range(plot, table[:, columns] * factors, early) for plot, columns, factors in shown}
+        table = {name: self.rows.column(name) for name in self.rows.columns} | derived(self.rows, 0)
+        early, found = self.rows.column("t") < SETTLED_S, dict[str, Range | None]()
+        for plot, _, factors in self.lines:
+            if plot in self.shown:
+                numbers = np.column_stack([table[series.column] for series in plot.series]) * factors
+                found[plot.path] = _range(plot, numbers, early)
+        return found
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = self._table(first)
+        table = np.column_stack([self.rows.values[first : self.rows.filled], *derived(self.rows, first).values()])
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
         for plot, columns, factors in self.lines:
@@ -204,10 +208,6 @@ class Signals:
             stream.send_columns(
                 plot.entity, [clocks[which]], [partitioned(SCALARS, ScalarBatch(numbers.ravel()), len(columns))]
             )
-
-    def _table(self, first: int) -> Array:
-        """All signals from row `first` on and what they imply, shape (rows, columns), SI units."""
-        return np.column_stack([self.rows.values[first : self.rows.filled], *derived(self.rows, first).values()])
 
 
 def _range(plot: Plot, numbers: Array, early: Early) -> Range | None:
