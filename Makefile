@@ -26,6 +26,7 @@ demo: $(STAMP) ## Run the figure eight on both plants, with and without the netw
 	@echo
 	@echo "Recording: $(RECORDING)"
 	@echo "Open it:   $(VENV)/bin/agrobot-mj view $(RECORDING)"
+	@echo "All four:  $(VENV)/bin/agrobot-mj view $(DEMO)/comparison.rrd"
 
 test: $(STAMP) ## Run the tests
 	@$(PY) -m pytest -m "not slow" -n 2
