@@ -1,9 +1,11 @@
+import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 from recorded import Recorded
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
+from agrobot_mj.storage import write_log
 
 rr.set_strict_mode(True)
 
@@ -14,6 +16,15 @@ def eight(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "new" / "run.rrd"
     scenario = load_scenario("figure_eight", {"duration_s": 25.4})
     return Recorded(path, run(scenario, (Recording(path),)))
+
+
+@pytest.fixture(scope="session")
+def signals(eight, tmp_path_factory):
+    """What `signals.parquet` holds of that run, NaN where it holds nothing, by column."""
+    folder = tmp_path_factory.mktemp("signals")
+    write_log(eight.log, folder)
+    table = pq.read_table(folder / "signals.parquet")
+    return {name: table[name].to_numpy() for name in table.column_names}
 
 
 @pytest.fixture
