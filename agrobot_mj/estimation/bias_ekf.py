@@ -13,12 +13,12 @@ correlated share, this is `pose_ekf`. Runs on filterpy, whose object is a worksp
 """
 
 from functools import lru_cache
-from math import cos, exp, nan, sin, sqrt, tan
+from math import cos, exp, sin, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
+from agrobot_mj.estimation.fix_ekf import FixEkf
 from agrobot_mj.signals import Array, Fix
 
 BIAS = 3
@@ -56,17 +56,12 @@ def jacobian(state: Array, speed: float, steer: float, wheelbase: float, dt: flo
     return F
 
 
-class BiasEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+class BiasEkf(FixEkf):
     """The filter for one wheelbase [m] and one set of levels."""
 
-    x: Array
-    P: Array
-    nis: float
-    """Normalised innovation squared of the last step, NaN without a fix [-]."""
-
     def __init__(self, wheelbase: float, levels: Levels) -> None:
-        super().__init__(dim_x=6, dim_z=2)
-        self.wheelbase, self.levels, self.nis = wheelbase, levels, nan
+        super().__init__(6)
+        self.wheelbase, self.levels = wheelbase, levels
 
     def predict_x(self, u: tuple[float, float, float]) -> None:
         """Prior mean, and the matching F and Q, for the inputs (speed, steer, dt); filterpy's hook."""
@@ -82,13 +77,8 @@ class BiasEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
         `inputs` are speed [m/s], steer [rad] and dt [s].
         """
-        self.x, self.P = mean, covariance
-        self.predict(inputs)
         H, R = _measuring(self.levels.correlated_share, sigma)
-        z = None if fix is None else np.array((fix.x, fix.y))
-        self.update(z, lambda x: H, lambda x: H @ x, R=R)
-        self.nis = nan if z is None else float(self.y @ self.SI @ self.y)
-        return self.x, self.P
+        return self.tick((mean, covariance), inputs, fix, (lambda x: H, lambda x: H @ x), R)
 
 
 @lru_cache(maxsize=8)

@@ -9,11 +9,11 @@ filterpy's `update(None)`.
 """
 
 from functools import lru_cache
-from math import cos, nan, sin, tan
+from math import cos, sin, tan
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
+from agrobot_mj.estimation.fix_ekf import FixEkf
 from agrobot_mj.signals import Array, Fix
 
 H = np.eye(2, 3)
@@ -33,17 +33,12 @@ def jacobian(yaw: float, speed: float, dt: float) -> Array:
     return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
 
 
-class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+class PoseEkf(FixEkf):
     """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
 
-    x: Array
-    P: Array
-    nis: float
-    """Normalised innovation squared of the last step, NaN without a fix [-]."""
-
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
-        super().__init__(dim_x=3, dim_z=2)
-        self.wheelbase, self.nis = wheelbase, nan
+        super().__init__(3)
+        self.wheelbase = wheelbase
         self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
 
     def predict_x(self, u: tuple[float, float, float]) -> None:
@@ -60,12 +55,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
         `inputs` are speed [m/s], steer [rad] and dt [s].
         """
-        self.x, self.P = mean, covariance
-        self.predict(inputs)
-        z = None if fix is None else np.array((fix.x, fix.y))
-        self.update(z, _jacobian_of_h, _h, R=_noise(sigma))
-        self.nis = nan if z is None else float(self.y @ self.SI @ self.y)
-        return self.x, self.P
+        return self.tick((mean, covariance), inputs, fix, (_jacobian_of_h, _h), _noise(sigma))
 
 
 def _h(pose: Array) -> Array:

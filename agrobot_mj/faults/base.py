@@ -36,9 +36,14 @@ class Scripted(Spec):
         """What it acts on: two faults with the same subject must not overlap."""
         return self.kind
 
+    @property
+    def last_s(self) -> float:
+        """End of the window, infinite for that of the run [s]."""
+        return inf if self.end_s is None else self.end_s
+
     def active(self, t: float) -> bool:
         """Whether `t` [s] lies in the window, its end left out, give or take the rounding of a clock in ticks."""
-        return self.start_s <= t + ROUNDING_S < (inf if self.end_s is None else self.end_s)
+        return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
         """Share of a fault that grows evenly over `ramp_s` [s] from the start of its window, 1 from then on [-]."""
@@ -46,9 +51,7 @@ class Scripted(Spec):
 
     def overlaps(self, other: "Scripted") -> bool:
         """Whether both windows share any time."""
-        last = inf if self.end_s is None else self.end_s
-        others = inf if other.end_s is None else other.end_s
-        return self.start_s < others and other.start_s < last
+        return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
         """What it remembers between ticks; all its randomness comes from `generator`."""

@@ -156,8 +156,7 @@ def bicycle_plant(machine: Machine = STOCK, dt: float = 0.002) -> tuple[BicycleP
 
 def warnings(plants: Iterable[Any]) -> int:
     """How often MuJoCo warned since the plants' last resets."""
-    tractors = [plant for plant in plants if isinstance(plant, MujocoPlant)]
-    return sum(int(warning.number) for plant in tractors for warning in plant.data.warning)
+    return sum(plant.warnings() for plant in plants)
 
 
 def level_plants(only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
