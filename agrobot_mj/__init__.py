@@ -6,22 +6,23 @@
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from agrobot_mj.core.version import __version__
+
 __all__ = ["__version__", "load_scenario", "run"]
 
 if TYPE_CHECKING:
-    from agrobot_mj.scenario import load_scenario
-    from agrobot_mj.simulate import run
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.loop import run
 
 
 def __getattr__(name: str) -> Any:
     """The API on first use, so that a part of the package can be imported without the whole."""
     if name == "load_scenario":
-        from agrobot_mj.scenario import load_scenario
+        from agrobot_mj.scenario.loading import load_scenario
 
         return load_scenario
     if name == "run":
-        from agrobot_mj.simulate import run
+        from agrobot_mj.simulation.loop import run
 
         return run
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,10 +15,10 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from agrobot_mj import __version__
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.progress import Progress, task
-from agrobot_mj.scenario import load_scenario, scenario_files
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.loading import load_scenario, scenario_files
+from agrobot_mj.simulation.progress import Progress, task
 
 app = typer.Typer(
     name="agrobot-mj",
@@ -76,8 +76,8 @@ def run_scenario(
     live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
 ) -> None:
     """Run one scenario."""
-    from agrobot_mj.simulate import Watcher, run
-    from agrobot_mj.storage import write_log
+    from agrobot_mj.simulation.loop import Watcher, run
+    from agrobot_mj.simulation.storage import write_log
 
     scenario = load_scenario(source, overrides(sets))
     folder = _folder(out, f"{scenario.name}-{scenario.hash8}")
@@ -110,8 +110,8 @@ def compare_scenario(
     no_rrd: NoRrd = False,
 ) -> None:
     """Run one scenario under several controllers and plants, with the paper's figures."""
-    from agrobot_mj.compare import cases, compare, runnable
-    from agrobot_mj.report import table
+    from agrobot_mj.studies.compare import cases, compare, runnable
+    from agrobot_mj.studies.report import table
 
     scenario = load_scenario(source, overrides(sets))
     if plants is None:
@@ -136,7 +136,7 @@ def rig(
     out: Out = None,
 ) -> None:
     """Put one tyre on the test rig: force curves as Parquet and figures."""
-    from agrobot_mj.rig import rig_command
+    from agrobot_mj.studies.rig import rig_command
 
     folder = _folder(out, f"rig-{Path(tyre).stem}")
     for path in rig_command(tyre, folder):
@@ -148,7 +148,7 @@ def identify(
     run: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `agrobot-mj run` has written.")],
 ) -> None:
     """Fit the steering valve (dead band, gains, rate limit, lag, delay) to a run's signals."""
-    from agrobot_mj.identify import identify_command
+    from agrobot_mj.studies.identify import identify_command
 
     print(identify_command(run))
 
@@ -159,7 +159,7 @@ def validate_plants(
     quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
 ) -> None:
     """Drive the manoeuvres with a known answer on every plant and tyre; fails when a number leaves its band."""
-    from agrobot_mj.validation import Check, validate
+    from agrobot_mj.studies.validation import Check, validate
 
     def tell(name: str, checks: list[Check], seconds: float) -> None:
         failed = [check for check in checks if not check.passed]
@@ -182,7 +182,7 @@ def view_file(
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
 ) -> None:
     """Open a recording in the Rerun viewer; needs no network."""
-    from agrobot_mj.recording.viewer import serve, view
+    from agrobot_mj.recording.transport.viewer import serve, view
 
     _check_recording(file)
     with interruptible():
@@ -197,7 +197,7 @@ def snapshot(
     out: Out = None,
 ) -> None:
     """Draw the tabs of a recording as PNGs; needs no display."""
-    from agrobot_mj.recording.snapshot import SnapshotError, snapshots
+    from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
     _check_recording(file)
     folder = _folder(out, f"snapshots-{file.stem}")

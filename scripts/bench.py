@@ -19,14 +19,15 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 
-from agrobot_mj import load_scenario, simulate
+from agrobot_mj import load_scenario
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
-from agrobot_mj.hydraulics import NEUTRAL_V
-from agrobot_mj.log import Rows
+from agrobot_mj.core.signals import Drive
+from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.recording import Recording
-from agrobot_mj.scenario import Scenario
-from agrobot_mj.signals import Drive
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation import loop as simulate
+from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 

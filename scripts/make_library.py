@@ -17,13 +17,13 @@ from matplotlib.colors import LightSource, ListedColormap
 from matplotlib.figure import Figure
 
 from agrobot_mj import load_scenario
-from agrobot_mj.log import Log
 from agrobot_mj.paths import sample
-from agrobot_mj.progress import task
-from agrobot_mj.report import COLOURS, NAMES, STYLE
 from agrobot_mj.scenario import Scenario, scenario_files
-from agrobot_mj.simulate import run
-from agrobot_mj.storage import whole
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.loop import run
+from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.storage import whole
+from agrobot_mj.studies.report import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
-from agrobot_mj.recording.snapshot import SnapshotError, snapshots
+from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 TIMES_S = {"figure_eight": 103.0, "side_slope_10": 30.0, "furrows_across": 25.0, "gnss_loss_in_turn": 44.5}
 """When each scenario is looked at."""

@@ -1,6 +1,6 @@
 """Imports point one way, and each heavy library has one owner.
 
-The parts of the package (its modules and subpackages) stand in layers; a part imports only from layers before its own.
+The folders of the package stand in layers; a folder imports only from those before its own.
 """
 
 import ast
@@ -9,37 +9,29 @@ from pathlib import Path
 import pytest
 
 import agrobot_mj
-from agrobot_mj.compiled import PARTS
+from agrobot_mj.core.kernels import PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
-BASE = [
-    *("signals", "geometry", "spec", "compiled", "resources", "datafile"),
-    *("randomness", "problems", "tractor", "edits"),
+LAYERS = [
+    *("core", "machine", "terrain", "tyres", "plants"),
+    *("sensors", "estimation", "paths", "control", "faults"),
+    *("scenario", "metrics", "simulation", "recording", "studies", "cli"),
 ]
-"""What every stage may use."""
-MACHINE = ["terrain", "hydraulics", "driveline", "tyres", "plants"]
-"""The physical stages in the order in which they build on each other."""
-GUIDANCE = ["sensors", "estimation", "paths", "control", "faults"]
-"""The stages on the computer, and what befalls them: none of them knows another, nor the machine."""
-AFTER = [
-    *("outcomes", "scenario", "log", "crosstrack", "passes", "metrics"),
-    *("simulate", "storage", "recording", "report", "progress"),
-    *("compare", "rig", "identify", "validation", "cli"),
-]
-"""What builds on the stages, in order; `metrics` and `report` know of the log only by protocols."""
-ALL = [*BASE, *MACHINE, *GUIDANCE, *AFTER]
+"""The folders of the package, in the order in which they build on each other."""
+STAGES = ["sensors", "estimation", "paths", "control", "faults"]
+"""What happens in a tick beside the plant: no stage knows another, nor the ground, the tyres or the plants."""
 OWNERS = {
-    "mujoco": {"plants", "rig", "validation"},
+    "mujoco": {"plants", "studies"},
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
     "PIL": {"terrain"},
-    "matplotlib": {"report", "rig", "validation"},
+    "matplotlib": {"studies"},
     "typer": {"cli"},
     "tomli_w": {"scenario"},
-    "numba": {"compiled", "plants"},
+    "numba": {"core", "plants"},
 }
-"""Libraries that only these parts import."""
+"""Libraries that only these folders import."""
 
 
 def part_of(file):
@@ -62,7 +54,7 @@ def parts_imported(part):
     for file in files_of(part):
         for name in imported(file):
             first, *rest = name.split(".")
-            if first == "agrobot_mj" and rest and rest[0] not in (part, "__version__"):
+            if first == "agrobot_mj" and rest and rest[0] != part:
                 found[rest[0]] = str(file.relative_to(PACKAGE))
     return found
 
@@ -72,33 +64,17 @@ def files_of(part):
     return [module] if module.is_file() else sorted((PACKAGE / part).rglob("*.py"))
 
 
-def before(part, order):
-    return set(order[: order.index(part)])
-
-
-def test_every_part_has_its_layer():
+def test_a_listing_of_the_package_is_its_architecture():
     parts = {part_of(file) for file in PACKAGE.rglob("*.py")} - {"__init__", "__main__"}
-    assert parts <= set(ALL)
+    assert parts == set(LAYERS)
+    assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 20
 
 
-@pytest.mark.parametrize("part", BASE)
-def test_the_base_builds_on_itself_alone(part):
-    assert set(parts_imported(part)) <= before(part, BASE)
-
-
-@pytest.mark.parametrize("part", [part for part in MACHINE if files_of(part)])
-def test_the_machine_builds_on_the_base_and_on_what_is_below(part):
-    assert set(parts_imported(part)) <= set(BASE) | before(part, MACHINE)
-
-
-@pytest.mark.parametrize("part", GUIDANCE)
-def test_stages_of_the_guidance_build_on_the_base_alone(part):
-    assert set(parts_imported(part)) <= set(BASE)
-
-
-@pytest.mark.parametrize("part", AFTER)
-def test_the_rest_builds_on_what_comes_before(part):
-    assert set(parts_imported(part)) <= {*BASE, *MACHINE, *GUIDANCE} | before(part, AFTER)
+@pytest.mark.parametrize("part", LAYERS)
+def test_a_folder_builds_on_those_before_it(part):
+    allowed = {"core", "machine"} if part in STAGES else set(LAYERS[: LAYERS.index(part)])
+    above = {name: file for name, file in parts_imported(part).items() if name not in allowed}
+    assert not above
 
 
 def test_controllers_see_neither_truth_nor_simulator():
@@ -114,9 +90,26 @@ def test_each_heavy_library_has_its_owners(library):
     assert users <= OWNERS[library]
 
 
-def test_files_stay_short():
+def functions(file):
+    """Name and number of lines of every function of a file."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name, node.end_lineno - node.lineno + 1
+
+
+def test_files_and_functions_stay_short():
     sizes = {file: len(file.read_text(encoding="utf-8").splitlines()) for file in PACKAGE.rglob("*.py")}
-    assert max(sizes.values()) < 360, max(sizes, key=sizes.get)
+    assert max(sizes.values()) <= 350, max(sizes, key=sizes.get)
+    assert [(file.name, name) for file in sizes for name, lines in functions(file) if lines > 50] == []
+
+
+def test_no_two_public_classes_share_a_name():
+    places = {}
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(str(file.relative_to(PACKAGE)))
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
 def test_every_module_says_what_it_is():
@@ -124,10 +117,8 @@ def test_every_module_says_what_it_is():
         assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
 
 
-def test_the_cache_of_kernels_knows_every_part_that_they_come_from():
-    compilers = {"agrobot_mj.compiled.jit", "agrobot_mj.compiled.kernel"}
-    kernels = {part for part in ALL if any(compilers & set(imported(file)) for file in files_of(part))}
+def test_the_cache_of_kernels_knows_every_folder_that_they_come_from():
+    compilers = {"agrobot_mj.core.kernels.jit", "agrobot_mj.core.kernels.kernel"}
+    kernels = {part for part in LAYERS if any(compilers & set(imported(file)) for file in files_of(part))}
     assert kernels
-    assert kernels <= set(PARTS)
-    stages = {part for part in ALL if part in (*MACHINE, "signals", "geometry", "tractor")}
-    assert stages <= set(PARTS)
+    assert kernels | {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)

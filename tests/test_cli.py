@@ -14,8 +14,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from agrobot_mj import __version__, cli, simulate
-from agrobot_mj.scenario import load_scenario, scenario_files
+from agrobot_mj import __version__, cli
+from agrobot_mj.scenario.loading import load_scenario, scenario_files
+from agrobot_mj.simulation import loop as simulate
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")

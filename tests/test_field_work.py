@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj import run
-from agrobot_mj.log import Log
-from agrobot_mj.scenario import resolve
+from agrobot_mj.scenario.schema import resolve
+from agrobot_mj.simulation.log import Log
 
 
 def worked(controller: str, **path: Any) -> Log:

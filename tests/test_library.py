@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from agrobot_mj.recording import Recording
-from agrobot_mj.scenario import load_scenario, scenario_files
-from agrobot_mj.simulate import run
+from agrobot_mj.scenario.loading import load_scenario, scenario_files
+from agrobot_mj.simulation.loop import run
 
 BRIEFLY_S = 8.0
 

@@ -7,8 +7,8 @@ Source: the paper, section III-A, after [Martins2008].
 
 from math import cos, sin, tanh
 
-from agrobot_mj.signals import Estimate, Reference
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.signals import Estimate, Reference
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class KinematicLaw(Spec):

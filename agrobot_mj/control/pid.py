@@ -8,8 +8,8 @@ gains are estimates for the delays, lags and dead bands of `hydraulics` and `dri
 from math import radians
 from typing import NamedTuple
 
-from agrobot_mj.signals import NEUTRAL_V
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 def clip(x: float, low: float, high: float) -> float:
@@ -17,7 +17,7 @@ def clip(x: float, low: float, high: float) -> float:
     return min(max(x, low), high)
 
 
-class Slope(NamedTuple):
+class FilteredRate(NamedTuple):
     """A filtered derivative: the last value and its slope."""
 
     value: float | None = None
@@ -25,12 +25,12 @@ class Slope(NamedTuple):
     rate: float = 0.0
     """[unit/s]."""
 
-    def after(self, value: float, dt: float, filter_s: float) -> "Slope":
+    def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
         """With the next value, dt [s] later, through a first-order filter of time constant `filter_s` [s]."""
         if self.value is None:
-            return Slope(value, 0.0)
+            return FilteredRate(value, 0.0)
         raw = (value - self.value) / dt
-        return Slope(value, self.rate + (raw - self.rate) * dt / (filter_s + dt))
+        return FilteredRate(value, self.rate + (raw - self.rate) * dt / (filter_s + dt))
 
 
 class PidState(NamedTuple):
@@ -38,7 +38,7 @@ class PidState(NamedTuple):
 
     integral: float = 0.0
     """Contribution of the integral to the output [unit of the output]."""
-    slope: Slope = Slope()
+    slope: FilteredRate = FilteredRate()
     """Of the error [unit of the error]."""
 
 

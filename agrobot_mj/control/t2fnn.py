@@ -29,11 +29,11 @@ from agrobot_mj.control.t2fnn_laws import (
     firing,
     inference,
     laws,
-    learnt_widths,
     sgn,
+    update_widths,
 )
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import Fraction, Positive, Spec
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import Fraction, Positive, Spec
 
 __all__ = ["Rates", "T1Fnn", "T2Fnn", "T2FnnState"]
 
@@ -172,8 +172,8 @@ class T2Fnn(Spec):
         d1_lower, d1_upper, d2_lower, d2_upper = s[2:6]
         if self.adapt_widths:
             changes, limits = [dt * rate for rate in rates[:4]], Limits(self.d_min, self.d_max)
-            d1_lower, d1_upper = learnt_widths(x1, s.c1, d1_lower, d1_upper, changes[0], changes[1], limits)
-            d2_lower, d2_upper = learnt_widths(x2, s.c2, d2_lower, d2_upper, changes[2], changes[3], limits)
+            d1_lower, d1_upper = update_widths(x1, s.c1, d1_lower, d1_upper, changes[0], changes[1], limits)
+            d2_lower, d2_upper = update_widths(x2, s.c2, d2_lower, d2_upper, changes[2], changes[3], limits)
         if self.type_1:
             d1_lower, d2_lower = d1_upper, d2_upper
         f = s.f + dt * rates.f

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import jit
-from agrobot_mj.signals import Array
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array
 
 LARGE_STEP = 0.01
 """Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Estimate."""
@@ -160,7 +160,7 @@ def laws(s: T2FnnState, x1: float, x2: float, alpha_sgn: float, floor: float) ->
 
 
 @jit
-def stepped(d: Array, change: Array) -> Array:
+def step_widths(d: Array, change: Array) -> Array:
     """Guard 3: a family of widths after an explicit Euler step, or, if that is large, after one in 1/d.
 
     Membership is linear in 1/d: there a family's memberships scale alike, and no step overshoots the input.
@@ -171,13 +171,13 @@ def stepped(d: Array, change: Array) -> Array:
 
 
 @jit
-def loses(x: float, c: Array, d: Array, new: Array) -> bool:
+def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
     """Guard 3: whether sets that shrink from widths d to `new` would lose the input."""
     return bool(np.any((new < d) & (membership(x, c, new) < LEAST_MEMBERSHIP)))
 
 
 @jit
-def learnt_widths(
+def update_widths(
     x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, limits: Limits
 ) -> tuple[Array, Array]:
     """Guard 3: lower and upper widths of one input's sets after a step, d_min <= lower <= upper <= d_max.
@@ -185,10 +185,10 @@ def learnt_widths(
     A family of which one width would pass a limit rests as a whole: the tuning is off at the limit, as the
     paper has it for q. Clipping that width alone would end the scaling on which appendix A rests Theorem 1.
     """
-    new_lower, new_upper = stepped(lower, lower_change), stepped(upper, upper_change)
-    if loses(x, c, lower, new_lower) or new_lower.min() < limits.d_min:
+    new_lower, new_upper = step_widths(lower, lower_change), step_widths(upper, upper_change)
+    if loses_input(x, c, lower, new_lower) or new_lower.min() < limits.d_min:
         new_lower = lower
-    if loses(x, c, upper, new_upper) or new_upper.max() > limits.d_max:
+    if loses_input(x, c, upper, new_upper) or new_upper.max() > limits.d_max:
         new_upper = upper
     if np.any(new_lower > new_upper):
         new_lower, new_upper = lower, upper

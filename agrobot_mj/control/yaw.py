@@ -14,11 +14,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.control.pid import Slope, clip
+from agrobot_mj.control.pid import FilteredRate, clip
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
 from agrobot_mj.control.t2fnn_laws import sgn
-from agrobot_mj.signals import Array, Command
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.signals import Array, Command
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 NOTHING = np.empty(0)
 
@@ -66,7 +66,7 @@ class _Pd(_Yaw):
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the filter of de/dt [s]. Estimate."""
 
-    def _conventional(self, slope: Slope, e: float, dt: float) -> tuple[Slope, float]:
+    def _conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
         """The filtered derivative of the error and tau_c [rad]."""
         slope = slope.after(e, dt, self.derivative_filter_s)
         return slope, self.kp * e + self.kd * slope.rate
@@ -75,7 +75,7 @@ class _Pd(_Yaw):
 class PdState(NamedTuple):
     """Memory of `Pd`."""
 
-    slope: Slope = Slope()
+    slope: FilteredRate = FilteredRate()
     """Of the yaw-rate error [rad/s]."""
 
 
@@ -99,7 +99,7 @@ class Pd(_Pd):
 class IntegralState(NamedTuple):
     """Memory of `PdIsgn`."""
 
-    slope: Slope = Slope()
+    slope: FilteredRate = FilteredRate()
     """Of the yaw-rate error [rad/s]."""
     tau_n: float = 0.0
     """The integral [rad]."""
@@ -131,7 +131,7 @@ class PdIsgn(_Pd):
 class NeuroState(NamedTuple):
     """Memory of `PdT2fnn` and `PdT1fnn`."""
 
-    slope: Slope = Slope()
+    slope: FilteredRate = FilteredRate()
     """Of the yaw-rate error [rad/s]."""
     network: T2FnnState | None = None
     """None before the first error, about which the network's sets are laid."""

@@ -13,12 +13,12 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from agrobot_mj.estimation.lever import Lever, at_foot, offset
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
-from agrobot_mj.geometry import wrap
-from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
-from agrobot_mj.spec import NonNegative, Positive, Spec
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.machine.tractor import TractorParameters
 
 
 class PoseFilter(Protocol):

@@ -3,14 +3,82 @@
 The steering angle is believed: whatever turns the tractor besides it - sideslip on a slope, a potentiometer off its
 zero - is met by the yaw's random walk alone, and leaves the heading at a constant offset. The correlated part of
 the GNSS error passes for motion, and the stated uncertainty covers the white part alone.
+
+Extended Kalman filter of the pose (x, y, yaw) at R, the point below the centre of the rear axle.
+
+ENU [m, m, rad]; inputs speed [m/s] and steering angle [rad] of the interval, measurement x, y from GNSS. The
+yaw is not measured: motion reveals it. It stays unwrapped inside, so that differences of yaw mean what they
+say; the residual holds positions only and needs no wrapping. The model is the paper's explicit Euler step: in
+a turn it puts the yaw half a tick ahead (0.2 deg at 0.13 rad/s). Runs on filterpy with `predict_x`
+overridden; the object is a workspace only: `step` is a function of its arguments, and a missing fix is
+filterpy's `update(None)`.
 """
 
-from math import radians
+from functools import lru_cache
+from math import cos, radians, sin, tan
 from typing import Literal
 
+import numpy as np
+
+from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.base import PoseEstimator
-from agrobot_mj.estimation.pose_ekf import PoseEkf
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.estimation.position_ekf import FixEkf
+from agrobot_mj.machine.tractor import TractorParameters
+
+H = np.eye(2, 3)
+"""Jacobian of the measurement x, y [-]."""
+
+
+def f(pose: Array, speed: float, steer: float, wheelbase: float, dt: float) -> Array:
+    """Pose (3,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `wheelbase` [m]."""
+    (x, y, psi), T_s, u, delta, L = pose.tolist(), dt, speed, steer, wheelbase
+    yaw = psi + T_s * u * tan(delta) / L
+    return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
+
+
+def jacobian(yaw: float, speed: float, dt: float) -> Array:
+    """Derivative of `f` by the pose, shape (3, 3)."""
+    psi, T_s, u = yaw, dt, speed
+    return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
+
+
+class PoseEkf(FixEkf):
+    """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
+
+    def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
+        super().__init__(3)
+        self.wheelbase = wheelbase
+        self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
+
+    def predict_x(self, u: tuple[float, float, float]) -> None:
+        """Prior mean, and the matching F and Q, for the inputs (speed, steer, dt); filterpy's hook."""
+        speed, steer, dt = u
+        self.F = jacobian(self.x[2], speed, dt)
+        self.Q = dt * self.walk
+        self.x = f(self.x, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
+
+    def step(
+        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
+    ) -> tuple[Array, Array]:
+        """Mean (3,) and covariance (3, 3) after a tick, given the fix at its end, of standard deviation `sigma` [m].
+
+        `inputs` are speed [m/s], steer [rad] and dt [s].
+        """
+        return self.tick((mean, covariance), inputs, fix, (_jacobian_of_h, _h), _noise(sigma))
+
+
+def _h(pose: Array) -> Array:
+    return pose[:2]
+
+
+def _jacobian_of_h(pose: Array) -> Array:
+    return H
+
+
+@lru_cache(maxsize=8)
+def _noise(sigma: float) -> Array:
+    """Covariance (2, 2) of a fix."""
+    return np.diag(np.square((sigma, sigma)))
 
 
 class Ekf(PoseEstimator):

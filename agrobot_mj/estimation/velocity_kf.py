@@ -12,7 +12,7 @@ from math import cos, sin
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from agrobot_mj.signals import Array, Fix
+from agrobot_mj.core.signals import Array, Fix
 
 
 def transition(dt: float) -> Array:

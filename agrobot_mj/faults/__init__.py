@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import NOMINAL, Conditions, PointMass
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.drawbar import Drawbar
 from agrobot_mj.faults.friction import Friction
@@ -17,8 +19,6 @@ from agrobot_mj.faults.soft_tyre import SoftTyre
 from agrobot_mj.faults.steering_pot_bias import SteeringPotBias
 from agrobot_mj.faults.steering_pot_stuck import SteeringPotStuck
 from agrobot_mj.faults.valve_wear import ValveWear
-from agrobot_mj.randomness import stream
-from agrobot_mj.signals import GOOD_DAY, Conditions, PointMass
 
 Fault = Annotated[
     Drawbar
@@ -51,7 +51,7 @@ class Script:
 
     def conditions(self, t: float, dt: float) -> Conditions:
         """Of the tick of length `dt` [s] that begins at `t` [s]; to be asked once a tick, in order."""
-        found = GOOD_DAY
+        found = NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
                 self.states[k], found = fault.apply(self.states[k], found, t, dt)

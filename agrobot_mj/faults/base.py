@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 from numpy.random import Generator
 from pydantic import model_validator
 
-from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.signals import Conditions
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 ROUNDING_S = 1e-6
 """Far above the rounding of a time, far below a tick [s]."""

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 from numpy.random import Generator
 from pydantic import Field
 
+from agrobot_mj.core.signals import Conditions
+from agrobot_mj.core.spec import Positive, Spread
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.noise import Noise, noise
-from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import Positive, Spread
 
 
 class Drawbar(Scripted):

@@ -10,9 +10,9 @@ from typing import Annotated, Literal, NamedTuple
 from numpy.random import Generator
 from pydantic import Field
 
+from agrobot_mj.core.signals import TICK_S, Conditions, Quality
+from agrobot_mj.core.spec import HUGE
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import TICK_S, Conditions, Quality
-from agrobot_mj.spec import HUGE
 
 Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]
 """A tick or longer [s]."""

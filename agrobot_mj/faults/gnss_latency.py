@@ -2,9 +2,9 @@
 
 from typing import Literal
 
+from agrobot_mj.core.signals import Conditions
+from agrobot_mj.core.spec import Latency
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import Latency
 
 
 class GnssLatency(Scripted):

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from agrobot_mj.core.signals import Conditions, Quality
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions, Quality
 
 
 class GnssLoss(Scripted):

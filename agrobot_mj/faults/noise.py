@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from numpy.random import Generator
 
-from agrobot_mj.randomness import gauss_markov
+from agrobot_mj.core.randomness import gauss_markov
 
 
 class Noise(NamedTuple):

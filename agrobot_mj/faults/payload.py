@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agrobot_mj.core.signals import Conditions, PointMass
+from agrobot_mj.core.spec import NonNegative
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions, PointMass
-from agrobot_mj.spec import NonNegative
 
 Metres = Annotated[float, Field(ge=-20, le=20)]
 

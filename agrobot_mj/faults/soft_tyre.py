@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agrobot_mj.core.signals import WHEELS, Conditions
+from agrobot_mj.core.spec import Scale
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import WHEELS, Conditions
-from agrobot_mj.spec import Scale
 
 
 class SoftTyre(Scripted):

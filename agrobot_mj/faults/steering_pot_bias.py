@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agrobot_mj.core.signals import Conditions
+from agrobot_mj.core.spec import NonNegative
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.signals import Conditions
-from agrobot_mj.spec import NonNegative
 
 
 class SteeringPotBias(Scripted):

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.circle import Circle
 from agrobot_mj.paths.contour import Contour
 from agrobot_mj.paths.figure_eight import FigureEight
@@ -21,7 +22,6 @@ from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.sinusoid import Sinusoid
 from agrobot_mj.paths.swaths import Swaths
 from agrobot_mj.paths.waypoints import Waypoints
-from agrobot_mj.signals import Array
 
 __all__ = ["Circle", "Contour", "FigureEight", "LaneChange", "Line", "Parallel", "Path", "Sinusoid", "Swaths", "Timed"]
 __all__ += ["Waypoints", "sample"]

@@ -9,8 +9,8 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.geometry import wrap
-from agrobot_mj.signals import Reference
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import Reference
 
 SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
 """Speeds that a reference may have [m/s]."""

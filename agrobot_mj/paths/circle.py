@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference, turns
-from agrobot_mj.signals import Reference
-from agrobot_mj.spec import Positive, Spec
 
 
 class Circle(Spec):

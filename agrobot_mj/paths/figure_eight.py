@@ -16,9 +16,9 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
+from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference, turns
-from agrobot_mj.signals import Reference
-from agrobot_mj.spec import NonNegative, Positive, Spec
 
 
 class _Piece(NamedTuple):

@@ -6,9 +6,9 @@ It has an end for the sake of a natural duration; the reference goes straight on
 from math import radians
 from typing import Literal
 
+from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference
-from agrobot_mj.signals import Reference
-from agrobot_mj.spec import Positive, Spec
 
 
 class Line(Spec):

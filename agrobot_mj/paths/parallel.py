@@ -19,10 +19,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.paths.arc import Pose, Speed
 from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.track import Course, Piece, chain
-from agrobot_mj.spec import HUGE, NonNegative, Positive
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 LEAVE_M = 5.0

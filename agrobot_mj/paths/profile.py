@@ -14,10 +14,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from agrobot_mj.core.signals import Array, Reference
+from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
 from agrobot_mj.paths.track import Course, affordable
-from agrobot_mj.signals import Array, Reference
-from agrobot_mj.spec import Spec
 
 Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
@@ -34,7 +34,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float) -> Array:
     return np.sqrt(np.maximum(np.minimum(rising, falling), 0.0))
 
 
-class Motion:
+class TimedCourse:
     """A course with its times."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
@@ -106,7 +106,7 @@ class Timed(Spec):
         raise NotImplementedError
 
     @property
-    def motion(self) -> Motion:
+    def motion(self) -> TimedCourse:
         """The way and its times; built once."""
         return _motion(self)
 
@@ -136,6 +136,6 @@ class Timed(Spec):
 
 
 @lru_cache(maxsize=16)
-def _motion(path: Any) -> Motion:
+def _motion(path: Any) -> TimedCourse:
     limits = path.speed_m_s, path.lateral_acceleration_m_s2, path.acceleration_m_s2
-    return Motion(path.course(), *limits)
+    return TimedCourse(path.course(), *limits)

@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.core.spec import HUGE, Positive
 from agrobot_mj.paths.parallel import Coordinate
 from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.track import Course, placed, samples
-from agrobot_mj.spec import HUGE, Positive
 
 
 class Sinusoid(Timed):

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
-from agrobot_mj.signals import Array
 
 STEP_M = 0.5
 """No piece of a divided course is longer [m]."""

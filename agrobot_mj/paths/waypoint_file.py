@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agrobot_mj.datafile import Stamp, checked, refuse, stamp
+from agrobot_mj.core.datafile import Stamp, checked, refuse, stamp
+from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
-from agrobot_mj.signals import Array
 
 MOST_BYTES = 2_000_000
 MOST_ROWS = 20_000

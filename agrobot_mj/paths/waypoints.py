@@ -16,11 +16,11 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 from scipy.interpolate import splev, splprep
 
-from agrobot_mj.datafile import Stamp
+from agrobot_mj.core.datafile import Stamp
+from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.track import Course, samples, through
 from agrobot_mj.paths.waypoint_file import CLOSEST_M, stamp_of, waypoints
-from agrobot_mj.signals import Array
 
 
 class Waypoints(Timed):

@@ -4,10 +4,10 @@ from typing import Annotated, Protocol
 
 from pydantic import Field
 
+from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.bicycle import Bicycle, BicyclePlant
-from agrobot_mj.plants.mujoco import Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.plant import Mujoco, MujocoPlant
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Drive, Reference, Truth
 
 Plant = Annotated[Bicycle | Mujoco, Field(discriminator="kind")]
 
@@ -17,10 +17,10 @@ class RunningPlant(Protocol):
 
     scene: Scene
 
-    def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
+    def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Place the tractor at rest on the path's start, under the conditions of the first tick."""
 
-    def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
+    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
 
     def poses(self) -> Array:

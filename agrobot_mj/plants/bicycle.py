@@ -12,25 +12,25 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import kernel
-from agrobot_mj.driveline import DriveLaw, Driveline, DriveMemory, drive_at_rest, drive_law, drive_step
-from agrobot_mj.geometry import from_heading, wrap
-from agrobot_mj.hydraulics import (
+from agrobot_mj.core.geometry import from_heading, wrap
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.spec import Positive, Spec
+from agrobot_mj.machine.driveline import DriveLaw, Driveline, DriveMemory, drive_law, drive_step, reset_drive
+from agrobot_mj.machine.hydraulics import (
     Cylinder,
     Valve,
     ValveLaw,
     ValveMemory,
-    ailing,
-    come_to_rest,
+    reset_valve,
     static_flow,
     valve_law,
     valve_step,
+    worn,
 )
-from agrobot_mj.plants.scene import Ghost
-from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Drive, Reference, Truth
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.terrain import Ground
-from agrobot_mj.tractor import TractorParameters
 
 CRAWL = 0.05
 """Below this speed the dynamics count as settled [m/s]."""
@@ -190,8 +190,8 @@ class BicyclePlant:
             displacement=cylinder.displacement,
         )
         self.tractor, self.ground = tractor, ground
-        self.sound_valve, self.valve_memory = valve_law(valve, physics_dt)
-        self.valve = self.sound_valve
+        self.nominal_valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.valve = self.nominal_valve
         self.drive, self.drive_memory = drive_law(driveline, physics_dt)
         self.state = np.zeros(7)
         self.samples = np.zeros((2, steps))
@@ -199,19 +199,19 @@ class BicyclePlant:
         self.ghost = Ghost(tractor)
         self.scene = self.ghost.scene
 
-    def reset(self, start: Reference, conditions: Conditions = GOOD_DAY) -> Truth:
+    def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Place the tractor at rest with its CG on the path's start."""
         self.state[:] = 0.0
         self.samples[:] = 0.0
-        come_to_rest(self.valve_memory)
-        drive_at_rest(self.drive_memory)
+        reset_valve(self.valve_memory)
+        reset_drive(self.drive_memory)
         self.state[:3] = start.x, start.y, start.yaw
         self.ticks = 0
         return self.truth()
 
-    def advance(self, drive: Drive, conditions: Conditions = GOOD_DAY) -> Truth:
+    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages; of the conditions only the valve's count."""
-        self.valve = ailing(self.sound_valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.valve = worn(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         voltages = (drive.steer_voltage, drive.pedal_voltage)
         run_steps(
             self.law,

@@ -1,29 +1,9 @@
-"""The tractor as a picture: bodies, geoms, and where each body is.
+"""The tractor as a picture: its bodies and the primitives fixed in them.
 
-Recordings draw a `Scene` and move its bodies; they know nothing of MuJoCo. `Ghost` poses the tractor for a plant that
-has no bodies of its own.
+Recordings draw a `Scene` and move its bodies; they know nothing of the plant.
 """
 
-from math import cos, sin
 from typing import NamedTuple
-
-import mujoco
-import numpy as np
-
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.geometry import from_heading
-from agrobot_mj.hydraulics import Cylinder
-from agrobot_mj.plants.model import ackermann_coefficients, tractor_spec
-from agrobot_mj.signals import Array
-from agrobot_mj.tractor import TractorParameters
-
-_SHAPES = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-}
 
 
 class Geom(NamedTuple):
@@ -48,53 +28,3 @@ class Scene(NamedTuple):
     bodies: tuple[str, ...]
     """Names, in the order of the rows of `poses`."""
     geoms: tuple[Geom, ...]
-
-
-def scene_of(model: mujoco.MjModel) -> Scene:
-    """The visible bodies and geoms of a compiled model, the world left out."""
-    bodies = tuple(model.body(i).name for i in range(1, model.nbody))
-    geoms = tuple(_geom(model, i) for i in range(model.ngeom) if model.geom_bodyid[i] > 0 and model.geom_group[i] < 3)
-    return Scene(bodies, geoms)
-
-
-def _geom(model: mujoco.MjModel, i: int) -> Geom:
-    geom, material = model.geom(i), int(model.geom_matid[i])
-    rgba = model.mat_rgba[material] if material >= 0 else geom.rgba
-    return Geom(
-        name=geom.name,
-        body=model.body(model.geom_bodyid[i]).name,
-        kind=_SHAPES[mujoco.mjtGeom(int(model.geom_type[i]))],
-        size=tuple(geom.size.tolist()),
-        pos=tuple(geom.pos.tolist()),
-        quat=tuple(geom.quat.tolist()),
-        rgba=tuple(rgba.tolist()),
-    )
-
-
-def body_poses(data: mujoco.MjData) -> Array:
-    """Pose of every body but the world, shape (bodies, 7): x y z, quaternion w x y z."""
-    return np.concatenate([data.xpos[1:], data.xquat[1:]], axis=1)
-
-
-class Ghost:
-    """Poses the MJCF tractor on level ground from a planar state, for drawing only."""
-
-    def __init__(self, tractor: TractorParameters) -> None:
-        self.model = tractor_spec(tractor, Cylinder(), Driveline()).compile()
-        self.data = mujoco.MjData(self.model)
-        self.scene = scene_of(self.model)
-        self.tractor, self.left = tractor, ackermann_coefficients(tractor)
-        joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
-        self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
-
-    def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Pose of every body, shape (bodies, 7), for a CG at (x, y) [m], angles [rad] and a distance [m]."""
-        back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
-        q = self.data.qpos
-        q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)
-        front = travelled / self.tractor.front_wheel_radius_m
-        rear = travelled / self.tractor.rear_wheel_radius_m
-        powers = steer ** np.arange(5)
-        q[self.at] = steer, self.left @ powers, -self.left @ (-steer) ** np.arange(5), front, front, rear, rear
-        mujoco.mj_kinematics(self.model, self.data)
-        return body_poses(self.data)

@@ -8,12 +8,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from agrobot_mj.geometry import from_heading
-from agrobot_mj.recording.axes import MOST_STEPS, Range, readable, time_end
-from agrobot_mj.recording.network import Map
-from agrobot_mj.recording.signals import Plot
-from agrobot_mj.recording.timeline import TIMELINE
-from agrobot_mj.signals import Array
+from agrobot_mj.core.geometry import from_heading
+from agrobot_mj.core.signals import Array
+from agrobot_mj.recording.plots.axes import MOST_STEPS, Range, readable, time_end
+from agrobot_mj.recording.plots.network import Map
+from agrobot_mj.recording.plots.signals import Plot
+from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""

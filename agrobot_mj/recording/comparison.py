@@ -12,20 +12,20 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from agrobot_mj import __version__
-from agrobot_mj.crosstrack import cross_track
-from agrobot_mj.log import Log
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.version import __version__
+from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.axes import value_range
 from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled, whole_run
-from agrobot_mj.recording.ground import on_ground
 from agrobot_mj.recording.info import compared, resolved
-from agrobot_mj.recording.scene import reference_line, send_scene, shapes
-from agrobot_mj.recording.signals import UNITS, Plot
-from agrobot_mj.recording.sink import Sink
-from agrobot_mj.recording.timeline import APPLICATION, TIMELINE, nanoseconds
-from agrobot_mj.recording.tracks import piece_ends, strips
-from agrobot_mj.signals import Array
+from agrobot_mj.recording.plots.axes import value_range
+from agrobot_mj.recording.plots.signals import UNITS, Plot
+from agrobot_mj.recording.transport.sink import Sink
+from agrobot_mj.recording.transport.timeline import APPLICATION, TIMELINE, nanoseconds
+from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.recording.world.scene import reference_line, send_scene, shapes
+from agrobot_mj.recording.world.tracks import piece_ends, strips
+from agrobot_mj.simulation.log import Log
 
 COLOURS = (0xE69F00FF, 0x56B4E9FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF)
 """One a run, in turn."""
@@ -46,7 +46,7 @@ PLOTS = (
 """Path, title, unit and column of the log, or of `_signals`."""
 
 
-class Run(NamedTuple):
+class RecordedRun(NamedTuple):
     """One run of a comparison."""
 
     name: str
@@ -63,7 +63,7 @@ class Run(NamedTuple):
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     """Record the runs `named` plant-controller on the ground of the first into `path`. Raises OSError."""
-    runs = [Run(name, log, COLOURS[i % len(COLOURS)]) for i, (name, log) in enumerate(named)]
+    runs = [RecordedRun(name, log, COLOURS[i % len(COLOURS)]) for i, (name, log) in enumerate(named)]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
     sink = Sink(stream, path)
@@ -81,7 +81,7 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     sink.close()
 
 
-def _send(stream: rr.RecordingStream, run: Run) -> list[Plot]:
+def _send(stream: rr.RecordingStream, run: RecordedRun) -> list[Plot]:
     """Everything of one run; returns its plots."""
     log = run.log
     there = _sound(log)
@@ -104,7 +104,7 @@ def _sound(log: Log) -> int:
 
 
 def _send_track(
-    stream: rr.RecordingStream, run: Run, times: "np.ndarray[tuple[int], np.dtype[np.timedelta64]]"
+    stream: rr.RecordingStream, run: RecordedRun, times: "np.ndarray[tuple[int], np.dtype[np.timedelta64]]"
 ) -> None:
     points = np.column_stack([run.log.column("x"), run.log.column("y")])[: len(times)]
     if not len(points):
@@ -118,7 +118,7 @@ def _send_track(
     stream.log(f"world/tracks/{run.name}", style, static=True)
 
 
-def _send_plots(stream: rr.RecordingStream, run: Run, column: rr.TimeColumn) -> list[Plot]:
+def _send_plots(stream: rr.RecordingStream, run: RecordedRun, column: rr.TimeColumn) -> list[Plot]:
     """Each signal of the run under the plot that it shares with the other runs."""
     shown = []
     for path, title, unit, name in PLOTS:
@@ -137,7 +137,7 @@ def _send_plots(stream: rr.RecordingStream, run: Run, column: rr.TimeColumn) -> 
     return shown
 
 
-def _values(run: Run, path: str) -> Array:
+def _values(run: RecordedRun, path: str) -> Array:
     """What the plot `path` shows of a run, in its unit."""
     ((unit, name),) = [(unit, name) for there, _, unit, name in PLOTS if there == path]
     return _signal(run.log, name) * UNITS[unit]
@@ -158,7 +158,7 @@ def _painted(geom: Geom, colour: int) -> Geom:
     return geom._replace(rgba=(r, g, b, geom.rgba[3]))
 
 
-def _blueprint(runs: Sequence[Run], plots: dict[str, Plot], reference: Array) -> rrb.Blueprint:
+def _blueprint(runs: Sequence[RecordedRun], plots: dict[str, Plot], reference: Array) -> rrb.Blueprint:
     """Scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     axis = whole_run(float(longest.column("t")[-1]))

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from agrobot_mj import __version__
-from agrobot_mj.log import Log
-from agrobot_mj.scenario import Scenario
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
 
 UNITS = {
     **dict.fromkeys(("lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"), "m"),

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from numpy.random import Generator
 
-from agrobot_mj.randomness import gauss_markov, stream
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class ImuState(NamedTuple):

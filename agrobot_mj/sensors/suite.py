@@ -17,10 +17,10 @@ from numpy.random import Generator
 from pydantic import Field, model_validator
 from scipy.signal import savgol_filter
 
-from agrobot_mj.randomness import gauss_markov, stream
+from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Fix, Measurement, Quality, Truth
+from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive, Spec
 from agrobot_mj.sensors.imu import Imu, ImuState
-from agrobot_mj.signals import GOOD_DAY, Array, Conditions, Fix, Measurement, Quality, Truth
-from agrobot_mj.spec import Fraction, Latency, NonNegative, Positive, Spec
 
 Pair = tuple[float, float]
 """East and north."""
@@ -67,7 +67,7 @@ class Gnss(Spec):
         return GnssState(generator, _pair(generator), float_generator, _pair(float_generator))
 
     def measure(
-        self, state: GnssState, truth: Truth, dt: float, conditions: Conditions = GOOD_DAY
+        self, state: GnssState, truth: Truth, dt: float, conditions: Conditions = NOMINAL
     ) -> tuple[GnssState, Fix | None, int]:
         """The solution delivered at this tick, None without one, and its quality.
 
@@ -231,7 +231,7 @@ class Sensors(Spec):
         )
 
     def measure(
-        self, state: SensorState, truth: Truth, dt: float, conditions: Conditions = GOOD_DAY
+        self, state: SensorState, truth: Truth, dt: float, conditions: Conditions = NOMINAL
     ) -> tuple[SensorState, Measurement]:
         """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`.
 

@@ -7,10 +7,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.datafile import stamp as file_stamp
-from agrobot_mj.spec import Spec
+from agrobot_mj.core.datafile import stamp as file_stamp
+from agrobot_mj.core.spec import Spec
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.terrain.patches import Patch, surface
+from agrobot_mj.terrain.patches import GroundPatch, surface
 
 STEEPEST_DEG = 60.0
 """Between neighbouring nodes; nothing that a tractor drives on is steeper [deg]. Estimate."""
@@ -21,7 +21,7 @@ class Landscape(Spec):
     """A terrain; a kind overrides `relief`."""
 
     kind: str
-    patch: Annotated[tuple[Patch, ...], Field(max_length=1000)] = ()
+    patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
     """Ground with properties of its own; of patches that overlap the last one counts."""
 
     def relief(self) -> Ground:

@@ -13,9 +13,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.randomness import stream
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import Positive
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated
 
 Bump = tuple[float, float, float]

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from PIL import Image
 
-from agrobot_mj.datafile import checked, refuse
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import HUGE
+from agrobot_mj.core.datafile import checked, refuse
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from agrobot_mj.spec import Positive
+from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.base import Landscape
 from agrobot_mj.terrain.grid import Ground, plane
 

@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import HUGE, NonNegative, Positive
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
 from agrobot_mj.terrain.grid import MOST_NODES, Ground, rounded_down, rounded_up
 

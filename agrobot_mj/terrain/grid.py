@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.compiled import jit, kernel
-from agrobot_mj.signals import Array
+from agrobot_mj.core.kernels import jit, kernel
+from agrobot_mj.core.signals import Array
 
 MOST_NODES = 4_200_000
 """In a height grid: 34 MB, 200 m at 0.1 m."""

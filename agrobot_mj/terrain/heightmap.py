@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import Positive
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
 from agrobot_mj.terrain.files import Sheet, read_grid
 from agrobot_mj.terrain.grid import Ground, rounded_down

@@ -7,12 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.terrain.grid import Surface, rounded_up
-from agrobot_mj.terrain.shapes import Bounds, Circle, Picture, Polygon, Rectangle, Special
+from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
 
 MOST_CELLS = 4_000_000
 """In the grid of properties: 64 MB."""
 
-Patch = Annotated[Rectangle | Circle | Polygon | Picture, Field(discriminator="kind")]
+GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:

@@ -13,8 +13,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import Positive
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3

@@ -25,8 +25,8 @@ import numpy as np
 from pydantic import Field
 from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
 
-from agrobot_mj.randomness import stream
-from agrobot_mj.signals import Array
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.generated import Generated
 
 REFERENCE_WAVE_NUMBER = 0.1

@@ -6,8 +6,8 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import HUGE, Positive, Scale, Spec
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import HUGE, Positive, Scale, Spec
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
@@ -40,7 +40,7 @@ class Special(Spec):
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
-class Rectangle(Special):
+class RectanglePatch(Special):
     """A rectangle about its centre."""
 
     kind: Literal["rectangle"] = "rectangle"
@@ -69,7 +69,7 @@ class Rectangle(Special):
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
 
 
-class Circle(Special):
+class CirclePatch(Special):
     """A disc about its centre."""
 
     kind: Literal["circle"] = "circle"
@@ -90,7 +90,7 @@ class Circle(Special):
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
-class Polygon(Special):
+class PolygonPatch(Special):
     """A polygon; where its edges cross each other, points inside an even number of times do not count."""
 
     kind: Literal["polygon"] = "polygon"
@@ -101,7 +101,7 @@ class Polygon(Special):
     """Corners [east, north], in either sense; the last is joined to the first [m]."""
 
     @model_validator(mode="after")
-    def _has_corners(self) -> "Polygon":
+    def _has_corners(self) -> "PolygonPatch":
         if len(set(self.points)) < 3:
             raise ValueError("points: has fewer than 3 different corners; add some")
         lengths = np.linalg.svd(np.array(self.points) - self.points[0], compute_uv=False)
@@ -124,7 +124,7 @@ class Polygon(Special):
         return inside
 
 
-class Picture(Special):
+class PicturePatch(Special):
     """A grey picture as a map of properties, north up: `friction` and `cone_index_kpa` where it is black."""
 
     kind: Literal["image"] = "image"
@@ -142,7 +142,7 @@ class Picture(Special):
     """Likewise of the soil; as `cone_index_kpa` when left out [kPa]."""
 
     @model_validator(mode="after")
-    def _has_both_ends(self) -> "Picture":
+    def _has_both_ends(self) -> "PicturePatch":
         if self.cone_index_kpa is None and self.cone_index_white_kpa is not None:
             raise ValueError("cone_index_white_kpa: needs cone_index_kpa, which holds where the picture is black")
         return self

@@ -6,7 +6,7 @@ It has no slip law: sliding creeps like a viscous fluid, with a cornering stiffn
 
 from typing import Literal
 
-from agrobot_mj.spec import Positive, Spec
+from agrobot_mj.core.spec import Positive, Spec
 
 
 class Contact(Spec):

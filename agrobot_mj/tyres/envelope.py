@@ -12,7 +12,8 @@ from math import inf, radians, sqrt
 
 import numpy as np
 
-from agrobot_mj.compiled import kernel
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 MIDDLE = 11
@@ -27,8 +28,6 @@ BASE = 0.5
 """Half the length over which the slope below the wheel is taken, over the radius [-]. Estimate."""
 BASE_WIDTH = 0.25
 """Likewise across: about half the width of the tyre [-]. Estimate."""
-
-Vector = tuple[float, float, float]
 
 
 @kernel

@@ -4,10 +4,11 @@ from math import atan, exp
 
 import numpy as np
 
-from agrobot_mj.compiled import kernel
-from agrobot_mj.signals import Array
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import Vector
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres.linear import Linear, linear_force
 from agrobot_mj.tyres.magic_formula import MagicFormula, magic_force
 from agrobot_mj.tyres.patch import (
@@ -17,8 +18,8 @@ from agrobot_mj.tyres.patch import (
     LOAD,
     SLIP_ANGLE,
     SLIP_RATIO,
+    ContactPatch,
     Footing,
-    Patch,
     TyreSet,
     add_wrench,
     find_patch,
@@ -108,7 +109,7 @@ def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> 
 
 
 @kernel
-def scrub(tyres: TyreSet, patch: Patch, load: float, grip: float, dt: float, bristle: Array) -> float:
+def scrub(tyres: TyreSet, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
     The patch twists until its rim slides, over a bristle deflection of `SLIDE` times its half length, and then holds
@@ -135,10 +136,10 @@ def wheel_step(
     tyres: TyreSet,
     i: int,
     ground: Ground,
-    centre: tuple[float, float, float],
-    axle: tuple[float, float, float],
-    velocity: tuple[float, float, float],
-    rotation: tuple[float, float, float],
+    centre: Vector,
+    axle: Vector,
+    velocity: Vector,
+    rotation: Vector,
     dt: float,
     bristle: Array,
     wrench: Array,

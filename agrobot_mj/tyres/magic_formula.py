@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
-from agrobot_mj.compiled import kernel
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 BREAKAWAY_SPEED = 0.1
 """Rolling faster than this the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""

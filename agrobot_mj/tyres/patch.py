@@ -13,11 +13,12 @@ A driven wheel's force acts with the effective rolling radius r_e as its lever (
 r_e lies a third of the deflection below the free radius [Pacejka2012].
 """
 
-from math import cos, exp, sin, sqrt, tanh
+from math import cos, exp, sin, tanh
 from typing import NamedTuple
 
-from agrobot_mj.compiled import kernel
-from agrobot_mj.signals import Array
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import Vector, cross, dot, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
@@ -67,20 +68,20 @@ class Footing(NamedTuple):
     """[Pa]."""
 
 
-class Patch(NamedTuple):
+class ContactPatch(NamedTuple):
     """One wheel on the ground: frame, penetration and velocities."""
 
     penetration: float
     """Positive when touching, along n [m]."""
     rate: float
     """Of the penetration [m/s]."""
-    n: tuple[float, float, float]
+    n: Vector
     """Ground normal, world."""
-    f: tuple[float, float, float]
+    f: Vector
     """Forward in the ground plane, world."""
-    l: tuple[float, float, float]  # noqa: E741
+    l: Vector  # noqa: E741
     """Left in the ground plane, world."""
-    arm: tuple[float, float, float]
+    arm: Vector
     """From the wheel's centre to the patch [m]."""
     v_x: float
     """Velocity of the wheel's centre plane over the ground, forward [m/s]."""
@@ -93,44 +94,23 @@ class Patch(NamedTuple):
 
 
 @kernel
-def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
-    """Scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Vector product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def unit(a: tuple[float, float, float]) -> tuple[float, float, float]:
-    """`a` over its length."""
-    s = 1.0 / sqrt(dot(a, a))
-    return a[0] * s, a[1] * s, a[2] * s
-
-
-@kernel
-def below(n: tuple[float, float, float], axle: tuple[float, float, float]) -> tuple[float, float, float]:
+def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
     """The way down in the plane of a wheel, against the normal `n`."""
     tilt = dot(n, axle)
     return unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
 
 
 @kernel
-def standing(
-    ground: Ground, radius: float, centre: tuple[float, float, float], axle: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], float]:
+def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
     """Normal of the ground where a wheel stands on it, and the penetration along it [m]."""
     if ground.heights.size == 4:
         _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
         n = unit((-dx, -dy, 1.0))
-        return n, depth_at(ground, centre, below(n, axle), n, radius, 0.0) * n[2]
+        return n, depth_at(ground, centre, down_in_wheel_plane(n, axle), n, radius, 0.0) * n[2]
     dx, dy = slope_below(ground, radius, centre, axle)
     n = unit((-dx, -dy, 1.0))
     f = unit(cross(axle, n))
-    phi, depth = deepest(ground, radius, centre, below(n, axle), f)
+    phi, depth = deepest(ground, radius, centre, down_in_wheel_plane(n, axle), f)
     c, s = cos(phi), sin(phi)
     turned = unit((c * n[0] - s * f[0], c * n[1] - s * f[1], c * n[2] - s * f[2]))
     return turned, depth * turned[2]
@@ -140,23 +120,23 @@ def standing(
 def find_patch(
     ground: Ground,
     radius: float,
-    centre: tuple[float, float, float],
-    axle: tuple[float, float, float],
-    velocity: tuple[float, float, float],
-    rotation: tuple[float, float, float],
-) -> Patch:
+    centre: Vector,
+    axle: Vector,
+    velocity: Vector,
+    rotation: Vector,
+) -> ContactPatch:
     """Where and how a wheel touches: `centre` [m], `axle` (unit, left), velocity [m/s] and rotation [rad/s], world."""
-    n, penetration = standing(ground, radius, centre, axle)
+    n, penetration = contact_plane(ground, radius, centre, axle)
     f = unit(cross(axle, n))
     left = cross(n, f)
-    down = below(n, axle)
+    down = down_in_wheel_plane(n, axle)
     r = radius - penetration
     arm = (r * down[0], r * down[1], r * down[2])
     spin = dot(rotation, axle)
     carrier = (rotation[0] - spin * axle[0], rotation[1] - spin * axle[1], rotation[2] - spin * axle[2])
     w = cross(carrier, arm)
     v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
-    return Patch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
+    return ContactPatch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
 
 
 @kernel
@@ -195,10 +175,10 @@ def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float)
 @kernel
 def add_wrench(
     wrench: Array,
-    patch: Patch,
-    axle: tuple[float, float, float],
-    at_patch: tuple[float, float, float],
-    besides: tuple[float, float, float],
+    patch: ContactPatch,
+    axle: Vector,
+    at_patch: Vector,
+    besides: Vector,
 ) -> None:
     """Write force and torque about the wheel's centre into `wrench` (6,), world.
 

@@ -18,10 +18,10 @@ from typing import Literal
 
 import numpy as np
 
-from agrobot_mj.compiled import kernel
-from agrobot_mj.signals import Array
-from agrobot_mj.spec import NonNegative, Positive, Spec
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.patch import Footing
 
 BREAKAWAY_SLIP = 0.4

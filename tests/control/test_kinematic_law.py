@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agrobot_mj.control.kinematic import KinematicLaw
-from agrobot_mj.signals import Estimate, Reference
+from agrobot_mj.core.signals import Estimate, Reference
 
 L_R = 0.53
 

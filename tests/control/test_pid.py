@@ -4,7 +4,7 @@ from math import copysign, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.control.pid import NEUTRAL_V, Pid, Slope, SpeedLoop, SteeringLoop, over_dead_band
+from agrobot_mj.control.pid import NEUTRAL_V, Pid, FilteredRate, SpeedLoop, SteeringLoop, over_dead_band
 
 TICK = 0.05
 
@@ -31,7 +31,7 @@ def test_first_error_gives_no_derivative_kick() -> None:
 
 
 def test_derivative_filter_has_its_time_constant() -> None:
-    slope = Slope().after(0.0, 0.001, 0.2)
+    slope = FilteredRate().after(0.0, 0.001, 0.2)
     for k in range(200):
         slope = slope.after(0.001 * (k + 1), 0.001, 0.2)
     assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)

@@ -6,8 +6,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from agrobot_mj.control import Controller, OpenLoop, Pd, PdIsgn, PdT1fnn, PdT2fnn
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
-from agrobot_mj.signals import Command
-from agrobot_mj.spec import every
+from agrobot_mj.core.signals import Command
+from agrobot_mj.core.spec import every
 
 TICK, LIMIT = 0.05, radians(45)
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf
-from agrobot_mj.geometry import wrap
-from agrobot_mj.randomness import stream
-from agrobot_mj.signals import Array, Estimate, Fix, Measurement, Quality
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.machine.tractor import TractorParameters
 
 DT = 0.05
 TRACTOR = TractorParameters()

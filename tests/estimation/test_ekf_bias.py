@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf, EkfBias
 from agrobot_mj.estimation.velocity_kf import turned
-from agrobot_mj.signals import Fix, Measurement, Quality
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.machine.tractor import TractorParameters
 
 DT, TRACTOR = 0.05, TractorParameters()
 LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 25.0, "end_s": 30.0}]}

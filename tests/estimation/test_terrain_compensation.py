@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf, EkfBias
-from agrobot_mj.estimation.lever import Lever, at_foot, offset
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.signals import Fix, Measurement, Quality
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.machine.tractor import TractorParameters
 
 DT, TRACTOR = 0.05, TractorParameters()
 PERFECT = {"enabled": True, "sigma_deg": 0.0, "wander_sigma_deg": 0.0}

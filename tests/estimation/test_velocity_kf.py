@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from agrobot_mj.core.signals import Fix
 from agrobot_mj.estimation.velocity_kf import VelocityKf, process_noise, transition
-from agrobot_mj.signals import Fix
 
 DT, WALK = 0.05, 0.1
 NOISE = np.diag(np.square([0.02, 0.03, 0.02, 0.03]))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality
+from agrobot_mj.core.spec import every
 from agrobot_mj.faults import Fault, Script
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.scenario import resolve
+from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.sensors import Gyro, Sensors
-from agrobot_mj.signals import GOOD_DAY, TICK_S, Quality
-from agrobot_mj.simulate import Loop
-from agrobot_mj.spec import every
+from agrobot_mj.simulation.loop import Loop
 
 KINDS = sorted(spec.model_fields["kind"].default for spec in every(Fault))
 SENSED = [kind for kind in KINDS if not next(s for s in every(Fault) if s.model_fields["kind"].default == kind).machine]
@@ -42,7 +42,7 @@ def refused(*tables, **overrides):
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_acts_in_its_window_and_only_there(kind):
     days = conditions({"kind": kind, "start_s": 20, "end_s": 40})
-    changed = [k for k, day in enumerate(days) if day != GOOD_DAY]
+    changed = [k for k, day in enumerate(days) if day != NOMINAL]
     assert changed
     assert min(changed) == 400, "at once"
     assert max(changed) < 800
@@ -158,14 +158,14 @@ def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
 )
 def test_a_fault_adds_to_what_is_there(table, field, once, twice):
     (fault,) = faults(table)
-    _, one = fault.apply(None, GOOD_DAY, 0.0, TICK_S)
+    _, one = fault.apply(None, NOMINAL, 0.0, TICK_S)
     _, two = fault.apply(None, one, 0.0, TICK_S)
     assert (getattr(one, field), getattr(two, field)) == pytest.approx((once, twice))
 
 
 def test_faults_of_different_kinds_all_count():
     day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
-    assert day == GOOD_DAY._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_stuck=True)
+    assert day == NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_stuck=True)
 
 
 # --- what is refused ----------------------------------------------------------------------------------------------

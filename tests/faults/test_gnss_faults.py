@@ -6,9 +6,9 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality, Truth
 from agrobot_mj.faults import GnssFloat, GnssLatency, Script
 from agrobot_mj.sensors import Gnss
-from agrobot_mj.signals import GOOD_DAY, TICK_S, Quality, Truth
 
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
 
@@ -93,7 +93,7 @@ def test_a_flicker_comes_back_to_another_solution():
 def test_a_float_error_is_large_and_long_lived():
     """Sigma, share and time of its correlated part are the receiver's own for float."""
     gnss, n, lags = Gnss(float_correlation_time_s=2.0), 100_000, np.array([0, 1, 20, 40])
-    told = delivered(gnss, n * [GOOD_DAY._replace(gnss_quality=Quality.FLOAT)])
+    told = delivered(gnss, n * [NOMINAL._replace(gnss_quality=Quality.FLOAT)])
     for error in np.array([(fix.x - k * TICK_S, fix.y) for k, (fix, _) in enumerate(told)]).T:
         covariance = np.array([error[: n - lag] @ error[lag:] / (n - lag) for lag in lags]) / 0.3**2
         wanted = 0.9 * np.exp(-lags * TICK_S / 2.0) + 0.1 * (lags == 0)
@@ -102,10 +102,10 @@ def test_a_float_error_is_large_and_long_lived():
 
 def test_fix_and_float_errors_are_independent_and_go_on_unseen():
     gnss = Gnss(correlated_fraction=1.0, float_correlated_fraction=1.0)
-    floats = [GOOD_DAY._replace(gnss_quality=Quality.FLOAT)]
-    first = [[delivered(gnss, [day], seed)[0][0].x for day in (GOOD_DAY, *floats)] for seed in range(1000)]
+    floats = [NOMINAL._replace(gnss_quality=Quality.FLOAT)]
+    first = [[delivered(gnss, [day], seed)[0][0].x for day in (NOMINAL, *floats)] for seed in range(1000)]
     assert abs(np.corrcoef(np.transpose(first))[0, 1]) < 5 / sqrt(1000)
-    whole, mixed = delivered(gnss, 90 * floats), delivered(gnss, 30 * floats + 30 * [GOOD_DAY] + 30 * floats)
+    whole, mixed = delivered(gnss, 90 * floats), delivered(gnss, 30 * floats + 30 * [NOMINAL] + 30 * floats)
     assert mixed[60:] == whole[60:]
 
 
@@ -115,7 +115,7 @@ def test_fix_and_float_errors_are_independent_and_go_on_unseen():
 def ages(own_s, extra, ticks=60):
     """Age of what is delivered in each tick [ticks], None for nothing; `extra(k)` in ticks."""
     gnss = PERFECT.model_copy(update={"latency_s": own_s})
-    told = delivered(gnss, [GOOD_DAY._replace(gnss_latency_s=extra(k) * TICK_S) for k in range(ticks)])
+    told = delivered(gnss, [NOMINAL._replace(gnss_latency_s=extra(k) * TICK_S) for k in range(ticks)])
     return [None if fix is None else round(k - fix.x / TICK_S) for k, (fix, _) in enumerate(told)]
 
 
@@ -145,7 +145,7 @@ def test_the_fault_adds_its_latency_to_the_receivers_own():
 
 def test_what_is_under_way_is_forgotten_once_it_is_overtaken():
     gnss = Gnss(latency_s=5.0)
-    state, late = gnss.init(1), GOOD_DAY._replace(gnss_latency_s=5.0)
+    state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):
         state, _, _ = gnss.measure(state, truth(k * TICK_S), TICK_S, late)
     assert len(state.pending) == 200

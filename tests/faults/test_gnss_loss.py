@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.hydraulics import LITRE_PER_MINUTE
-from agrobot_mj.signals import TICK_S
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 
 LOST, FOUND = 500, 600
 """First tick without and first tick with a solution again."""

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import NOMINAL, TICK_S, PointMass
 from agrobot_mj.faults import Drawbar, Payload, Script, SideForce, SoftTyre, loadings
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.scenario import resolve
-from agrobot_mj.signals import GOOD_DAY, TICK_S, PointMass
-from agrobot_mj.simulate import Loop, build_plant
+from agrobot_mj.scenario.schema import resolve
+from agrobot_mj.simulation.loop import Loop, build_plant
 
 
 def days(*faults, seconds=10.0, seed=1):
@@ -65,7 +65,7 @@ def test_nothing_asks_for_nothing():
         SideForce(force_n=0),
         SoftTyre(stiffness_share=1, rolling_share=1),
     )
-    assert set(days(*nothing)) == {GOOD_DAY}
+    assert set(days(*nothing)) == {NOMINAL}
 
 
 @pytest.mark.parametrize(

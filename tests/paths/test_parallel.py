@@ -5,7 +5,7 @@ from math import acos, hypot, pi
 import numpy as np
 import pytest
 
-from agrobot_mj.geometry import wrap
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.paths import Contour, Swaths, sample
 from agrobot_mj.paths.parallel import skipping
 

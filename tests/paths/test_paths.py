@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from agrobot_mj.geometry import wrap
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.spec import every
 from agrobot_mj.paths import (
     Circle,
     Contour,
@@ -24,7 +25,6 @@ from agrobot_mj.paths import (
     sample,
 )
 from agrobot_mj.paths.arc import SLOWEST_M_S
-from agrobot_mj.spec import every
 
 RAMPED = [
     *(Line(), Circle(), FigureEight()),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.paths.arc import Pose
-from agrobot_mj.paths.profile import Motion, fastest
+from agrobot_mj.paths.profile import TimedCourse, fastest
 from agrobot_mj.paths.track import STEP_M, Piece, chain, samples, through
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -28,7 +28,7 @@ def test_it_brakes_in_time_for_a_slow_piece_and_no_sooner():
 
 def test_a_bend_is_taken_at_the_speed_of_its_lateral_acceleration():
     course = chain(ORIGIN, [Piece(50), Piece(10 * pi, 0.1), Piece(50)])
-    motion = Motion(course, 5.0, 0.4, 0.5)
+    motion = TimedCourse(course, 5.0, 0.4, 0.5)
     inside = motion.when(50 + 5 * pi)
     assert motion.at(inside).curvature == 0.1
     assert np.hypot(*motion.at(inside)[2:4]) == pytest.approx(sqrt(0.4 / 0.1))
@@ -37,19 +37,19 @@ def test_a_bend_is_taken_at_the_speed_of_its_lateral_acceleration():
 
 @pytest.mark.parametrize("distance", [0.0, 0.013, 7.3, 60.0, 99.99])
 def test_when_is_the_inverse_of_the_way(distance: float):
-    motion = Motion(chain(ORIGIN, [Piece(100.0, 0.0, 1.5)]), 2.0, 1.0, 0.3)
+    motion = TimedCourse(chain(ORIGIN, [Piece(100.0, 0.0, 1.5)]), 2.0, 1.0, 0.3)
     assert motion.at(motion.when(distance)).x == pytest.approx(distance)
 
 
 def test_a_straight_takes_the_time_of_school():
     v, a, length = 1.5, 0.3, 100.0
-    assert Motion(chain(ORIGIN, [Piece(length)]), v, 1.0, a).duration == pytest.approx(
+    assert TimedCourse(chain(ORIGIN, [Piece(length)]), v, 1.0, a).duration == pytest.approx(
         length / v + v / (2 * a), rel=1e-3
     )
 
 
 def test_beyond_the_end_it_goes_straight_on_at_its_last_speed():
-    motion = Motion(chain(ORIGIN, [Piece(10.0), Piece(5 * pi, 0.1)]), 1.0, 1.0, 0.5)
+    motion = TimedCourse(chain(ORIGIN, [Piece(10.0), Piece(5 * pi, 0.1)]), 1.0, 1.0, 0.5)
     end, later = motion.at(motion.duration), motion.at(motion.duration + 7.0)
     assert (later.x, later.y) == pytest.approx((end.x, end.y + 7.0))
     assert later.curvature == 0

@@ -8,9 +8,9 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.cli import main
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.paths import Waypoints, sample
 from agrobot_mj.paths.waypoint_file import MOST_BYTES, MOST_ROWS
-from agrobot_mj.problems import ScenarioError
 
 
 def route(folder, rows, header="", name="route.csv"):

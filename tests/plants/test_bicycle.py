@@ -6,12 +6,12 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve
+from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import NEUTRAL_V, Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.bicycle import Bicycle, BicycleLaw, BicyclePlant, lateral_dynamics, step
-from agrobot_mj.signals import Drive, Reference
 from agrobot_mj.terrain import Flat
-from agrobot_mj.tractor import TractorParameters
 
 TRACTOR, SPEC = TractorParameters(), Bicycle()
 LAW = BicycleLaw(

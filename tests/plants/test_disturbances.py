@@ -6,31 +6,31 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.plants.loads import AHEAD, GIVE
-from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, Drive, PointMass, Reference
-from agrobot_mj.spec import every
+from agrobot_mj.plants.mujoco.loads import AHEAD, GIVE
+from agrobot_mj.studies.validation.driver import Driver, track_course
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tractor import GRAVITY, TractorParameters
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
 from agrobot_mj.tyres.laws import force, tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, LOAD, SLIP_RATIO, Footing
-from agrobot_mj.validation.driver import Driver, track_course
 
 TRACTOR, REST = TractorParameters(), Drive(NEUTRAL_V, NEUTRAL_V)
 L, L_R, T = TRACTOR.wheelbase_m, TRACTOR.cg_to_rear_axle, TRACTOR.track_m
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 FORCE_TYRES = [tyre for tyre in every(Tyre) if tyre is not Contact]
 TANK = PointMass(150.0, -0.6, 0.2, 0.9)
-SOFT_LEFT = GOOD_DAY._replace(tyre_stiffness=(1, 1, 0.4, 1), tyre_rolling=(1, 1, 1.6, 1))
+SOFT_LEFT = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 1), tyre_rolling=(1, 1, 1.6, 1))
 
 
 class Under:
     """A plant under constant conditions, as a `Driver` takes it."""
 
-    def __init__(self, conditions=GOOD_DAY, tyre=None, terrain=Flat(), settled=None, dt=0.002, **driveline):
+    def __init__(self, conditions=NOMINAL, tyre=None, terrain=Flat(), settled=None, dt=0.002, **driveline):
         steps = round(0.05 / dt)
         self.plant = MujocoPlant(
             Mujoco(tyre=tyre or MagicFormula()),
@@ -72,7 +72,7 @@ class Under:
     ids=["tank", "ballast taken away", "both ends"],
 )
 def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
-    under = Under(GOOD_DAY._replace(payload=payload), tyre())
+    under = Under(NOMINAL._replace(payload=payload), tyre())
     under.wait(4.0)
     load = under.report()[LOAD]
     extra = sum(m.kg for m in payload)
@@ -85,7 +85,7 @@ def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
 
 
 def test_a_payload_on_the_left_loads_the_left_wheels_and_the_tractor_leans_to_it():
-    under = Under(GOOD_DAY._replace(payload=(TANK,)))
+    under = Under(NOMINAL._replace(payload=(TANK,)))
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
     height = (TRACTOR.mass_kg * TRACTOR.cg_height_m + TANK.kg * TANK.up) / (TRACTOR.mass_kg + TANK.kg)
@@ -117,18 +117,18 @@ def test_centre_and_inertia_of_the_whole_are_those_of_the_sum():
 
 
 def test_dropping_a_payload_on_the_way_disturbs_nothing_but_the_loads():
-    under = Under(GOOD_DAY._replace(payload=(TANK,)))
+    under = Under(NOMINAL._replace(payload=(TANK,)))
     under.drive(1.2, 6.0)
     before = under.truth
     model = under.plant.model
-    under.plant._befall(GOOD_DAY)
+    under.plant._apply_conditions(NOMINAL)
     assert under.plant.truth()._replace(steer_samples=0, pedal_samples=0) == before._replace(
         steer_samples=0, pedal_samples=0
     )
     fresh = Under().plant.model
     for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat", "body_subtreemass", "dof_invweight0"):
         assert getattr(model, name).tobytes() == getattr(fresh, name).tobytes(), name
-    under.conditions = GOOD_DAY
+    under.conditions = NOMINAL
     trace = under.drive(1.2, 6.0)
     assert np.abs(np.diff(trace["speed"])).max() < 0.05
     assert under.report()[LOAD].sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=0.01)
@@ -154,10 +154,10 @@ def test_more_than_there_is_cannot_be_taken_away(payload, words):
 @pytest.mark.parametrize("pull", [1000.0, 2500.0])
 @pytest.mark.parametrize("tyre", [Linear(rolling_resistance=0.05), MagicFormula(), Soil()], ids=lambda t: t.kind)
 def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
-    under = Under(GOOD_DAY._replace(drawbar=pull), tyre)
+    under = Under(NOMINAL._replace(drawbar=pull), tyre)
     trace = under.drive(1.2, 15.0)
     report = trace.wheels[-40:].mean(axis=0)
-    free = Under(GOOD_DAY, tyre).drive(1.2, 15.0).wheels[-40:].mean(axis=0)
+    free = Under(NOMINAL, tyre).drive(1.2, 15.0).wheels[-40:].mean(axis=0)
     load, slip, forward = report[LOAD], report[SLIP_RATIO], report[FORCE_X]
     sunk = load[2] / TRACTOR.rear_tyre_stiffness_n_m
     assert trace.mean("speed", 2.0) == pytest.approx(1.2, rel=0.005)
@@ -182,13 +182,13 @@ def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
 def test_slip_grows_with_the_pull_faster_than_the_pull():
     slips = []
     for pull in (500.0, 1500.0, 3000.0):
-        slips.append(Under(GOOD_DAY._replace(drawbar=pull)).drive(1.2, 10.0).wheels[-20:].mean(axis=0)[SLIP_RATIO, 2])
+        slips.append(Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 10.0).wheels[-20:].mean(axis=0)[SLIP_RATIO, 2])
     assert slips == sorted(slips)
     assert (slips[2] - slips[1]) / 1500 > 1.2 * (slips[1] - slips[0]) / 1000
 
 
 def test_an_implement_resists_backwards_too():
-    under = Under(GOOD_DAY._replace(drawbar=1500.0))
+    under = Under(NOMINAL._replace(drawbar=1500.0))
     trace = under.drive(-0.8, 12.0)
     assert trace.mean("speed", 2.0) == pytest.approx(-0.8, rel=0.01)
     assert trace.wheels[-20:].mean(axis=0)[FORCE_X].sum() == pytest.approx(-1500.0, rel=0.01)
@@ -198,7 +198,7 @@ def test_an_implement_resists_backwards_too():
 @pytest.mark.parametrize("pull", [1500.0, 1e5])
 def test_parked_with_an_implement_it_stays_parked(pull, dt):
     """Its tyres take over from the soil while that eases, and nothing trembles."""
-    under = Under(GOOD_DAY._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
+    under = Under(NOMINAL._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
     early = under.wait(5.0)
     speeds = [under.advance().speed for _ in range(200)]
     late = under.truth
@@ -208,7 +208,7 @@ def test_parked_with_an_implement_it_stays_parked(pull, dt):
 
 
 def test_at_standstill_the_resistance_fades_and_does_not_push_back():
-    under = Under(GOOD_DAY._replace(drawbar=1500.0))
+    under = Under(NOMINAL._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
     full = abs(under.plant.loads[AHEAD])
     for _ in range(60):
@@ -223,7 +223,7 @@ def test_at_standstill_the_resistance_fades_and_does_not_push_back():
 
 
 def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
-    under = Under(GOOD_DAY._replace(drawbar=8000.0), settled=GOOD_DAY)
+    under = Under(NOMINAL._replace(drawbar=8000.0), settled=NOMINAL)
     trace = under.drive(1.2, 12.0)
     late = trace["x"][-100:]
     assert np.ptp(late) < 0.1
@@ -235,7 +235,7 @@ def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
 @pytest.mark.parametrize("side", [1, -1])
 def test_in_a_turn_the_hitch_is_held_back_along_its_own_course(side):
     """The hitch runs wide of the turn, so that its pull has a part that turns the tractor out of it."""
-    free, held = (Under(GOOD_DAY._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
+    free, held = (Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
     assert 0 < side * held.mean("yaw_rate", 2.0) < 0.99 * side * free.mean("yaw_rate", 2.0)
 
 
@@ -246,7 +246,7 @@ def test_in_a_turn_the_hitch_is_held_back_along_its_own_course(side):
 def test_a_side_force_makes_the_tractor_crab_as_the_cornering_stiffness_says(side):
     """The rear axle carries F l_f / L; with heading and steering the weighted mean slip is F / (C_f + C_r)."""
     tyre, wind = Linear(), 600.0
-    under = Under(GOOD_DAY._replace(side_force=side * wind), tyre)
+    under = Under(NOMINAL._replace(side_force=side * wind), tyre)
     trace = under.drive(1.2, 30.0, track_course())
     C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
     heading, steer = trace.mean("yaw", 3.0), trace.mean("steer", 3.0)
@@ -263,7 +263,7 @@ def test_a_side_force_makes_the_tractor_crab_as_the_cornering_stiffness_says(sid
 
 
 def test_a_parked_tractor_leans_on_a_side_force_and_stays():
-    under = Under(GOOD_DAY._replace(side_force=800.0))
+    under = Under(NOMINAL._replace(side_force=800.0))
     early = under.wait(5.0)
     late = under.wait(10.0)
     assert late.roll < -radians(0.2)  # the left side down
@@ -286,14 +286,14 @@ def test_on_a_soft_rear_tyre_the_tractor_leans_as_its_spring_says():
 
 @pytest.mark.parametrize("left", [True, False])
 def test_a_soft_tyre_pulls_to_its_side(left):
-    conditions = SOFT_LEFT if left else GOOD_DAY._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
-    sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (GOOD_DAY, conditions))
+    conditions = SOFT_LEFT if left else NOMINAL._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
+    sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (NOMINAL, conditions))
     assert abs(sound) < radians(0.01)
     assert (soft if left else -soft) > radians(0.5)
 
 
 def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
-    both = GOOD_DAY._replace(tyre_stiffness=(1, 1, 0.4, 0.4), tyre_rolling=(1, 1, 1.6, 1.6))
+    both = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 0.4), tyre_rolling=(1, 1, 1.6, 1.6))
     sound, soft = Under(tyre=MagicFormula()), Under(both, tyre=MagicFormula())
     push = []
     for under in (sound, soft):
@@ -301,7 +301,7 @@ def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
         push.append(np.mean([under.driver.go(0.05) and under.plant.actuation()[2] for _ in range(40)]))
     rolling = 0.05 * TRACTOR.rear_axle_load * 0.6 * TRACTOR.rear_wheel_radius_m
     assert push[1] - push[0] == pytest.approx(rolling, rel=0.06)
-    windy = [Under(c._replace(side_force=500.0)) for c in (GOOD_DAY, both)]
+    windy = [Under(c._replace(side_force=500.0)) for c in (NOMINAL, both)]
     wind = [under.drive(1.2, 25.0, track_course()).mean("yaw", 3.0) for under in windy]
     assert wind[1] / wind[0] == pytest.approx(1 / 0.4, rel=0.1)
 
@@ -312,16 +312,16 @@ def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
 @pytest.mark.parametrize("tyre", every(Tyre))
 def test_disturbances_of_nothing_change_no_bit(tyre):
     """Also after they have been there: a reset forgets them."""
-    nothing = GOOD_DAY._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
-    plain, other = Under(GOOD_DAY, tyre()), Under(nothing, tyre())
+    nothing = NOMINAL._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
+    plain, other = Under(NOMINAL, tyre()), Under(nothing, tyre())
     for under in (plain, other):
         for k in range(40):
             under.advance(Drive(NEUTRAL_V + 2 * np.sin(k), 8.0))
     assert plain.state() == other.state()
-    rough = GOOD_DAY._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.5)
+    rough = NOMINAL._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.5)
     other.conditions = rough
     other.wait(1.0)
-    other.conditions = GOOD_DAY
+    other.conditions = NOMINAL
     other.plant.reset(ORIGIN)
     other.truth = None
     for k in range(40):

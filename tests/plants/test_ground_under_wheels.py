@@ -5,16 +5,16 @@ from math import cos, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Drive, Reference
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.signals import GOOD_DAY, NEUTRAL_V, TICK_S, Drive, Reference
+from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Flat, Ground, Slope, height_and_gradient
-from agrobot_mj.terrain.patches import Rectangle
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.terrain.patches import RectanglePatch
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil
 from agrobot_mj.tyres.patch import FRICTION_USE
-from agrobot_mj.validation.driver import Driver
 
 TRACTOR = TractorParameters()
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -31,11 +31,11 @@ def build(ground, tyre=None, start=ORIGIN, settle_s=3.0, **driveline):
 def icy(side, from_m=-50.0):
     """Level ground with ice below the wheels of one side (1 left), from some way ahead of the tractor on."""
     length = 100.0
-    ice = Rectangle(x_m=from_m + length / 2, y_m=5.0 * side, length_m=length, width_m=10.0, friction=0.15)
+    ice = RectanglePatch(x_m=from_m + length / 2, y_m=5.0 * side, length_m=length, width_m=10.0, friction=0.15)
     return Flat(patch=(ice,)).ground()
 
 
-def hold(plant, drive, seconds, conditions=GOOD_DAY):
+def hold(plant, drive, seconds, conditions=NOMINAL):
     for _ in range(round(seconds / TICK_S)):
         truth = plant.advance(drive, conditions)
     return truth
@@ -78,7 +78,7 @@ def test_an_open_differential_drives_no_harder_than_its_wheel_on_ice(tyre):
 
 def test_each_wheel_in_contact_has_the_friction_of_its_ground_and_of_the_day():
     plant, _ = build(icy(1), Contact(friction=0.7))
-    hold(plant, REST, 0.1, GOOD_DAY._replace(grip=0.5))
+    hold(plant, REST, 0.1, NOMINAL._replace(grip=0.5))
     found = [plant.model.geom(f"tyre_{wheel}").friction[0] for wheel in ("fl", "fr", "rl", "rr")]
     assert found == pytest.approx([0.7 * 0.15 * 0.5, 0.7 * 0.5] * 2)
     hold(plant, REST, TICK_S)
@@ -89,7 +89,7 @@ def test_each_wheel_in_contact_has_the_friction_of_its_ground_and_of_the_day():
 def test_the_contact_slides_down_a_slope_that_is_steeper_than_its_friction(grip):
     """And reports how much of its friction it uses."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
-    day = GOOD_DAY._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
+    day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
     early, late = hold(plant, REST, 1.0, day), hold(plant, REST, 1.0, day)
     slid = early.x - late.x
     assert slid > 0.05 if grip < 0.5 else slid < 0.04

@@ -4,17 +4,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import Cylinder
-from agrobot_mj.plants.model import (
+from agrobot_mj.core.resources import MODELS
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.model import (
     ackermann_coefficients,
     simulation_model,
     static_deflections,
     tractor_spec,
 )
-from agrobot_mj.resources import MODELS
 from agrobot_mj.terrain import Flat
-from agrobot_mj.tractor import TractorParameters
 
 HEAVY = TractorParameters(
     mass_kg=980,

@@ -11,14 +11,14 @@ from math import atan, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import NEUTRAL_V, Cylinder, Valve, valve_law, valve_step
+from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import NEUTRAL_V, Cylinder, Valve, valve_law, valve_step
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
-from agrobot_mj.plants.model import SPIN_GYRATION_2
-from agrobot_mj.signals import Drive, Reference
-from agrobot_mj.spec import every
+from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tractor import GRAVITY, TractorParameters
 from agrobot_mj.tyres import Contact, Linear, Tyre
 
 TRACTOR, CYLINDER = TractorParameters(), Cylinder()
@@ -418,20 +418,20 @@ def test_the_truth_is_consistent_with_itself():
 UNCOMPILED = """
 import json
 import numba
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.signals import GOOD_DAY, Drive, PointMass, Reference
-from agrobot_mj.spec import every
+from agrobot_mj.core.signals import NOMINAL, Drive, PointMass, Reference
+from agrobot_mj.core.spec import every
 from agrobot_mj.terrain import Slope
-from agrobot_mj.terrain.patches import Circle
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.terrain.patches import CirclePatch
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Tyre
 
 def run(tyre):
-    wet = Circle(x_m=0.2, y_m=0.5, radius_m=1.0, friction=0.6, cone_index_kpa=700.0)
+    wet = CirclePatch(x_m=0.2, y_m=0.5, radius_m=1.0, friction=0.6, cone_index_kpa=700.0)
     ground = Slope(grade_deg=7, direction_deg=20, patch=(wet,)).ground()
-    rough = GOOD_DAY._replace(
+    rough = NOMINAL._replace(
         payload=(PointMass(90.0, -0.5, 0.2, 0.8),), drawbar=800.0, side_force=-300.0, grip=0.9,
         tyre_stiffness=(1.0, 0.5, 1.0, 1.0), tyre_rolling=(1.0, 1.4, 1.0, 1.0),
     )

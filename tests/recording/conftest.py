@@ -5,7 +5,7 @@ from recorded import Recorded
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
-from agrobot_mj.storage import write_log
+from agrobot_mj.simulation.storage import write_log
 
 rr.set_strict_mode(True)
 

@@ -3,7 +3,7 @@ import pytest
 from recorded import Recorded
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.crosstrack import cross_track
+from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.recording import write_comparison
 
 

@@ -12,7 +12,8 @@ import pytest
 from recorded import Recorded, replay
 
 from agrobot_mj import __version__, load_scenario, run
-from agrobot_mj.recording import Recording, viewer
+from agrobot_mj.recording import Recording
+from agrobot_mj.recording.transport import viewer
 
 KILLED = """
 import os, signal, sys, time
@@ -137,7 +138,7 @@ def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_
         "--out",
         tmp_path,
     ]
-    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[3])}
     path, pipes = tmp_path / "run.rrd", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env=environment, **pipes) as process:
         deadline = time.monotonic() + 300
@@ -205,7 +206,7 @@ def test_an_error_in_the_run_is_told(short, tmp_path):
 
 
 def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
-    from agrobot_mj import simulate
+    from agrobot_mj.simulation import loop as simulate
 
     told = []
 

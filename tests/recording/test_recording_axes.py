@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.recording.axes import EDGE, readable, time_end, value_range
+from agrobot_mj.recording.plots.axes import EDGE, readable, time_end, value_range
 
 
 def numbers(low, high, most_steps):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from recorded import replay
 
-from agrobot_mj.recording.wheels import contacts
+from agrobot_mj.recording.world.wheels import contacts
 from agrobot_mj.terrain.grid import plane
 from agrobot_mj.tyres.patch import find_patch
 

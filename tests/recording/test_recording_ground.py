@@ -4,7 +4,7 @@ from math import tan
 import numpy as np
 import pytest
 
-from agrobot_mj.recording.ground import FINEST_M, MARGIN_M, ground_mesh
+from agrobot_mj.recording.world.ground import FINEST_M, MARGIN_M, ground_mesh
 from agrobot_mj.terrain import Ground, Slope
 from agrobot_mj.terrain.grid import Surface, heights, plane
 

@@ -7,7 +7,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom
 from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
-from agrobot_mj.recording.scene import reference_line, shapes
+from agrobot_mj.recording.world.scene import reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
 

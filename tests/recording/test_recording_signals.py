@@ -5,8 +5,8 @@ from recorded import Recorded, replay
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.blueprint import DRIVE, FOLLOWED, TABS
-from agrobot_mj.recording.network import network_plots
-from agrobot_mj.recording.signals import PLOTS
+from agrobot_mj.recording.plots.network import network_plots
+from agrobot_mj.recording.plots.signals import PLOTS
 
 DEG = 180 / np.pi
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -109,7 +109,7 @@ def test_yaw_errors_are_small_across_the_wrap(short, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def ailing(tmp_path_factory):
+def worn(tmp_path_factory):
     """A run with a fault, under the estimator that knows a steering bias."""
     path = tmp_path_factory.mktemp("ailing") / "run.rrd"
     fault = {"kind": "gnss_loss", "start_s": 4, "end_s": 6}
@@ -118,13 +118,13 @@ def ailing(tmp_path_factory):
 
 
 @pytest.mark.parametrize("path", LATER)
-def test_plots_of_what_a_log_may_have(ailing, path):
+def test_plots_of_what_a_log_may_have(worn, path):
     unit, factor, columns = LATER[path]
-    values = ailing.log.column(columns[0])
+    values = worn.log.column(columns[0])
     there = np.isfinite(values)
     assert np.ptp(values[there]) > 0
-    np.testing.assert_allclose(scalars(ailing, path)[1][:, 0], values[there] * factor)
-    assert names(ailing, path)[0].endswith(f"[{unit}]")
+    np.testing.assert_allclose(scalars(worn, path)[1][:, 0], values[there] * factor)
+    assert names(worn, path)[0].endswith(f"[{unit}]")
 
 
 @pytest.mark.parametrize("path", SLOW)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agrobot_mj.recording import snapshot, viewer
-from agrobot_mj.recording.snapshot import SnapshotError, snapshots
+from agrobot_mj.recording.transport import snapshot, viewer
+from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 TABS = ["drive", "control", "tyres", "estimator", "network", "info"]
 DRIVERS = [Path(root) / "vulkan" / "icd.d" for root in ("/usr/share", "/etc", "/usr/local/share")]
@@ -89,7 +89,7 @@ def test_a_viewer_that_does_not_start_is_no_traceback(eight, tmp_path, monkeypat
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
 def test_the_browser_is_served_on_loopback_only(eight):
-    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[2]), "BROWSER": "true"}
+    environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[3]), "BROWSER": "true"}
     command = [sys.executable, "-m", "agrobot_mj", "view", "--web", str(eight.path)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.scenario import load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies.validation.base import mujoco_plant
+from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Heightmap, Slope
 from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.tyres import MagicFormula
-from agrobot_mj.validation.base import mujoco_plant
-from agrobot_mj.validation.driver import Driver
 
 HILL = np.array([[0.0, 1.0, 2.0], [10.0, 11.0, 12.0], [20.0, 21.0, 22.0]]) / 20
 """Row 0 north: rises by a metre from north to south, by 0.1 m from west to east."""

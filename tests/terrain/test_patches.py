@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from agrobot_mj.problems import ScenarioError
-from agrobot_mj.scenario import load_scenario
-from agrobot_mj.spec import every
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import every
+from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.terrain import Flat, surface_at
-from agrobot_mj.terrain.patches import MOST_CELLS, Patch
-from agrobot_mj.terrain.shapes import Circle, Picture, Polygon, Rectangle
+from agrobot_mj.terrain.patches import MOST_CELLS, GroundPatch
+from agrobot_mj.terrain.shapes import CirclePatch, PicturePatch, PolygonPatch, RectanglePatch
 
 U_SHAPE = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (4.0, 6.0), (4.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0))
 
@@ -25,12 +25,17 @@ def friction(surface, x, y):
 
 
 def test_the_family_is_complete():
-    assert {patch.model_fields["kind"].default for patch in every(Patch)} == {"rectangle", "circle", "polygon", "image"}
+    assert {patch.model_fields["kind"].default for patch in every(GroundPatch)} == {
+        "rectangle",
+        "circle",
+        "polygon",
+        "image",
+    }
 
 
 def test_a_polygon_may_be_hollow_and_is_the_same_in_either_sense():
     for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
-        surface = surface_of(Polygon(points=points, friction=0.5))
+        surface = surface_of(PolygonPatch(points=points, friction=0.5))
         for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):
             assert friction(surface, x, y) == 0.5
         for x, y in ((3.0, 4.0), (-1.0, 3.0), (7.0, 3.0), (3.0, 6.5), (1.0, -0.5)):
@@ -40,10 +45,10 @@ def test_a_polygon_may_be_hollow_and_is_the_same_in_either_sense():
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(-180, 180), st.floats(-10, 10), st.floats(-10, 10))
 def test_a_polygon_of_four_corners_is_the_rectangle(length, width, heading, x, y):
-    box = Rectangle(x_m=x, y_m=y, length_m=length, width_m=width, heading_deg=heading)
+    box = RectanglePatch(x_m=x, y_m=y, length_m=length, width_m=width, heading_deg=heading)
     c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    twin = Polygon(points=tuple((float(x + c * a - s * b), float(y + s * a + c * b)) for a, b in corners))
+    twin = PolygonPatch(points=tuple((float(x + c * a - s * b), float(y + s * a + c * b)) for a, b in corners))
     assert twin.bounds() == pytest.approx(box.bounds())
     at = np.random.default_rng(0).uniform(-25, 25, (2, 500))
     assert np.array_equal(twin.covers(*at), box.covers(*at))
@@ -52,7 +57,7 @@ def test_a_polygon_of_four_corners_is_the_rectangle(length, width, heading, x, y
 def picture(folder, values, **keys):
     file = folder / "map.png"
     Image.fromarray(np.asarray(values)).save(file)
-    return Picture(file=str(file), **keys)
+    return PicturePatch(file=str(file), **keys)
 
 
 @pytest.mark.parametrize("white", [255, 65535])
@@ -92,7 +97,7 @@ def test_a_changed_picture_is_read_anew(tmp_path):
 
 
 def test_of_patches_that_overlap_the_last_one_counts():
-    wet, dry = Circle(friction=0.5, cone_index_kpa=500.0), Circle(radius_m=2.0, friction=0.9)
+    wet, dry = CirclePatch(friction=0.5, cone_index_kpa=500.0), CirclePatch(radius_m=2.0, friction=0.9)
     assert surface_at(surface_of(wet, dry), 0.3, 0.3) == (0.9, 0.0)
     assert surface_at(surface_of(dry, wet), 0.3, 0.3) == (0.5, 5e5)
 
@@ -100,9 +105,9 @@ def test_of_patches_that_overlap_the_last_one_counts():
 @pytest.mark.parametrize(
     "patch",
     [
-        Rectangle(length_m=900.0, width_m=900.0),
-        Rectangle(length_m=999.0, width_m=5.0, cell_m=0.01),
-        Rectangle(length_m=900.0, width_m=300.0, cell_m=0.01),
+        RectanglePatch(length_m=900.0, width_m=900.0),
+        RectanglePatch(length_m=999.0, width_m=5.0, cell_m=0.01),
+        RectanglePatch(length_m=900.0, width_m=300.0, cell_m=0.01),
     ],
 )
 def test_too_many_cells_are_refused_with_a_size_that_fits(patch):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
+from agrobot_mj.studies.validation.base import mujoco_plant, warnings
+from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Bumps, Ridges, Rough, height_and_gradient
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
-from agrobot_mj.validation.base import mujoco_plant, warnings
-from agrobot_mj.validation.driver import Driver
 
 
 def height(ground, x, y):

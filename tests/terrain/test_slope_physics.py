@@ -4,14 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.driveline import Driveline
-from agrobot_mj.hydraulics import NEUTRAL_V
+from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import NEUTRAL_V
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.signals import Drive, Reference
+from agrobot_mj.studies.validation.base import STOCK
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tractor import GRAVITY
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
-from agrobot_mj.validation.base import STOCK
 
 GRADE_DEG = 10.0
 START = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.signals import Drive, Reference
-from agrobot_mj.spec import every
+from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.core.spec import every
+from agrobot_mj.studies.validation.base import mujoco_plant, warnings
 from agrobot_mj.terrain import Bumps, Flat, Heightmap, Ridges, Rough, Slope, Terrain, height_and_gradient, surface_at
 from agrobot_mj.terrain.generated import Generated
 from agrobot_mj.terrain.grid import MOST_NODES
-from agrobot_mj.terrain.shapes import Circle
+from agrobot_mj.terrain.shapes import CirclePatch
 from agrobot_mj.tyres import Contact, MagicFormula
-from agrobot_mj.validation.base import mujoco_plant, warnings
 
 TERRAINS = every(Terrain)
 GENERATED = [terrain for terrain in TERRAINS if issubclass(terrain, Generated)]
@@ -60,7 +60,7 @@ def test_the_seed_makes_another_field_of_the_same_sort(kind):
 
 @pytest.mark.parametrize("kind", TERRAINS)
 def test_patches_lie_on_every_terrain(kind):
-    surface = small(kind, patch=(Circle(radius_m=2.0, friction=0.5),)).ground().surface
+    surface = small(kind, patch=(CirclePatch(radius_m=2.0, friction=0.5),)).ground().surface
     assert surface_at(surface, 0.5, 0.5)[0] == 0.5
     assert surface_at(surface, 3.0, 3.0)[0] == 1.0
 

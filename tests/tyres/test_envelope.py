@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from agrobot_mj.terrain import Ground, Ridges, Rough
 from agrobot_mj.terrain.grid import heights, plane
 from agrobot_mj.tyres.envelope import STEP
-from agrobot_mj.tyres.patch import standing
+from agrobot_mj.tyres.patch import contact_plane
 
 EAST = (0.0, 1.0, 0.0)
 """Axle (to the left) of a wheel that rolls east."""
@@ -18,8 +18,8 @@ EAST = (0.0, 1.0, 0.0)
 def stand(ground, radius, x, y=0.0, axle=EAST):
     """Height of the wheel's centre at which it just touches, and the normal there."""
     low, high = float(ground.heights.min()) + 0.5 * radius, float(ground.heights.max()) + 2 * radius
-    z = brentq(lambda z: standing(ground, radius, (x, y, z), axle)[1], low, high, xtol=1e-9)
-    return z, standing(ground, radius, (x, y, z), axle)[0]
+    z = brentq(lambda z: contact_plane(ground, radius, (x, y, z), axle)[1], low, high, xtol=1e-9)
+    return z, contact_plane(ground, radius, (x, y, z), axle)[0]
 
 
 def circle_on(ground, radius, x, y=0.0):
@@ -85,8 +85,8 @@ def test_on_a_plane_of_many_cells_it_is_the_plane(yaw, tilt):
     many = Ground(-3.0, -3.0, 0.15, np.ascontiguousarray(grade[0] * nodes[None, :] + grade[1] * nodes[:, None]))
     axle = (-sin(yaw) * cos(tilt), cos(yaw) * cos(tilt), sin(tilt))
     for x, y, z in ((0.3, -0.4, 0.5), (0.11, 0.72, 0.4)):
-        n, penetration = standing(many, 0.42, (x, y, z), axle)
-        m, depth = standing(plane(*grade, 3.0), 0.42, (x, y, z), axle)
+        n, penetration = contact_plane(many, 0.42, (x, y, z), axle)
+        m, depth = contact_plane(plane(*grade, 3.0), 0.42, (x, y, z), axle)
         assert n == pytest.approx(m, abs=1e-9)
         assert penetration == pytest.approx(depth, abs=1e-9)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.spec import every
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
-from agrobot_mj.terrain.patches import Rectangle
-from agrobot_mj.tractor import TractorParameters
+from agrobot_mj.terrain.patches import RectanglePatch
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD
@@ -18,7 +18,7 @@ RADIUS = TractorParameters().rear_wheel_radius_m
 
 def ground(**properties):
     """Level, with a patch of 4 m about the origin."""
-    return Flat(patch=(Rectangle(length_m=4.0, width_m=4.0, **properties),)).ground()
+    return Flat(patch=(RectanglePatch(length_m=4.0, width_m=4.0, **properties),)).ground()
 
 
 def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):

@@ -5,9 +5,9 @@ from math import radians, tan
 import numpy as np
 import pytest
 
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.terrain import Flat
-from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.linear import linear_force

@@ -5,9 +5,9 @@ from math import radians, tan
 import numpy as np
 import pytest
 
-from agrobot_mj.rig import FRONT, Rig, Setting
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.studies.rig import FRONT, Rig, Setting
 from agrobot_mj.terrain import Flat
-from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import LOAD

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from agrobot_mj.spec import every
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Contact, Linear, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO, find_patch, relax

@@ -6,9 +6,9 @@ from math import atan, exp, hypot, radians, sqrt, tan
 import numpy as np
 import pytest
 
-from agrobot_mj.rig import FRONT, REAR, Rig, Setting
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting
 from agrobot_mj.terrain import Flat
-from agrobot_mj.tractor import TractorParameters
 from agrobot_mj.tyres import Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD

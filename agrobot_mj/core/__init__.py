@@ -1,0 +1,1 @@
+"""What every other part uses: messages, specs, errors, geometry, randomness, kernels, files."""

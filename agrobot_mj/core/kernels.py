@@ -1,0 +1,82 @@
+"""How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`.
+
+Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
+folder named after the content of every part of the package that kernels come from, where a stale one cannot be found.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from numba import config, njit, typeof
+from platformdirs import user_cache_path
+
+F = TypeVar("F", bound=Callable[..., object])
+KEPT = 8
+"""Caches of as many versions of the package stay on disk."""
+PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "studies")
+"""Parts of the package with kernels, and what kernels take constants from."""
+
+
+def _content() -> str:
+    """Hex digest of the sources of `PARTS`."""
+    digest, package = hashlib.sha256(), Path(__file__).parents[1]
+    for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).parts[0] in PARTS:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache() -> Path | None:
+    """The folder for compiled kernels, or None where nothing can be written."""
+    home = user_cache_path("agrobot_mj") / "kernels"
+    folder = home / _content()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        others = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+    except OSError:
+        return None
+    for old in others[KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+CACHE = None if config.DISABLE_JIT else _cache()
+
+
+def jit(function: F) -> F:
+    """Compile `function` on its first call."""
+    return _compiled(function)
+
+
+def kernel(function: F) -> F:
+    """The same for what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
+
+    Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
+    wheel. An array that it did make would never be freed; tests/test_compiled.py watches that there is none.
+    """
+    return _compiled(function, _nrt=False, error_model="numpy")
+
+
+def bound(function: Any, *arguments: object) -> Callable[..., Any]:
+    """A compiled function for arguments of the types of these, and of no others: a call looks at no types.
+
+    Looking at them costs a microsecond a named tuple.
+    """
+    if config.DISABLE_JIT:
+        return cast(Callable[..., Any], function)
+    return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))
+
+
+def _compiled(function: F, **options: object) -> F:
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = str(CACHE or "")
+        compiled: F = njit(cache=CACHE is not None, nogil=True, **options)(function)
+    finally:
+        config.CACHE_DIR = before
+    return compiled

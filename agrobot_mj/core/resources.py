@@ -1,0 +1,29 @@
+"""Where `models/` and `scenarios/` lie: inside an installed wheel, or beside the package in a checkout."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def resource_dir(name: str) -> Path:
+    """Folder `name` ("models" or "scenarios")."""
+    inside = _PACKAGE / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+MODELS = resource_dir("models")
+SCENARIOS = resource_dir("scenarios")
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that cannot be one (too long, say) has none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def library_file(name: str) -> Path:
+    """A data file that a scenario names: as given, or one that comes with the scenarios."""
+    given, shipped = Path(name), SCENARIOS / name
+    return shipped if not given.is_absolute() and is_file(shipped) else given

@@ -1,0 +1,218 @@
+"""The messages between the stages of one tick.
+
+SI units and radians. Frames: ENU (x east, y north, z up); yaw from east, counter-clockwise; vehicle axes after
+ISO 8855 (x forward, y left, z up), so steering, yaw rate and lateral velocity are left-positive, pitch is
+nose-down-positive and roll is left-side-up-positive.
+"""
+
+from math import nan
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+TICK_S = 0.05
+"""Sampling period of sensors and controllers [s]. Paper, T_s."""
+NEUTRAL_V = 6.0
+"""Voltage at which a valve moves nothing [V]. Paper: range 0-12 V."""
+
+WHEELS = ("fl", "fr", "rl", "rr")
+"""Order of the wheels everywhere: front and rear, left and right."""
+
+Outcome = Literal["completed", "rolled_over", "diverged", "left_terrain", "stuck", "aborted"]
+"""How a run can end."""
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+class Truth(NamedTuple):
+    """What the plant really does at time `t`; only sensors, logs and metrics may look."""
+
+    t: float
+    """Time since the start [s]."""
+    x: float
+    """CG, east [m]."""
+    y: float
+    """CG, north [m]."""
+    z: float
+    """CG, up [m]."""
+    yaw: float
+    """From east, counter-clockwise, wrapped to (-pi, pi] [rad]."""
+    pitch: float
+    """Nose down positive [rad]."""
+    roll: float
+    """Left side up positive [rad]."""
+    speed: float
+    """CG velocity along the heading, u in the paper [m/s]."""
+    lateral_speed: float
+    """CG velocity to the left of the heading, v in the paper [m/s]."""
+    yaw_rate: float
+    """gamma in the paper [rad/s]."""
+    steer: float
+    """Front-wheel angle of the bicycle's virtual wheel, left positive [rad]."""
+    pedal: float
+    """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
+    rear_x: float
+    """R, the point below the centre of the rear axle, east [m]."""
+    rear_y: float
+    """R, north [m]."""
+    antenna: tuple[float, float, float]
+    """GNSS antenna, ENU [m]."""
+    antenna_velocity: tuple[float, float, float]
+    """GNSS antenna, ENU [m/s]."""
+    steer_samples: Array
+    """Steering angle after each physics step of the last tick, oldest first, shape (n,) [rad]."""
+    pedal_samples: Array
+    """Pedal position after each physics step of the last tick, oldest first, shape (n,) [-]."""
+
+
+class Fix(NamedTuple):
+    """One GNSS solution at the antenna."""
+
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    vx: float
+    """East velocity [m/s]."""
+    vy: float
+    """North velocity [m/s]."""
+
+
+class Quality:
+    """GNSS solution quality, as logged in `gnss_quality`."""
+
+    NONE = 0
+    FLOAT = 1
+    FIX = 2
+
+
+class PointMass(NamedTuple):
+    """A mass on the chassis."""
+
+    kg: float
+    """Negative for ballast taken away [kg]."""
+    ahead: float
+    """Of R, the point on the ground below the rear axle [m]."""
+    left: float
+    """Of R [m]."""
+    up: float
+    """Above R [m]."""
+
+
+class Conditions(NamedTuple):
+    """What befalls the tractor in one tick; the defaults are those of a good day."""
+
+    gnss_quality: int = Quality.FIX
+    """Of the solution at the antenna, one of `Quality`."""
+    gnss_latency_s: float = 0.0
+    """On top of the receiver's own, whole ticks [s]."""
+    gnss_offset: tuple[float, float] = (0.0, 0.0)
+    """Added to the solution's position, east and north [m]."""
+    steer_pot_bias: float = 0.0
+    """Added to the steering potentiometer's reading [rad]."""
+    steer_pot_stuck: bool = False
+    """The steering potentiometer goes on telling its last reading."""
+    valve_gain: float = 1.0
+    """Share of the steering valve's flow that is left [-]."""
+    valve_dead_band: float = 0.0
+    """Added to the steering valve's dead band, either side [V]."""
+    payload: tuple[PointMass, ...] = ()
+    """Masses rigidly added to the chassis."""
+    drawbar: float = 0.0
+    """Pull of an implement at the hitch, against the motion [N]."""
+    side_force: float = 0.0
+    """On the centre of mass, horizontally, to the left of the heading [N]."""
+    grip: float = 1.0
+    """Scale of the ground's friction under all wheels [-]."""
+    tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    """Share of the vertical and slip stiffness that is left of the tyres fl, fr, rl, rr [-]."""
+    tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    """Rolling resistance of the tyres fl, fr, rl, rr over that of sound ones [-]."""
+
+
+NOMINAL = Conditions()
+
+
+class Measurement(NamedTuple):
+    """What the controller's computer receives in one tick."""
+
+    t: float
+    """Time since the start [s]."""
+    fix: Fix | None
+    """The GNSS solution, or None when there is none."""
+    quality: int
+    """One of `Quality`."""
+    steer: float
+    """Steering potentiometer after its filter [rad]."""
+    pedal: float
+    """Pedal potentiometer after its filter [-]."""
+    gyro: float
+    """Yaw rate from the optional gyro [rad/s]."""
+    roll: float = nan
+    """Left side up positive, from the optional IMU [rad]."""
+    pitch: float = nan
+    """Nose down positive, from the optional IMU [rad]."""
+
+
+class Estimate(NamedTuple):
+    """What the controllers believe."""
+
+    x: float
+    """CG, east [m]."""
+    y: float
+    """CG, north [m]."""
+    yaw: float
+    """Wrapped to (-pi, pi] [rad]."""
+    speed: float
+    """Along the heading [m/s]."""
+    yaw_rate: float
+    """From the source that `estimator.yaw_rate_source` names [rad/s]."""
+    rear_x: float
+    """R, east [m]."""
+    rear_y: float
+    """R, north [m]."""
+    covariance: Array
+    """Of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
+    nis: float = nan
+    """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
+    steer_bias: float = nan
+    """What the steering angle reads beyond what the motion shows, left positive; NaN if not estimated [rad]."""
+
+
+class Reference(NamedTuple):
+    """The desired state of the CG at one time."""
+
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    vx: float
+    """East velocity [m/s]."""
+    vy: float
+    """North velocity [m/s]."""
+    yaw: float
+    """Direction of travel, wrapped to (-pi, pi] [rad]."""
+    curvature: float
+    """Left positive [1/m]."""
+
+
+class Command(NamedTuple):
+    """What the yaw controller asks of the steering."""
+
+    steer: float
+    """Front-wheel angle at the bicycle's virtual wheel, left positive, clipped at the steering limit [rad]."""
+    tau_c: float
+    """Output of the conventional (PD) controller [rad]."""
+    tau_n: float
+    """Output of the network, or of the integral that stands in for it; steer = tau_c - tau_n within limits [rad]."""
+    q: float
+    """Share of the lower firing level in the network's output; NaN without a network [-]."""
+
+
+class Drive(NamedTuple):
+    """What the low-level loops send to the valves."""
+
+    steer_voltage: float
+    """Steering valve, 0-12 V, neutral at 6 V, above steers left [V]."""
+    pedal_voltage: float
+    """Pedal valve, 0-12 V, neutral at 6 V, above presses forward [V]."""

@@ -1,0 +1,54 @@
+"""The base of every piece of configuration: frozen, strict about unknown keys, finite numbers only."""
+
+from math import isclose
+from typing import Annotated, Any, get_args
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from agrobot_mj.core.signals import TICK_S
+
+HUGE = 1e9
+"""No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
+Positive = Annotated[float, Field(gt=0, le=HUGE)]
+NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
+Scale = Annotated[float, Field(gt=0, le=10)]
+"""Of something that is 1 on a good day [-]."""
+Spread = Annotated[float, Field(ge=0, le=10)]
+"""Standard deviation over the mean [-]."""
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+def whole_ticks(seconds: float) -> float:
+    """`seconds` as they are. Raises ValueError when they are no whole number of ticks."""
+    ticks = round(seconds / TICK_S)
+    if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
+        raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
+    return seconds
+
+
+Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
+"""[s]."""
+
+
+class Spec(BaseModel):
+    """Frozen data with units in its key names; a misspelt key is an error."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
+
+
+def members(annotation: Any) -> dict[str, type[Spec]]:
+    """The specs inside an annotation by their `kind` (by class name where they have none)."""
+    if isinstance(annotation, type) and issubclass(annotation, Spec):
+        kind = annotation.model_fields.get("kind")
+        return {str(kind.default) if kind else annotation.__name__: annotation}
+    found: dict[str, type[Spec]] = {}
+    for argument in get_args(annotation):
+        found.update(members(argument))
+    return found
+
+
+def every(union: Any) -> list[type[Spec]]:
+    """The members of a discriminated union, e.g. `every(Path)`: the union is the registry."""
+    return list(members(union).values())

@@ -1,0 +1,1 @@
+"""The tractor's numbers and its actuators, shared by all plants."""

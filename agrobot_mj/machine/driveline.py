@@ -1,0 +1,105 @@
+"""Pedal valve and hydrostatic drive: voltage to pedal to the speed that the pump asks of the wheels.
+
+Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); the
+pedal sets the pump's displacement, which follows with a lag. The output is the rim speed that the oil flow stands
+for; the MuJoCo plant puts the trapped oil's spring and the differential between it and the wheels, the bicycle
+takes it as the speed. All numbers are estimates for a compact tractor's two-pedal hydrostat in its low range.
+"""
+
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import NEUTRAL_V, Array
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
+
+
+class Driveline(Spec):
+    """From the pedal's voltage to the rear wheels."""
+
+    pedal_dead_band_v: NonNegative = 0.30
+    """Half width about neutral [V]. Estimate."""
+    pedal_rate_per_v_s: Positive = 0.50
+    """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate."""
+    pedal_rate_limit_per_s: Positive = 1.5
+    """[1/s]. Estimate."""
+    full_speed_m_s: Positive = 5.0
+    """Rim speed at full pedal [m/s]. Estimate."""
+    pump_time_constant_s: Positive = 0.30
+    """Displacement lag of the hydrostat [s]. Estimate."""
+    torque_limit_n_m: Positive = 3000.0
+    """Relief valve, sum over the driven wheels, driving and braking [N m]. Estimate: above the grip on firm ground."""
+    power_limit_kw: Positive = 14.0
+    """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 %."""
+    connected: bool = True
+    """False: the range gear is in neutral and the wheels roll freely."""
+    differential_lock: bool = False
+    """Both rear wheels turn alike."""
+    front_wheel_drive: bool = False
+    """Mechanical drive of the front axle, through an open front differential."""
+    front_lead: Positive = 1.02
+    """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
+    stiffness_n_m_rad: Positive = 6.0e4
+    """Trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""
+    damping_n_m_s_rad: NonNegative = 400.0
+    """Shafts and final drives, at the mean wheel speed [N m s/rad]. Estimate."""
+
+
+class DriveLaw(NamedTuple):
+    """A `Driveline` as the compiled kernel takes it."""
+
+    dead_band: float
+    """[V]."""
+    gain: float
+    """[1/(V s)]."""
+    rate_limit: float
+    """[1/s]."""
+    full_speed: float
+    """[m/s]."""
+    lag: float
+    """Share of a step that the pump keeps [-]."""
+    dt: float
+    """[s]."""
+
+
+class DriveMemory(NamedTuple):
+    """What the drive remembers between steps; written in place."""
+
+    pedal: Array
+    """Shape (1,): pedal position in [-1, 1] [-]."""
+    speed: Array
+    """Shape (1,): rim speed that the flow stands for [m/s]."""
+
+
+def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
+    """The kernel's parameters and a memory at rest, for steps of `dt` [s]."""
+    law = DriveLaw(
+        dead_band=driveline.pedal_dead_band_v,
+        gain=driveline.pedal_rate_per_v_s,
+        rate_limit=driveline.pedal_rate_limit_per_s,
+        full_speed=driveline.full_speed_m_s,
+        lag=exp(-dt / driveline.pump_time_constant_s),
+        dt=dt,
+    )
+    return law, DriveMemory(np.zeros(1), np.zeros(1))
+
+
+def reset_drive(memory: DriveMemory) -> None:
+    """Pedal released, pump at zero."""
+    memory.pedal[:], memory.speed[:] = 0.0, 0.0
+
+
+@kernel
+def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
+    """Advance pedal and pump by one step under `voltage` [V]; returns the rim speed asked for [m/s]."""
+    v = voltage - NEUTRAL_V
+    rate = 0.0
+    if abs(v) > law.dead_band:
+        rate = law.gain * (v - law.dead_band if v > 0 else v + law.dead_band)
+    rate = min(max(rate, -law.rate_limit), law.rate_limit)
+    memory.pedal[0] = min(max(memory.pedal[0] + rate * law.dt, -1.0), 1.0)
+    target = memory.pedal[0] * law.full_speed
+    memory.speed[0] = target + law.lag * (memory.speed[0] - target)
+    return float(memory.speed[0])

@@ -1,0 +1,154 @@
+"""Electro-hydraulic steering: valve voltage to oil flow to steering rate.
+
+Input 0-12 V, neutral at 6 V; output m3/s, positive steers left. A transport delay and a first-order spool lag
+come before the static map (dead band, a gain for each direction, saturation at the pump's flow). Structure:
+[Qiu1999]; limits 0-12 V and 12 l/min: paper, section V-B; the rest estimates inside the ranges of the literature
+(delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the range, 15-30 deg/s).
+
+The cylinder is described by its displacement per radian at the bicycle's virtual wheel. The bicycle plant takes
+it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate and the wheels.
+"""
+
+from math import exp, pi
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import NEUTRAL_V, Array
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
+
+FULL_RANGE_V = 12.0
+"""[V]. Paper, section V-B."""
+LITRE_PER_MINUTE = 1e-3 / 60
+"""[m3/s]."""
+
+
+class Valve(Spec):
+    """The electro-hydraulic proportional valve and its pump."""
+
+    delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
+    """Transport delay, rounded to physics steps [s]. Estimate."""
+    time_constant_s: Positive = 0.10
+    """Spool lag [s]. Estimate."""
+    dead_band_v: NonNegative = 0.40
+    """Half width of the dead band about neutral [V]. Estimate (3.3 % of the range a side)."""
+    gain_left_l_min_v: Positive = 3.2
+    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate."""
+    gain_right_l_min_v: Positive = 2.8
+    """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side of the cylinder."""
+    pump_flow_l_min: Positive = 12.0
+    """Saturation, both ways [l/min]. Paper, section V-B."""
+
+
+class Cylinder(Spec):
+    """The steering cylinder, seen at the bicycle's virtual wheel."""
+
+    bore_mm: Positive = 63.0
+    """[mm]. Estimate."""
+    rod_mm: Positive = 25.0
+    """[mm]. Estimate; the mean of both sides counts."""
+    arm_m: Positive = 0.155
+    """Mean lever arm about the kingpins [m]. Estimate."""
+    relief_pressure_bar: Positive = 100.0
+    """Relief valve [bar]. Estimate."""
+    stiffness_n_m_rad: Positive = 5.0e4
+    """Trapped oil, hoses and linkage in series [N m/rad]. Estimate: oil about 2e5, linkage about 7e4."""
+    damping_n_m_s_rad: NonNegative = 400.0
+    """Linkage and seals [N m s/rad]. Estimate."""
+
+    @property
+    def area(self) -> float:
+        """Mean effective piston area [m2]."""
+        bore, rod = self.bore_mm * 1e-3, self.rod_mm * 1e-3
+        return pi / 4 * (bore**2 - rod**2 / 2)
+
+    @property
+    def displacement(self) -> float:
+        """Oil per radian of the virtual wheel [m3/rad]."""
+        return self.area * self.arm_m
+
+    @property
+    def relief_torque(self) -> float:
+        """Largest torque about the virtual kingpin [N m]."""
+        return self.relief_pressure_bar * 1e5 * self.displacement
+
+
+class ValveLaw(NamedTuple):
+    """A `Valve` in SI units, as the compiled kernel takes it."""
+
+    lag: float
+    """Share of a step that the spool keeps, exp(-dt / time constant) [-]."""
+    dead_band: float
+    """[V]."""
+    gain_left: float
+    """[m3/(s V)]."""
+    gain_right: float
+    """[m3/(s V)]."""
+    saturation: float
+    """[m3/s]."""
+
+
+class ValveMemory(NamedTuple):
+    """What the valve remembers between steps; the arrays are written in place."""
+
+    spool: Array
+    """Shape (1,): lagged voltage at the spool [V]."""
+    queue: Array
+    """Shape (delay steps + 1,): voltages under way, a ring [V]."""
+    head: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    """Shape (1,): where the ring is written next."""
+
+
+def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
+    """The kernel's parameters and a memory at rest, for steps of `dt` [s]."""
+    law = ValveLaw(
+        lag=exp(-dt / valve.time_constant_s),
+        dead_band=valve.dead_band_v,
+        gain_left=valve.gain_left_l_min_v * LITRE_PER_MINUTE,
+        gain_right=valve.gain_right_l_min_v * LITRE_PER_MINUTE,
+        saturation=valve.pump_flow_l_min * LITRE_PER_MINUTE,
+    )
+    queue = np.full(round(valve.delay_s / dt) + 1, NEUTRAL_V)
+    return law, ValveMemory(np.array([NEUTRAL_V]), queue, np.zeros(1, dtype=np.int64))
+
+
+def reset_valve(memory: ValveMemory) -> None:
+    """Forget all voltages but neutral."""
+    memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
+
+
+def worn(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
+    """The valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either side."""
+    if gain == 1.0 and dead_band == 0.0:
+        return law
+    return law._replace(
+        dead_band=law.dead_band + dead_band,
+        gain_left=gain * law.gain_left,
+        gain_right=gain * law.gain_right,
+        saturation=gain * law.saturation,
+    )
+
+
+@kernel
+def static_flow(law: ValveLaw, voltage: float) -> float:
+    """Steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""
+    v = voltage - NEUTRAL_V
+    if v > law.dead_band:
+        return min(law.gain_left * (v - law.dead_band), law.saturation)
+    if v < -law.dead_band:
+        return max(law.gain_right * (v + law.dead_band), -law.saturation)
+    return 0.0
+
+
+@kernel
+def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
+    """Advance the valve by one step under `voltage` [V]; returns the flow [m3/s]."""
+    n = memory.queue.shape[0]
+    head = memory.head[0]
+    memory.queue[head] = min(max(voltage, 0.0), FULL_RANGE_V)
+    memory.head[0] = (head + 1) % n
+    delayed = memory.queue[memory.head[0]]
+    memory.spool[0] = delayed + law.lag * (memory.spool[0] - delayed)
+    return static_flow(law, memory.spool[0])

@@ -1,0 +1,87 @@
+"""Where a point is relative to a path, whatever the time: how far beside it, and which time of the path is beside.
+
+The nearest point is sought in a window along the path about the reference at the same time. The window reaches
+WINDOW_M ahead and behind, and no farther than the path turns through BEND, so that neither the other branch of a
+crossing nor the neighbouring swath ever enters it. From the nearest point the distance is that to the path's osculating
+circle, which is exact on lines and arcs.
+"""
+
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths import Path
+
+STEP_M = 0.05
+"""Spacing of the points of the path among which the nearest is sought [m]."""
+WINDOW_M = 10.0
+"""How far the tractor may be ahead or behind along the path and still find its nearest point [m]."""
+BEND = radians(80.0)
+"""Largest part of a bend in the window ahead, and behind: less than a right angle [rad]."""
+
+
+Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
+
+
+class BesidePath(NamedTuple):
+    """Points beside a path; both arrays have the shape of the points, NaN where a point is not finite."""
+
+    offset: Array
+    """Signed distance from the path, left positive [m]."""
+    time: Array
+    """When the reference passes the nearest point [s]."""
+
+
+def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
+    """Signed distance of the points (x, y) at times `t` from `path`, left positive, shape as `t` [m]; NaN where the
+    position is not finite."""
+    return track(path, t, x, y).offset
+
+
+def track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
+    """Where the points (x, y) [m] at the times `t` [s], each of shape (n,), are beside `path`."""
+    if len(t) == 0:
+        return BesidePath(np.empty(0), np.empty(0))
+    times, points = _spaced(path, t)
+    middle = np.clip(np.searchsorted(times, t), 0, len(times) - 1)
+    first, last = _windows(points)
+    reach = int(WINDOW_M / STEP_M)
+    nearest = np.empty(len(t), dtype=int)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for rows in np.array_split(np.arange(len(t)), len(t) // 1000 + 1):
+            window = middle[rows, None] + np.arange(-reach, reach + 1)
+            window = np.clip(window, first[middle[rows], None], last[middle[rows], None])
+            distance = (points[window, 0] - x[rows, None]) ** 2 + (points[window, 1] - y[rows, None]) ** 2
+            nearest[rows] = window[np.arange(len(rows)), distance.argmin(axis=1)]
+        offset = _offset(points[nearest], x, y)
+    return BesidePath(offset, np.where(np.isfinite(offset), times[nearest], np.nan))
+
+
+def _spaced(path: Path, t: Array) -> tuple[Array, Array]:
+    """Times (n,) and references (n, 6) at about equal distances along the path, WINDOW_M beyond the ends of `t`."""
+    step, room = STEP_M / path.speed_m_s, WINDOW_M / path.speed_m_s
+    times = t[0] + step * np.arange(-int(room / step), int((t[-1] - t[0] + room) / step) + 2)
+    points = np.array([path.at(time) for time in times.tolist()])
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
+    kept = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 0.99 * STEP_M)))
+    return times[kept], points[kept]
+
+
+def _windows(points: Array) -> tuple[Index, Index]:
+    """For each of the references (n, 6) the first and the last that are no more than BEND away, each of shape (n,)."""
+    turned = np.concatenate(([0.0], np.cumsum(np.abs(np.angle(np.exp(1j * np.diff(points[:, 4])))))))
+    first = np.searchsorted(turned, turned - BEND - 1e-9)
+    last = np.searchsorted(turned, turned + BEND + 1e-9, "right") - 1
+    return first, last
+
+
+def _offset(references: Array, x: Array, y: Array) -> Array:
+    """Signed distance of each (x, y) from the circle along its reference, left positive [m]."""
+    x_r, y_r, _, _, yaw, curvature = references.T
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, left = c * (x - x_r) + s * (y - y_r), -s * (x - x_r) + c * (y - y_r)
+    to_centre = np.hypot(curvature * ahead, 1 - curvature * left)
+    offset: Array = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
+    return np.where(np.isfinite(offset), offset, np.nan)

@@ -1,0 +1,110 @@
+"""Accuracy on parallel passes, in the manner of ISO 12188-2 [ISO2012].
+
+That standard tests guidance on straight and level passes: the cross-track error is interpolated along each pass, and
+what counts is its change from a pass to the next, as 95 % of the unsigned values. Here the true CG is taken at the same
+stations, STATION_M apart, on the passes of the path, without their run-in (`passes_s`). All errors count to the left of
+the first pass's direction, also on passes driven the other way, so that the difference of two neighbours is how much
+their swath is too wide (an overlap when negative). It is no test by the standard: the vehicle, the courses, their
+number and the time between them are the scenario's own.
+"""
+
+from itertools import pairwise
+from math import cos, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths import Parallel
+
+LABEL = "12188-2-style"
+STATION_M = 0.1
+"""Between the stations of a pass [m]."""
+COMPLETE = 0.99
+"""Share of its length that a pass must have to count as complete."""
+
+
+class Passed(NamedTuple):
+    """What was driven of a pass; stations and lines count from the start of the first, along it and to its left."""
+
+    line: float
+    """Where the pass should be [m]."""
+    direction: int
+    """1: as the first pass, -1: against it."""
+    span: float
+    """Length without the run-in [m]."""
+    stations: Array
+    """Those reached, whole multiples of STATION_M, shape (n,) [-]."""
+    errors: Array
+    """Distance of the CG from the line there, left of the first pass positive, shape (n,) [m]."""
+
+    def numbers(self, number: int) -> dict[str, Any]:
+        """The errors of this pass, left of its own direction positive; None where it was not reached."""
+        error = self.errors * self.direction
+        some = error.size > 0
+        return {
+            "pass": number,
+            "complete": bool(error.size * STATION_M >= COMPLETE * self.span - 2 * STATION_M),
+            "xte_mean": float(error.mean()) if some else None,
+            "xte_rms": float(np.sqrt((error**2).mean())) if some else None,
+            "xte_abs_p95": float(np.percentile(np.abs(error), 95)) if some else None,
+        }
+
+
+def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
+    """The accuracy of a run, ready for JSON, lengths in metres.
+
+    `time` says when the reference is beside the CG (`crosstrack.BesidePath.time`), x and y [m] where the CG is, each of
+    shape (ticks,). Without two neighbouring passes the error from pass to pass is None.
+    """
+    passed = driven(path, time, x, y)
+    by_line = sorted(passed, key=lambda one: one.line)
+    wide = [_difference(a, b) for a, b in pairwise(by_line)]
+    differences = np.concatenate([np.empty(0), *wide])
+    everything = np.concatenate([one.errors for one in passed])
+    return {
+        "label": LABEL,
+        "pass_to_pass_p95_m": _p95(differences),
+        "pass_to_pass_mean_m": float(differences.mean()) if differences.size else None,
+        "pass_xte_abs_p95_m": _p95(everything),
+        "per_pass": [one.numbers(k) for k, one in enumerate(passed, 1)],
+    }
+
+
+def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
+    """Each pass of the path, in the order in which they are driven; arguments as of `pass_to_pass`."""
+    origin = path.at(0.0)
+    c, s = cos(origin.yaw), sin(origin.yaw)
+    along, left = c * (x - origin.x) + s * (y - origin.y), -s * (x - origin.x) + c * (y - origin.y)
+    found = []
+    for start, end in path.passes_s:
+        a, b = path.at(start), path.at(end)
+        stations_m = [c * (p.x - origin.x) + s * (p.y - origin.y) for p in (a, b)]
+        line = -s * (a.x - origin.x) + c * (a.y - origin.y)
+        with np.errstate(invalid="ignore"):
+            rows = np.flatnonzero((time >= start) & (time <= end))
+        stations, errors = _interpolated(along[rows], left[rows] - line, min(stations_m), max(stations_m))
+        direction = 1 if stations_m[1] > stations_m[0] else -1
+        found.append(Passed(line, direction, abs(stations_m[1] - stations_m[0]), stations, errors))
+    return found
+
+
+def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
+    """The stations between `low` and `high` that were reached, and the errors there."""
+    if along.size < 2:
+        return np.empty(0), np.empty(0)
+    order = np.argsort(along)
+    along, errors = along[order], errors[order]
+    low, high = max(low, along[0]), min(high, along[-1])
+    stations = np.arange(np.ceil(low / STATION_M - 1e-9), np.floor(high / STATION_M + 1e-9) + 1)
+    return stations, np.interp(stations * STATION_M, along, errors)
+
+
+def _difference(right: Passed, left: Passed) -> Array:
+    """By how much the swath between two neighbours is too wide, at the stations that both reached [m]."""
+    _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
+    return left.errors[b] - right.errors[a]
+
+
+def _p95(values: Array) -> float | None:
+    return float(np.percentile(np.abs(values), 95)) if values.size else None

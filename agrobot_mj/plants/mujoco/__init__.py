@@ -1,0 +1,1 @@
+"""The MuJoCo tractor: sole owner of MjModel and MjData."""

@@ -1,0 +1,86 @@
+"""What pulls at the chassis besides the tyres: an implement at the hitch, and a side force.
+
+The side force acts on the tractor's centre of mass, horizontally, to the left of the heading. The implement resists
+every motion of the hitch along the ground, that is in the chassis' own x-y plane, ahead, back or sideways. It works the
+soil up over a short way and gives way to no pull below its own: its deflection z, a vector, follows
+
+    dz/dt = v - (|v| / GIVE + 1 / EASE) z,        force = -pull z / GIVE,
+
+with v the hitch's velocity. Moving, |z| is GIVE to within GIVE / (|v| EASE), and the force is the pull against the
+motion; a tractor that is too weak for it stops; at rest the force eases to nothing.
+"""
+
+from math import hypot
+
+import numpy as np
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import cross
+from agrobot_mj.plants.mujoco.views import CHASSIS, Views
+from agrobot_mj.tyres.patch import relax
+
+GIVE = 0.03
+"""Way over which the soil before an implement builds up its resistance [m]. Estimate."""
+EASE = 10.0
+"""At rest the resistance eases off over this time [s]. Estimate; it lets a stuck tractor creep by 3 mm/s at most."""
+PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
+"""Entries of the loads, shape (9,): pull and side force (left positive) [N]; place of the hitch behind the rear axle
+and above the ground [m]; z above, ahead and to the left in the chassis frame [m]; from there on the chassis' own centre
+of mass in its frame [m]. All in one array, since each argument of the compiled loop costs time."""
+
+
+def no_loads(behind: float, height: float) -> Array:
+    """The loads (9,) of a good day, with the hitch `behind` the rear axle and `height` above the ground [m]."""
+    loads = np.zeros(9)
+    loads[BEHIND], loads[HEIGHT] = behind, height
+    return loads
+
+
+@kernel
+def apply_loads(v: Views, loads: Array, dt: float) -> None:
+    """Write the loads' wrench about the chassis' own centre of mass into `xfrc_applied`, and step the implement."""
+    wrench = v.xfrc[CHASSIS]
+    wrench[:] = 0.0
+    R = v.xmat[CHASSIS]
+    if loads[PULL] > 0.0:
+        pull_back(v, loads, dt, wrench)
+    else:
+        loads[AHEAD], loads[LEFT] = 0.0, 0.0
+    if loads[SIDE] != 0.0:
+        level = loads[SIDE] / hypot(R[0], R[3])
+        place = (v.root_com[0] - v.qpos[0], v.root_com[1] - v.qpos[1], v.root_com[2] - v.qpos[2])
+        push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
+
+
+@kernel
+def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
+    """Add the implement's resistance to the wrench (6,)."""
+    R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
+    ahead = R[0] * w[0] + R[3] * w[1] + R[6] * w[2] + w[4] * z
+    left = R[1] * w[0] + R[4] * w[1] + R[7] * w[2] + w[5] * x - w[3] * z
+    wiping = hypot(ahead, left) + GIVE / EASE
+    loads[AHEAD] = relax(loads[AHEAD], ahead, wiping, GIVE, dt)
+    loads[LEFT] = relax(loads[LEFT], left, wiping, GIVE, dt)
+    f_x, f_y = -loads[PULL] * loads[AHEAD] / GIVE, -loads[PULL] * loads[LEFT] / GIVE
+    place = (R[0] * x + R[2] * z, R[3] * x + R[5] * z, R[6] * x + R[8] * z)
+    push(R, loads, place, (R[0] * f_x + R[1] * f_y, R[3] * f_x + R[4] * f_y, R[6] * f_x + R[7] * f_y), wrench)
+
+
+@kernel
+def push(
+    R: Array, loads: Array, place: tuple[float, float, float], force: tuple[float, float, float], wrench: Array
+) -> None:
+    """Add a force [N] at a place relative to the chassis' origin [m] to the wrench (6,), all in the world's axes."""
+    c = loads[CENTRE:]
+    torque = cross(
+        (
+            place[0] - R[0] * c[0] - R[1] * c[1] - R[2] * c[2],
+            place[1] - R[3] * c[0] - R[4] * c[1] - R[5] * c[2],
+            place[2] - R[6] * c[0] - R[7] * c[1] - R[8] * c[2],
+        ),
+        force,
+    )
+    for k in range(3):
+        wrench[k] += force[k]
+        wrench[3 + k] += torque[k]

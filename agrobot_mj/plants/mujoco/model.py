@@ -1,0 +1,245 @@
+"""From `models/tractor.xml` and the parameters to a compiled MuJoCo model.
+
+The XML holds the shape of the tractor and its default numbers; here every number that a scenario may set is written
+over it through `MjSpec`. Masses: the wheels' are parameters, axle, knuckles and crank are the XML's, and the chassis
+takes what is left, so that the whole has the mass, the CG and the inertia of `TractorParameters` exactly.
+"""
+
+from math import pi
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.resources import MODELS
+from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.terrain import Ground
+
+SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
+"""Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Estimate: half the
+mass in the tread."""
+
+
+def static_deflections(tractor: TractorParameters) -> tuple[float, float]:
+    """Tyre deflection front and rear under the static load on level ground [m]."""
+    return (
+        tractor.front_axle_load / 2 / tractor.front_tyre_stiffness_n_m,
+        tractor.rear_axle_load / 2 / tractor.rear_tyre_stiffness_n_m,
+    )
+
+
+def ackermann_coefficients(tractor: TractorParameters) -> Array:
+    """Quartic (5,) from the virtual wheel's angle to the left wheel's; slope 1 at zero, least squares to the limit."""
+    delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
+    t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
+    left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
+    powers = np.stack([delta**2, delta**3, delta**4], axis=1)
+    fitted = np.linalg.lstsq(powers, left - delta, rcond=None)[0]
+    return np.concatenate([[0.0, 1.0], fitted])
+
+
+def tractor_spec(tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> mujoco.MjSpec:
+    """The tractor alone, with every parameter written in."""
+    spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
+    _place_wheels(spec, tractor)
+    _couple_knuckles(spec, tractor)
+    _set_actuators(spec, tractor, cylinder, driveline)
+    chassis = spec.body("chassis")
+    spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
+    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
+    _complete_chassis(spec, chassis, tractor)
+    return spec
+
+
+def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
+    half = tractor.track_m / 2
+    sink_front, sink_rear = static_deflections(tractor)
+    front = (
+        tractor.front_wheel_radius_m,
+        tractor.front_wheel_width_m,
+        tractor.front_wheel_mass_kg,
+    )
+    rear = (
+        tractor.rear_wheel_radius_m,
+        tractor.rear_wheel_width_m,
+        tractor.rear_wheel_mass_kg,
+    )
+    spec.body("front_axle").pos = [tractor.wheelbase_m, 0, front[0] - sink_front]
+    roll = tractor.axle_pivot_limit_deg  # the file's own unit
+    spec.joint("axle_roll").range = [-roll, roll]
+    for wheel, side in zip(WHEELS, (1, -1, 1, -1), strict=True):
+        r, width, mass = front if wheel[0] == "f" else rear
+        body = spec.body(f"wheel_{wheel}")
+        body.mass = mass
+        body.inertia = mass * r**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
+        if wheel[0] == "f":
+            spec.body(f"knuckle_{wheel}").pos = [0, side * half, 0]
+        else:
+            body.pos = [0, side * half, rear[0] - sink_rear]
+        spec.geom(f"tyre_{wheel}").size = [r, width / 2, 0]
+        spec.geom(f"rim_{wheel}").size = [0.6 * r, width / 2 + 0.003, 0]
+        _add_lugs(body, wheel, r, width)
+
+
+def _add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
+    """Bars across the tread, alternately left and right, so that one sees the wheel spin."""
+    count = 18 if wheel[0] == "r" else 14
+    for k in range(count):
+        angle = 2 * pi * k / count
+        body.add_geom(
+            name=f"lug_{wheel}_{k}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.012, 0.3 * width, 0.018],
+            pos=[r * np.sin(angle), (0.22 if k % 2 else -0.22) * width, r * np.cos(angle)],
+            quat=[np.cos(angle / 2), 0, np.sin(angle / 2), 0],
+            contype=0,
+            conaffinity=0,
+            group=1,
+            mass=0,
+            material="lug",
+        )
+
+
+def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
+    left = ackermann_coefficients(tractor)
+    limit = tractor.steer_limit_deg  # the file's own unit
+    spec.joint("steer").range = [-limit, limit]
+    mirror = np.array([-1, 1, -1, 1, -1])
+    for name, coefficients in (("ackermann_fl", left), ("ackermann_fr", mirror * left)):
+        data = np.array(spec.equality(name).data)
+        data[:5] = coefficients
+        spec.equality(name).data = data
+
+
+def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> None:
+    limit, relief = tractor.steer_limit, cylinder.relief_torque
+    steering, drive = spec.actuator("steering"), spec.actuator("drive")
+    for actuator, stiffness, damping, torque in (
+        (steering, cylinder.stiffness_n_m_rad, cylinder.damping_n_m_s_rad, relief),
+        (drive, driveline.stiffness_n_m_rad, driveline.damping_n_m_s_rad, driveline.torque_limit_n_m),
+    ):
+        actuator.gainprm[0] = stiffness
+        actuator.biasprm[:3] = [0, -stiffness, -damping]
+        actuator.forcerange = [-torque, torque]
+        actuator.ctrlrange = [-1e3, 1e3]
+    steering.actrange = [-limit, limit]
+    _set_differentials(spec, tractor, driveline)
+
+
+def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, driveline: Driveline) -> None:
+    spec.equality("differential_lock").active = driveline.differential_lock
+    front = spec.equality("front_wheel_drive")
+    front.active = driveline.front_wheel_drive
+    data = np.array(front.data)
+    data[1] = driveline.front_lead * tractor.rear_wheel_radius_m / tractor.front_wheel_radius_m
+    front.data = data
+    if not driveline.connected:
+        drive = spec.actuator("drive")
+        drive.gainprm[0], drive.biasprm[:3] = 0.0, [0, 0, 0]
+
+
+def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
+    """Give the chassis the mass, centre and inertia that the other bodies leave to it."""
+    cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
+    inertia = np.diag(
+        [
+            tractor.roll_inertia_kg_m2,
+            tractor.pitch_inertia_kg_m2,
+            tractor.yaw_inertia_kg_m2,
+        ]
+    )
+    mass, moment = tractor.mass_kg, tractor.mass_kg * cg
+    for body in spec.bodies:
+        if body.name in ("world", "chassis"):
+            continue
+        position = _offset(body)
+        mass -= body.mass
+        moment = moment - body.mass * position
+        inertia = inertia - np.diag(body.inertia) - steiner(body.mass, position - cg)
+    if mass <= 0:
+        raise ValueError(f"tractor.mass_kg: wheels and axle alone weigh {tractor.mass_kg - mass:.0f} kg; raise it")
+    centre = moment / mass
+    inertia = inertia - steiner(mass, centre - cg)
+    if not is_physical_inertia(inertia):
+        principal = np.linalg.eigvalsh(inertia)
+        raise ValueError(
+            "tractor: roll_, pitch_ and yaw_inertia_kg_m2 leave the chassis an impossible inertia "
+            f"(principal moments {np.round(principal, 1).tolist()} kg m2); raise them or make the wheels lighter"
+        )
+    chassis.mass, chassis.ipos, chassis.inertia = mass, centre, np.zeros(3)
+    chassis.fullinertia = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+
+def _offset(body: mujoco.MjsBody) -> Array:
+    """Position of a body in the chassis frame, all joints at zero (no body in between is rotated)."""
+    position = np.array(body.pos)
+    while (body := body.parent).name != "chassis":
+        position = position + body.pos
+    return position
+
+
+def steiner(mass: float, d: Array) -> Array:
+    """Inertia of a point mass at `d` (3,) about the origin, shape (3, 3)."""
+    return mass * (d @ d * np.eye(3) - np.outer(d, d))
+
+
+def is_physical_inertia(inertia: Array) -> bool:
+    """Whether a body can have this inertia (3, 3): positive moments, none above the sum of the others."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    return bool(low > 0 and high <= low + middle)
+
+
+def simulation_model(
+    spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native_contact: bool, friction: float, impratio: float
+) -> mujoco.MjModel:
+    """The tractor on its ground, compiled. Without `native_contact` the wheels touch nothing: the tyres do."""
+    spec.option.timestep = physics_dt
+    spec.option.impratio = impratio
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a blown-up run must not start anew
+    for wheel in WHEELS:
+        tyre = spec.geom(f"tyre_{wheel}")
+        tyre.contype = tyre.conaffinity = int(native_contact)
+        tyre.friction[0] = friction
+        if native_contact:
+            spec.add_sensor(
+                name=f"contact_{wheel}",
+                type=mujoco.mjtSensor.mjSENS_CONTACT,
+                objtype=mujoco.mjtObj.mjOBJ_GEOM,
+                objname=f"tyre_{wheel}",
+                intprm=[2, 3, 1],
+            )
+    _add_ground(spec, ground)
+    return spec.compile()
+
+
+def _add_ground(spec: mujoco.MjSpec, ground: Ground) -> None:
+    x_min, x_max, y_min, y_max = ground.extent
+    if ground.is_plane:
+        h = ground.heights
+        normal = np.array([h[0, 0] - h[0, 1], h[0, 0] - h[1, 0], ground.spacing])
+        spec.worldbody.add_geom(
+            name="ground",
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[x_max - x_min, y_max - y_min, 1],
+            pos=[(x_min + x_max) / 2, (y_min + y_max) / 2, float(h.mean())],
+            zaxis=normal / np.linalg.norm(normal),
+        )
+        return
+    low, high = float(ground.heights.min()), float(ground.heights.max())
+    rows, columns = ground.heights.shape
+    span = max(high - low, 1e-3)
+    spec.add_hfield(
+        name="ground",
+        nrow=rows,
+        ncol=columns,
+        size=[(x_max - x_min) / 2, (y_max - y_min) / 2, span, 1.0],
+        userdata=((ground.heights - low) / span).ravel(),
+    )
+    spec.worldbody.add_geom(
+        name="ground",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="ground",
+        pos=[(x_min + x_max) / 2, (y_min + y_max) / 2, low],
+    )

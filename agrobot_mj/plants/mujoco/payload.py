@@ -1,0 +1,86 @@
+"""Masses put on the chassis or taken away: its mass, centre and inertia in a running model.
+
+What MuJoCo derives from them (`mj_setConst`) is computed on data of its own, so that the running state stays as it is.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.signals import Array, PointMass
+from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
+from agrobot_mj.plants.mujoco.views import CHASSIS
+
+LEAST_KG = 1.0
+"""A chassis must weigh more than this [kg]."""
+
+
+class Inertial(NamedTuple):
+    """Mass properties of a body in its own frame."""
+
+    mass: float
+    """[kg]."""
+    centre: Array
+    """Shape (3,) [m]."""
+    inertia: Array
+    """About the centre, axes of the body, shape (3, 3) [kg m2]."""
+
+
+def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
+    """The body with its payload. Raises ValueError when nothing that can exist is left."""
+    mass = bare.mass + sum(load.kg for load in payload)
+    if mass < LEAST_KG:
+        raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")
+    places = [np.array(load[1:]) for load in payload]
+    moments = [load.kg * place for load, place in zip(payload, places, strict=True)]
+    centre = (bare.mass * bare.centre + sum(moments, np.zeros(3))) / mass
+    inertia = bare.inertia + steiner(bare.mass, bare.centre - centre)
+    for load, place in zip(payload, places, strict=True):
+        inertia = inertia + steiner(load.kg, place - centre)
+    if not is_physical_inertia(inertia):
+        raise ValueError(
+            f"mass_kg: leaves the chassis an impossible inertia (principal moments "
+            f"{np.round(np.linalg.eigvalsh(inertia), 1).tolist()} kg m2); take less away, or nearer to the middle"
+        )
+    return Inertial(mass, centre, inertia)
+
+
+class Chassis:
+    """The chassis of a running model, with its payload."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.payload: tuple[PointMass, ...] = ()
+        self.written = [array[CHASSIS].copy() for array in self._arrays]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, self.written[3])
+        axes = rotation.reshape(3, 3)
+        mass, centre, principal = self.written[:3]
+        self.bare = Inertial(float(mass), centre, axes @ np.diag(principal) @ axes.T)
+
+    @property
+    def _arrays(self) -> tuple[Array, Array, Array, Array]:
+        m = self.model
+        return m.body_mass, m.body_ipos, m.body_inertia, m.body_iquat
+
+    def carry(self, payload: tuple[PointMass, ...]) -> None:
+        """Put exactly this payload on the chassis. Raises ValueError when it cannot be."""
+        if payload == self.payload:
+            return
+        for array, value in zip(self._arrays, self._values(payload), strict=True):
+            array[CHASSIS] = value
+        self.model.body_sameframe[CHASSIS] = 0  # the inertia has axes of its own now
+        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+        self.payload = payload
+
+    def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
+        """Mass, centre, principal moments and their quaternion; without payload the very bits of the model."""
+        if not payload:
+            return self.written
+        mass, centre, inertia = with_payload(self.bare, payload)
+        principal, axes = np.linalg.eigh(inertia)
+        axes[:, 2] *= np.linalg.det(axes)  # right-handed
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, axes.ravel())
+        return [np.array(mass), centre, principal, quat]

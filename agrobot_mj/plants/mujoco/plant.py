@@ -1,0 +1,229 @@
+"""The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
+
+from math import cos, isfinite, radians
+from typing import Annotated, Any, Literal
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Conditions, Drive, PointMass, Reference, Truth
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.machine.driveline import Driveline, drive_law, reset_drive
+from agrobot_mj.machine.hydraulics import Cylinder, Valve, reset_valve, static_flow, valve_law, worn
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
+from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, LEFT, PULL, SIDE, no_loads
+from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
+from agrobot_mj.plants.mujoco.native_contact import NativeContacts
+from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
+from agrobot_mj.plants.mujoco.placement import pose_on
+from agrobot_mj.plants.mujoco.stepping import Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
+from agrobot_mj.terrain import Ground
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
+from agrobot_mj.tyres.laws import tyre_set
+
+ROLLOVER_COSINE = cos(radians(60))
+"""Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
+
+
+DIVERGED_SPEED = 100.0
+"""A tractor faster than this has blown up [m/s]. Estimate."""
+
+
+class Mujoco(Spec):
+    """The MJCF tractor on its tyres."""
+
+    kind: Literal["mujoco"] = "mujoco"
+    tyre: Tyre = MagicFormula()
+    """Law of the tyres, `plant.tyre.kind`."""
+    settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
+    """Time to come to rest on the tyres before the run starts [s]."""
+
+
+class MujocoPlant:
+    """The running tractor."""
+
+    def __init__(
+        self,
+        spec: Mujoco,
+        tractor: TractorParameters,
+        valve: Valve,
+        cylinder: Cylinder,
+        driveline: Driveline,
+        ground: Ground,
+        physics_dt: float,
+        steps: int,
+    ) -> None:
+        self.spec, self.tractor, self.ground = spec, tractor, ground
+        native = isinstance(spec.tyre, Contact)
+        contact = spec.tyre if isinstance(spec.tyre, Contact) else Contact()
+        self.model = simulation_model(
+            tractor_spec(tractor, cylinder, driveline),
+            ground,
+            physics_dt,
+            native,
+            contact.friction,
+            contact.impratio,
+        )
+        self.data = mujoco.MjData(self.model)
+        law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)
+        self.tyred = Tyred(native, law, ground, np.zeros((4, 3)), np.zeros((4, 6)))
+        self.oil = Oil(
+            displacement=cylinder.displacement,
+            steer_limit=tractor.steer_limit,
+            steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
+            steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+            drive_radius=tractor.rear_wheel_radius_m,
+            drive_torque=driveline.torque_limit_n_m,
+            drive_power=1e3 * driveline.power_limit_kw,
+            drive_stiffness=driveline.stiffness_n_m_rad,
+            drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+        )
+        self.nominal_valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.valve, self.conditions = self.nominal_valve, NOMINAL
+        self.drive, self.drive_memory = drive_law(driveline, physics_dt)
+        self.views = views_of(self.model, self.data)
+        self.contacts = NativeContacts(self.model, self.data, ground, law, contact.friction)
+        self.loads = no_loads(tractor.hitch_behind_m, tractor.hitch_height_m)
+        self.chassis, self.vertical = Chassis(self.model), law.stiffness.copy()
+        self.samples = np.zeros((2, steps))
+        self.settle_ticks = round(spec.settle_s / (steps * physics_dt))
+        self.tick_s, self.ticks = steps * physics_dt, 0
+        self.scene = scene_of(self.model)
+        self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
+        self.motion = np.zeros(18)
+        self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
+        self._observe = bound(observe, self.views, *self.sites, self.motion)
+
+    def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
+        """Place the tractor at rest with its CG above the path's start; let it settle under these conditions."""
+        self._apply_conditions(conditions)
+        mujoco.mj_resetData(self.model, self.data)
+        self.tyred.bristles[:] = 0.0
+        self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        reset_valve(self.valve_memory)
+        reset_drive(self.drive_memory)
+        roll = self.model.joint("axle_roll").qposadr[0]
+        self.data.qpos[:7], self.data.qpos[roll] = pose_on(self.ground, start, self.tractor)
+        mujoco.mj_kinematics(self.model, self.data)
+        for _ in range(self.settle_ticks):
+            self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+            if self._fallen:
+                break
+        mujoco.mj_forward(self.model, self.data)
+        self.ticks = 0
+        return self.truth()
+
+    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
+        """One tick under constant voltages and conditions."""
+        if conditions != self.conditions:
+            self._apply_conditions(conditions)
+        self.step_through(drive)
+        self.ticks += 1
+        return self.truth()
+
+    def step_through(self, drive: Drive) -> None:
+        """The physics steps of one tick under constant voltages, without looking at the outcome."""
+        if self.tyred.native:
+            self.contacts.set_friction()
+        self._run(*self._arguments((drive.steer_voltage, drive.pedal_voltage)))
+
+    def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
+        """Of `run_steps`."""
+        return (
+            self.views,
+            self.tyred,
+            self.loads,
+            self.oil,
+            self.valve,
+            self.valve_memory,
+            self.drive,
+            self.drive_memory,
+            voltages,
+            self.samples,
+        )
+
+    def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
+        """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
+        try:
+            added = with_payload(self.chassis.bare, payload).mass - self.chassis.bare.mass
+        except ValueError as error:
+            raise ValueError(f"{key}.{error}") from None
+        return self.tractor.mass_kg + added
+
+    def _apply_conditions(self, conditions: Conditions) -> None:
+        """Put the machine under these conditions. Raises ValueError for a payload that cannot be."""
+        self.chassis.carry(conditions.payload)
+        self.conditions = conditions
+        self.valve = worn(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        tyres = self.tyred.tyres
+        tyres.grip[:] = conditions.grip
+        tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
+        tyres.stiffness[:] = self.vertical * tyres.carcass[:, 0]
+        self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
+        self.loads[CENTRE:] = self.model.body_ipos[CHASSIS]
+        if not conditions.drawbar:
+            self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        self.data.xfrc_applied[CHASSIS] = 0.0
+
+    def truth(self) -> Truth:
+        """The state as the sensors may see it."""
+        self._observe(self.views, *self.sites, self.motion)
+        motion, q = self.motion.tolist(), self.data.qpos
+        return Truth(
+            t=self.ticks * self.tick_s,
+            x=motion[0],
+            y=motion[1],
+            z=motion[2],
+            yaw=wrap(motion[12]),
+            pitch=motion[13],
+            roll=motion[14],
+            speed=motion[15],
+            lateral_speed=motion[16],
+            yaw_rate=motion[17],
+            steer=float(q[self.views.steer_q]),
+            pedal=float(self.drive_memory.pedal[0]),
+            rear_x=float(q[0]),
+            rear_y=float(q[1]),
+            antenna=(motion[3], motion[4], motion[5]),
+            antenna_velocity=(motion[9], motion[10], motion[11]),
+            steer_samples=self.samples[0].copy(),
+            pedal_samples=self.samples[1].copy(),
+        )
+
+    def poses(self) -> Array:
+        """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        return body_poses(self.data)
+
+    def wheels(self) -> Array:
+        """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
+        if self.tyred.native:
+            self.contacts.read(self.tyred.report)
+        return self.tyred.report.T.ravel()
+
+    def actuation(self) -> tuple[float, float, float]:
+        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
+        flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
+        steering, drive = self.data.actuator_force.tolist()
+        return flow, steering / self.oil.displacement, drive
+
+    def warnings(self) -> int:
+        """How often MuJoCo warned since the reset."""
+        return sum(int(warning.number) for warning in self.data.warning)
+
+    def trouble(self) -> str | None:
+        """What ended the run, if anything: rolled_over, left_terrain or diverged."""
+        x, y, *motion = self.motion.tolist()
+        if not isfinite(x + y + sum(motion)) or max(map(abs, motion[4:10])) > DIVERGED_SPEED:
+            return "diverged"
+        if self._fallen:
+            return "rolled_over"
+        return None if self.ground.covers(x, y) else "left_terrain"
+
+    @property
+    def _fallen(self) -> bool:
+        return bool(self.data.xmat[CHASSIS, 8] < ROLLOVER_COSINE)

@@ -1,0 +1,158 @@
+"""One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
+
+from math import atan2, cos, hypot, sin
+from typing import NamedTuple
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import cross
+from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
+from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, valve_step
+from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
+from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
+from agrobot_mj.plants.mujoco.views import CHASSIS, Views
+from agrobot_mj.terrain.grid import Ground
+from agrobot_mj.tyres.laws import wheel_step
+from agrobot_mj.tyres.patch import TyreSet
+
+STEERING, DRIVE = 0, 1
+"""Order of the actuators in `models/tractor.xml`."""
+
+
+class Oil(NamedTuple):
+    """How flow becomes motion, and how far the oil columns wind up before their relief valves open."""
+
+    displacement: float
+    """Of the steering cylinder [m3/rad]."""
+    steer_limit: float
+    """[rad]."""
+    steer_windup: float
+    """Relief torque over stiffness [rad]."""
+    steer_lead: float
+    """Damping over stiffness [s]."""
+    drive_radius: float
+    """Rim speed over wheel speed [m]."""
+    drive_torque: float
+    """Relief torque of the hydrostat [N m]."""
+    drive_power: float
+    """Power limit, driving [W]."""
+    drive_stiffness: float
+    """[N m/rad]."""
+    drive_lead: float
+    """Damping over stiffness [s]."""
+
+
+class Tyred(NamedTuple):
+    """The tyres with what they remember; arrays are written in place."""
+
+    native: bool
+    """True when MuJoCo's own contact carries the wheels."""
+    tyres: TyreSet
+    ground: Ground
+    bristles: Array
+    """Shape (4, 3): longitudinal and lateral [m], twist [rad]."""
+    report: Array
+    """Shape (4, 6): see `tyres.patch`."""
+
+
+@kernel
+def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
+    """Read each wheel's motion, step its tyre, and write the wrench into `xfrc_applied`."""
+    c = v.root_com
+    for i in range(4):
+        b = v.wheels[i]
+        centre = (v.xpos[b, 0], v.xpos[b, 1], v.xpos[b, 2])
+        axle = (v.xmat[b, 1], v.xmat[b, 4], v.xmat[b, 7])
+        w = (v.cvel[b, 0], v.cvel[b, 1], v.cvel[b, 2])
+        d = (centre[0] - c[0], centre[1] - c[1], centre[2] - c[2])
+        velocity = (
+            v.cvel[b, 3] + w[1] * d[2] - w[2] * d[1],
+            v.cvel[b, 4] + w[2] * d[0] - w[0] * d[2],
+            v.cvel[b, 5] + w[0] * d[1] - w[1] * d[0],
+        )
+        wheel_step(
+            tyred.tyres,
+            i,
+            tyred.ground,
+            centre,
+            axle,
+            velocity,
+            w,
+            dt,
+            tyred.bristles[i],
+            v.xfrc[b],
+            tyred.report[i],
+        )
+
+
+@kernel
+def relieve(v: Views, oil: Oil) -> None:
+    """Open the relief valves: the oil columns never wind up past relief pressure, nor past the stops."""
+    angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
+    low, high = angle - oil.steer_windup, angle + oil.steer_windup
+    v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
+    wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
+    speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
+    wheel += oil.drive_lead * speed
+    powered = min(oil.drive_torque, oil.drive_power / max(abs(speed), 1e-3))
+    ahead = (powered if speed >= 0.0 else oil.drive_torque) / oil.drive_stiffness
+    behind = (powered if speed <= 0.0 else oil.drive_torque) / oil.drive_stiffness
+    v.act[DRIVE] = min(max(v.act[DRIVE], wheel - behind), wheel + ahead)
+
+
+@kernel
+def run_steps(
+    v: Views,
+    tyred: Tyred,
+    loads: Array,
+    oil: Oil,
+    valve: ValveLaw,
+    valve_memory: ValveMemory,
+    drive: DriveLaw,
+    drive_memory: DriveMemory,
+    voltages: tuple[float, float],
+    samples: Array,
+) -> None:
+    """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
+    loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
+    for i in range(samples.shape[1]):
+        v.ctrl[STEERING] = valve_step(valve, valve_memory, voltages[0]) / oil.displacement
+        v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
+        relieve(v, oil)
+        step1(v.model, v.data)
+        if loaded:
+            apply_loads(v, loads, drive.dt)
+        if not tyred.native:
+            apply_tyres(v, tyred, drive.dt)
+        step2(v.model, v.data)
+        samples[0, i] = v.qpos[v.steer_q]
+        samples[1, i] = drive_memory.pedal[0]
+    kinematics(v.model, v.data)
+
+
+@kernel
+def observe(v: Views, cg: Array, antenna: Array, out: Array) -> None:
+    """Write the chassis' motion into `out` (18,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll,
+    speed, lateral speed, yaw rate; `cg` and `antenna` (3,) in the chassis frame [m]."""
+    R = v.xmat[CHASSIS]
+    q, w = v.qpos, v.qvel
+    omega = (
+        R[0] * w[3] + R[1] * w[4] + R[2] * w[5],
+        R[3] * w[3] + R[4] * w[4] + R[5] * w[5],
+        R[6] * w[3] + R[7] * w[4] + R[8] * w[5],
+    )
+    for k, site in enumerate((cg, antenna)):
+        arm = (
+            R[0] * site[0] + R[1] * site[1] + R[2] * site[2],
+            R[3] * site[0] + R[4] * site[1] + R[5] * site[2],
+            R[6] * site[0] + R[7] * site[1] + R[8] * site[2],
+        )
+        swing = cross(omega, arm)
+        for i in range(3):
+            out[3 * k + i] = q[i] + arm[i]
+            out[6 + 3 * k + i] = w[i] + swing[i]
+    yaw = atan2(R[3], R[0])
+    out[12], out[13], out[14] = yaw, atan2(-R[6], hypot(R[7], R[8])), atan2(R[7], R[8])
+    out[15] = cos(yaw) * out[6] + sin(yaw) * out[7]
+    out[16] = -sin(yaw) * out[6] + cos(yaw) * out[7]
+    out[17] = omega[2]

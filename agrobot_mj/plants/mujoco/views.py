@@ -1,0 +1,63 @@
+"""Where the compiled loop finds things: numpy views of one MjModel and MjData, and indices into them."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.signals import WHEELS, Array
+
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+CHASSIS = 1
+"""Body id of the chassis, the first after the world."""
+
+
+class Views(NamedTuple):
+    """The arrays of one MjModel and MjData that the loop reads and writes, and where things lie in them."""
+
+    model: int
+    """Address of the mjModel."""
+    data: int
+    """Address of the mjData."""
+    ctrl: Array
+    act: Array
+    qpos: Array
+    qvel: Array
+    xpos: Array
+    xmat: Array
+    cvel: Array
+    root_com: Array
+    """Centre of mass of the tractor, the point to which `cvel` refers, shape (3,)."""
+    xfrc: Array
+    wheels: Index
+    """Body ids, shape (4,)."""
+    steer_q: int
+    """Index of the virtual steering angle in qpos."""
+    spins_q: Index
+    """Indices of the driven wheels' angles in qpos, shape (2,)."""
+    steer_v: int
+    """Index of the virtual steering rate in qvel."""
+    spins_v: Index
+    """Indices of the driven wheels' rates in qvel, shape (2,)."""
+
+
+def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
+    """The views of a tractor's model and data; both must outlive them."""
+    return Views(
+        model=model._address,
+        data=data._address,
+        ctrl=data.ctrl,
+        act=data.act,
+        qpos=data.qpos,
+        qvel=data.qvel,
+        xpos=data.xpos,
+        xmat=data.xmat,
+        cvel=data.cvel,
+        root_com=data.subtree_com[CHASSIS],
+        xfrc=data.xfrc_applied,
+        wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
+        steer_q=int(model.joint("steer").qposadr[0]),
+        spins_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("rl", "rr")], dtype=np.int64),
+        steer_v=int(model.joint("steer").dofadr[0]),
+        spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
+    )

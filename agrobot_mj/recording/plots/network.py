@@ -1,0 +1,157 @@
+"""The network of a run: its parameters as plots, its normalised firing as heat maps.
+
+Which columns the log has tells the network's size. Heat maps come four times a second, with the value in each cell.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from rerun.components import ImageBufferBatch, TextBatch
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.recording.plots.signals import NETWORK, Plot, Series
+from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
+from agrobot_mj.simulation.log import Rows
+
+COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF, 0x8C6D46FF)
+"""One a set or rule, in turn."""
+MOST_LINES = 18
+"""A plot of more is not readable; of larger networks it shows as many, evenly chosen."""
+EVERY_TICKS = 5
+"""Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
+MOST_LABELS = 64
+"""Cells of a heat map that still have room for their value."""
+BESIDE, ABOVE = 0.2, 0.1
+"""Where the names of the sets stand, as shares of the map's width and height."""
+PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
+INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
+"""By number of the input: what it is, and the unit of its sets."""
+
+
+class Map(NamedTuple):
+    """A heat map: rows are the sets of x1, columns those of x2."""
+
+    path: str
+    matrix: str
+    """How the names of its columns in the log begin."""
+    title: str
+    sizes: tuple[int, int] = (1, 1)
+    """Rows and columns."""
+
+    @property
+    def entity(self) -> str:
+        """Where the map is in the recording."""
+        return f"network/{self.path}"
+
+
+MAPS = (
+    Map("firing_lower", "w_lower", "Normalised firing of the rules, lower [-]"),
+    Map("firing_upper", "w_upper", "Normalised firing of the rules, upper [-]"),
+)
+
+
+def network_plots(columns: Sequence[str]) -> list[Plot]:
+    """Plots of the network whose parameters are among `columns` of the log; none without a network."""
+    if not family("c1", columns):
+        return []
+    rules = [(f"rule {name.removeprefix('f_').replace('_', ',')}", name) for name in family("f", columns)]
+    return [
+        Plot("network/q", "Share of the lower firing, q", "-", (Series("q", "q", NETWORK),)),
+        Plot("network/consequents", "Consequents f", "deg", _lines(rules), EVERY_TICKS),
+        *(_sets(f"network/centres_{k}", f"Centres of x{k}", k, (f"c{k}",), columns) for k in INPUTS),
+        *(_sets(f"network/widths_{k}", f"Widths of x{k}", k, (f"d{k}_lower", f"d{k}_upper"), columns) for k in INPUTS),
+    ]
+
+
+def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
+    """The plot of families of parameters of input k."""
+    what, unit = INPUTS[k]
+    named = [(_label(name), name) for start in families for name in family(start, columns)]
+    cut = path.startswith("network/widths")
+    return Plot(path, f"{title}, the {what}", unit, _lines(named), EVERY_TICKS, may_be_cut=cut)
+
+
+def _label(column: str) -> str:
+    kind, _, number = column.rpartition("_")
+    return f"{kind[1:].partition('_')[2]} set {number}".strip()
+
+
+def _lines(named: list[tuple[str, str]]) -> tuple[Series, ...]:
+    chosen = np.linspace(0, len(named) - 1, min(len(named), MOST_LINES)).astype(int)
+    return tuple(Series(named[i][0], named[i][1], COLOURS[k % len(COLOURS)]) for k, i in enumerate(chosen))
+
+
+def family(start: str, columns: Sequence[str]) -> list[str]:
+    """The columns `start`_0, `start`_1, ... or `start`_0_0, ..."""
+    return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
+
+
+class Firing:
+    """Sends the heat maps of a run; none without a network."""
+
+    def __init__(self, rows: Rows) -> None:
+        self.rows, names = rows, family("w_lower", rows.columns)
+        self.sizes = len(family("c1", rows.columns)), len(family("c2", rows.columns))
+        self.maps = [shown._replace(sizes=self.sizes) for shown in MAPS] if names else []
+        columns = rows.columns
+        self.places = {
+            shown.matrix: np.array([columns.index(name) for name in family(shown.matrix, columns)])
+            for shown in self.maps
+        }
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """Every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
+        chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
+        for shown in self.maps:
+            values = self.rows.values[np.ix_(first + chosen, self.places[shown.matrix])]
+            there = np.isfinite(values).all(axis=1)
+            if first == 0:
+                self._frame(stream, shown)
+            if there.any():
+                self._send(stream, shown, times[chosen][there], values[there])
+
+    def _send(self, stream: rr.RecordingStream, shown: Map, times: Times, values: Array) -> None:
+        column = rr.TimeColumn(TIMELINE, duration=times)
+        stream.send_columns(shown.entity, [column], [partitioned(PICTURE, ImageBufferBatch(_buffers(values)))])
+        if values.shape[1] <= MOST_LABELS:
+            labels = TextBatch([f"{value:.2f}" for value in values.ravel().tolist()])
+            stream.send_columns(f"{shown.entity}/values", [column], [partitioned(LABELS, labels, values.shape[1])])
+
+    def _brightest(self) -> float:
+        """The share at the bright end of the colours: four times what each rule has if all fire alike [-]."""
+        return min(4.0 / (self.sizes[0] * self.sizes[1]), 1.0)
+
+    def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
+        """Format, colours and what the rows and columns are."""
+        height, width = self.sizes
+        size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
+        viridis = rr.components.Colormap.Viridis
+        picture = rr.DepthImage.from_fields(
+            format=size, meter=1.0, colormap=viridis, depth_range=[0.0, self._brightest()]
+        )
+        stream.log(shown.entity, picture, static=True)
+        cells = [(j + 0.5, i + 0.5) for i in range(height) for j in range(width)]
+        if len(cells) <= MOST_LABELS:
+            stream.log(f"{shown.entity}/values", _text(cells, 0xFFFFFFFF), static=True)
+        beside = [(-BESIDE * width, i + 0.5) for i in range(height)]
+        above = [(j + 0.5, -ABOVE * height) for j in range(width)]
+        names = [f"x1 set {i}" for i in range(height)] + [f"x2 set {j}" for j in range(width)]
+        stream.log(f"{shown.entity}/sets", _text(beside + above, 0xBBBBBBFF, names), static=True)
+
+
+def _buffers(values: Array) -> pa.Array:
+    """Pictures, one a row of `values` (n, cells), as rerun lays them out; its own conversion goes row by row."""
+    cells = values.astype(np.float32)
+    ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
+    kind = ImageBufferBatch([]).as_arrow_array().type
+    return pa.ListArray.from_arrays(ends, pa.array(cells.view(np.uint8).ravel()), type=kind)
+
+
+def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
+    """Labels at `places`; those that come later if there are none yet."""
+    return rr.Points2D.from_fields(
+        positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
+    )

@@ -1,0 +1,102 @@
+"""What is going on, as lanes: GNSS solution, steering limit, faults, the run itself. Only changes are sent."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, get_args
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.core.signals import Array, Outcome
+from agrobot_mj.faults import Scripted
+from agrobot_mj.recording.transport.timeline import TIMELINE, Times, nanoseconds
+from agrobot_mj.simulation.log import Rows
+
+GOOD, DOUBTFUL, BAD, PLAIN = 0x009E73FF, 0xE69F00FF, 0xD55E00FF, 0x56708AFF
+
+
+class Lane(NamedTuple):
+    """One entity `states/<path>`; a state is a whole number, counted from 0."""
+
+    path: str
+    labels: tuple[str, ...]
+    colours: tuple[int, ...]
+    column: str = ""
+    """Of the log, that has the states."""
+    faults: tuple[Scripted, ...] = ()
+    """Or the state is whether one of these acts."""
+
+    @property
+    def entity(self) -> str:
+        """Where the lane is in the recording."""
+        return f"states/{self.path}"
+
+    def values(self, rows: Rows, first: int) -> Array:
+        """The states from row `first` on, shape (n,)."""
+        if self.faults:
+            return under(self.faults, rows.column("t", first)).astype(float)
+        return rows.column(self.column, first)
+
+
+LANES = (
+    Lane("gnss", ("none", "float", "fix"), (BAD, DOUBTFUL, GOOD), "gnss_quality"),
+    Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
+)
+RUNNING = "running"
+ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
+RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
+"""Has one state until the end says how the run went."""
+
+
+def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
+    """Faults of the same subject share a lane."""
+    subjects = dict.fromkeys(fault.subject for fault in faults)
+    return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
+
+
+def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
+    """Whether one of `faults` acts at times `t` (n,) [s]."""
+    return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
+
+
+class States:
+    """Sends each lane's state when it changes."""
+
+    def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
+        scripted = [
+            Lane(f"fault/{subject}", ("off", "active"), (PLAIN, BAD), faults=same)
+            for subject, same in by_subject(faults).items()
+        ]
+        self.rows, self.lanes = rows, (*LANES, *scripted)
+
+    @property
+    def count(self) -> int:
+        """How many lanes there are, that of the run included."""
+        return len(self.lanes) + 1
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """The changes in rows `first` to `rows.filled` at `times` (n,)."""
+        if first == 0:
+            stream.log(RUN.entity, _style(RUN), static=True)
+            _send(stream, RUN, times[:1], [RUNNING])
+        for lane in self.lanes:
+            values = lane.values(self.rows, max(first - 1, 0))
+            changed = np.flatnonzero(np.diff(values))
+            if first == 0:
+                changed = np.append(0, changed + 1)
+                stream.log(lane.entity, _style(lane), static=True)
+            if changed.size:
+                _send(stream, lane, times[changed], [lane.labels[int(v)] for v in values[changed + min(first, 1)]])
+
+    def finish(self, stream: rr.RecordingStream, outcome: str) -> None:
+        """How the run ended."""
+        if self.rows.filled:
+            _send(stream, RUN, nanoseconds(self.rows.column("t")[-1:]), [outcome])
+
+
+def _send(stream: rr.RecordingStream, lane: Lane, times: Times, states: list[str]) -> None:
+    column = rr.TimeColumn(TIMELINE, duration=times)
+    stream.send_columns(lane.entity, [column], rr.StateChange.columns(state=states))
+
+
+def _style(lane: Lane) -> rr.StateConfiguration:
+    return rr.StateConfiguration(values=lane.labels, colors=np.array(lane.colours, dtype=np.uint32))

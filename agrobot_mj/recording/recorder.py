@@ -1,0 +1,96 @@
+"""A recording that grows as the run goes: each piece of a run is written as soon as it is simulated.
+
+The file opens even if the process dies.
+"""
+
+import errno
+import uuid
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.core.version import __version__
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.recording.blueprint import Shown, blueprint
+from agrobot_mj.recording.info import broken, resolved, summary, unfinished
+from agrobot_mj.recording.plots.network import Firing, network_plots
+from agrobot_mj.recording.plots.signals import Signals
+from agrobot_mj.recording.plots.states import States
+from agrobot_mj.recording.transport.sink import Sink
+from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
+from agrobot_mj.recording.world.motion import BodyMotion
+from agrobot_mj.recording.world.scene import reference_line, send_scene
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log, Rows
+
+
+class Recording:
+    """Follows a run into the file `path`, into a viewer opened beside it if `live`, or into both."""
+
+    def __init__(self, path: Path | None, live: bool = False) -> None:
+        self.path, self.live = path, live
+
+    def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
+        self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
+        self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
+        self.sink = Sink(self.stream, self.path, self.live)
+        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
+        self.stream.send_property(
+            "scenario",
+            rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
+        )
+        self._tell(unfinished(scenario))
+        self._tell(resolved(scenario), "scenario")
+        self.reference = reference_line(scenario, ground)
+        send_scene(self.stream, scene, ground, self.reference)
+        self.motion = BodyMotion(rows, scene, ground, scenario)
+        self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
+        self.states = States(rows, scenario.fault)
+        self.recording = self.sink.flush()
+        if not self.recording:
+            raise OSError(errno.ENOSPC, "no room for a recording", str(self.path))
+
+    def advance(self, first: int) -> None:
+        """Write rows `first` to `rows.filled`."""
+        if self.rows.filled == first or not self.recording:
+            return
+        times = nanoseconds(self.rows.column("t", first))
+        for part in (self.motion, self.signals, self.firing, self.states):
+            part.send(self.stream, times, first)
+        if first == 0:
+            self._lay_out(self.scenario.ticks * TICK_S)
+        self.recording = self.sink.flush()
+
+    def finish(self, log: Log) -> None:
+        """Write the outcome and the metrics, and close."""
+        if not self.recording:
+            return
+        numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
+        self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
+        self._tell(summary(log))
+        self.motion.finish(self.stream, log)
+        self.states.finish(self.stream, log.outcome)
+        if self.rows.filled:
+            self._lay_out(self.rows.filled * TICK_S, log.outcome)
+        self.sink.close()
+
+    def fail(self, error: BaseException) -> None:
+        """Say what ended the run, and close."""
+        if not self.recording:
+            return
+        self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
+        self.sink.close()
+
+    def _lay_out(self, end_s: float, outcome: str = "") -> None:
+        """Arrange what there is so far; the last layout is the one that opens."""
+        driven = self.rows.poses[: self.rows.filled, 0, :3]
+        places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
+        ranges = self.signals.ranges() if outcome else {}
+        shown = Shown(self.signals.shown, self.firing.maps, self.states.count, ranges, outcome)
+        self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))
+
+    def _tell(self, text: str, entity: str = "info") -> None:
+        self.stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

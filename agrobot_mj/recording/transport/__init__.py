@@ -1,0 +1,1 @@
+"""Files, viewers and pictures of recordings."""

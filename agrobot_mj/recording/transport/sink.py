@@ -1,0 +1,94 @@
+"""Where a recording goes: a file that opens whatever happens, a viewer, or both.
+
+Rerun writes beside the run and says nothing when it fails, and a file cut within a chunk does not open at all. So each
+flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
+"""
+
+import ctypes
+import errno
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import rerun as rr
+
+from agrobot_mj.recording.transport.viewer import URL, open_viewer
+
+PATIENCE_S = 5.0
+"""How long a flush may take [s]; it needs a thousandth of that."""
+LAST_WORDS_S = 0.5
+"""After it failed rerun's writer tries once more, which must not come after the cut [s]."""
+FULL_BYTES = 200_000
+"""A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+FOOTER, FOOTER_END = b"RRF2FOOT", 32
+"""What is among the last bytes of a whole file, and how many those are."""
+
+
+class Sink:
+    """The connection of `stream` to a file, a viewer beside it, or both."""
+
+    def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False) -> None:
+        """Raises OSError if the file cannot be written."""
+        self.stream, self.path, self.live, self.whole = stream, path, live, 0
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.open("wb").close()  # rerun's own error is no OSError
+            sinks.append(rr.FileSink(str(path)))
+        if live and open_viewer():
+            sinks.append(rr.GrpcSink(URL))
+        if sinks:
+            try:
+                stream.set_sinks(*sinks)
+            except RuntimeError as error:
+                raise OSError(errno.EIO, str(error), str(path)) from None
+
+    def flush(self) -> bool:
+        """Write all that was logged; False, said on stderr, once the file can grow no more."""
+        try:
+            self.stream.flush(timeout_sec=PATIENCE_S)
+        except RuntimeError:
+            if self.live and not self._full():
+                return True  # a viewer that is slow or gone
+            self._cut()
+            return False
+        if self.path is not None:
+            self.whole = self.path.stat().st_size
+        return True
+
+    def close(self) -> None:
+        """Write what is left, and the footer."""
+        if self.path is None or self.flush():
+            self.stream.disconnect()
+            if self.path is not None and not _ends_well(self.path):
+                self._cut()
+
+    def _full(self) -> bool:
+        return self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
+
+    def _cut(self) -> None:
+        if self.path is None:
+            return
+        time.sleep(LAST_WORDS_S)
+        if self.whole:
+            os.truncate(self.path, self.whole)
+            print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
+        else:
+            self.path.unlink()
+        self.path = None
+        abandon(self.stream)
+
+
+def _ends_well(path: Path) -> bool:
+    """Whether rerun could write the footer, of which it says nothing."""
+    with path.open("rb") as file:
+        file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
+        return FOOTER in file.read()
+
+
+def abandon(stream: rr.RecordingStream) -> None:
+    """Leave `stream` to the end of the process: where the writer died, rerun may wait for it forever to close."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
+    rr.unregister_shutdown()

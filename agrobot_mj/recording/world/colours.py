@@ -1,0 +1,49 @@
+"""Colours that stand for a number: a ramp between given ones, and those of the ground."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+
+Colours = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
+LEVEL = np.array([100.0, 116.0, 70.0])
+LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
+"""Field green, and what it turns to at the lowest and the highest place."""
+FULL_COLOUR_M = 0.4
+"""Relief of this height or more has the whole ramp of colours [m]."""
+SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
+"""Colours of soil and their cone indices [Pa]."""
+WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
+"""Where there is less or more friction than elsewhere."""
+
+
+def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:
+    """Colours 0xRRGGBBAA (n,) of `values` (n,), between the values and colours of `stops`, which ascend."""
+    places = [place for place, _ in stops]
+    found = np.zeros(values.shape, dtype=np.uint32)
+    for shift in (24, 16, 8, 0):
+        channel = np.interp(values, places, [colour >> shift & 0xFF for _, colour in stops])
+        found |= np.rint(channel).astype(np.uint32) << np.uint32(shift)
+    return found
+
+
+def by_height(z: Array, low: float, high: float) -> Array:
+    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH` between `low` and `high` [m]."""
+    share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
+    up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
+    colours: Array = LEVEL + up * (HIGH - LEVEL) + down * (LOW - LEVEL)
+    return colours
+
+
+def by_soil(colours: Array, friction: Array, cone_index: Array) -> Array:
+    """`colours` (n, 3) with soil and friction (n,) painted over them."""
+    firmness = np.clip((cone_index - SOFT_PA) / (FIRM_PA - SOFT_PA), 0, 1)[:, None]
+    colours = _over(colours, SOFT + firmness * (FIRM - SOFT), np.where(cone_index > 0, 0.8, 0.0))
+    colours = _over(colours, WET, np.clip(1.5 * (1 - friction), 0, 0.85))
+    return _over(colours, DRY, np.clip(friction - 1, 0, 0.7))
+
+
+def _over(below: Array, paint: Array, cover: Array) -> Array:
+    mixed: Array = below + cover[:, None] * (paint - below)
+    return mixed

@@ -1,0 +1,78 @@
+"""Markers where something happened: faults begin and end, the steering reaches its limit, the run ends.
+
+A marker is a labelled point at the tractor's place at that time and stays from then on.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.faults import Scripted
+from agrobot_mj.recording.plots.states import by_subject, under
+from agrobot_mj.recording.transport.timeline import TIMELINE, Times, nanoseconds
+from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.simulation.log import Rows
+from agrobot_mj.terrain import Ground
+
+ENTITY = "world/events"
+GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
+"""Light, since labels have the colour of their point on a dark ground."""
+LIFT_M, RADIUS = 0.1, rr.Radius.ui_points(5.0)
+MOST_EVENTS = 40
+"""Further ones are left out, the outcome excepted."""
+QUIET_TICKS = 40
+"""The steering's limit counts anew after this long without it."""
+
+
+class Events:
+    """Sends the markers."""
+
+    def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted]) -> None:
+        self.rows, self.ground, self.faults = rows, ground, by_subject(faults)
+        self.count, self.limited = 0, -QUIET_TICKS - 1
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """What happened in the rows from `first` on, at `times` (n,)."""
+        found = self._faults(first, len(times)) + self._saturations(first, len(times))
+        found = sorted(found)[: MOST_EVENTS - self.count]
+        self.count += len(found)
+        self._send(stream, found)
+
+    def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
+        """How the run ended, at row `last`."""
+        self._send(stream, [(last, outcome.replace("_", " "), GOOD if outcome == "completed" else BAD)])
+
+    def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:
+        """Row, label and colour of each."""
+        found, before = [], min(first, 1)
+        t = self.rows.column("t", first - before)[: before + count]
+        for subject, faults in self.faults.items():
+            active = np.append([False] * (1 - before), under(faults, t))
+            for change in np.flatnonzero(np.diff(active.astype(int))):
+                begins = bool(active[change + 1])
+                label = f"{subject.replace('_', ' ').replace('gnss', 'GNSS')} {'begins' if begins else 'ends'}"
+                found.append((first + int(change), label, BAD if begins else GOOD))
+        return found
+
+    def _saturations(self, first: int, count: int) -> list[tuple[int, str, int]]:
+        found = []
+        for row in first + np.flatnonzero(self.rows.column("steer_saturated", first)[:count] > 0):
+            if row > self.limited + QUIET_TICKS:
+                found.append((int(row), "steering at its limit", DOUBTFUL))
+            self.limited = int(row)
+        return found
+
+    def _send(self, stream: rr.RecordingStream, found: list[tuple[int, str, int]]) -> None:
+        if not found:
+            return
+        rows = [row for row, _, _ in found]
+        places = np.column_stack([self.rows.column(name)[rows] for name in ("x", "y")])
+        columns = rr.Points3D.columns(
+            positions=on_ground(self.ground, places, LIFT_M),
+            labels=[label for _, label, _ in found],
+            colors=np.array([colour for _, _, colour in found], dtype=np.uint32),
+        )
+        stream.log(ENTITY, rr.Points3D.from_fields(radii=RADIUS, show_labels=True), static=True)
+        times = nanoseconds(self.rows.column("t")[rows])
+        stream.send_columns(ENTITY, [rr.TimeColumn(TIMELINE, duration=times)], columns)

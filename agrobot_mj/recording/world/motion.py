@@ -1,0 +1,69 @@
+"""What moves in the scene: the pose of each body, and with it tracks, tyre marks, forces, belief and markers."""
+
+import numpy as np
+import rerun as rr
+from rerun.components import RotationQuatBatch, Translation3DBatch
+
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
+from agrobot_mj.recording.world.belief import Belief
+from agrobot_mj.recording.world.events import Events
+from agrobot_mj.recording.world.forces import Forces
+from agrobot_mj.recording.world.tracks import TRACKS, Tracks
+from agrobot_mj.recording.world.trail import Trail
+from agrobot_mj.recording.world.wheels import Wheels
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log, Rows
+from agrobot_mj.terrain import Ground
+
+PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
+
+
+class BodyMotion:
+    """Sends all of it, as far as the tractor is anywhere."""
+
+    def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
+        self.rows, self.scene, self.last = rows, scene, -1
+        self.events = Events(rows, ground, scenario.fault)
+        self.parts: list[Tracks | Belief | Forces | Trail | Events] = [
+            Tracks(rows, ground),
+            Belief(rows, ground),
+            self.events,
+        ]
+        self.trail = None
+        if "load_fl" in rows.columns:
+            wheels = Wheels(rows, scene, ground)
+            self.trail = Trail(wheels, scenario.ticks)
+            self.parts += [Forces(wheels), self.trail]
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """Rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""
+        times = times[: self._sound(first)]
+        if not times.size or first != self.last + 1:
+            return
+        column = rr.TimeColumn(TIMELINE, duration=times)
+        for i, body in enumerate(self.scene.bodies):
+            pose = self.rows.poses[first : first + len(times), i]
+            columns = (
+                partitioned(PLACE, Translation3DBatch(pose[:, :3])),
+                partitioned(ATTITUDE, RotationQuatBatch(pose[:, [4, 5, 6, 3]])),
+            )
+            stream.send_columns(f"world/bodies/{body}", [column], columns)
+        for part in self.parts:
+            part.send(stream, times, first)
+        self.last = first + len(times) - 1
+
+    def finish(self, stream: rr.RecordingStream, log: Log) -> None:
+        """What only the end of the run tells."""
+        if self.last < 0:
+            return
+        if self.trail:
+            self.trail.finish(stream, self.last)
+        self.events.finish(stream, log.outcome, self.last)
+
+    def _sound(self, first: int) -> int:
+        """How many rows from `first` on come before the first without a position, where a run breaks off."""
+        tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
+        poses = self.rows.poses[first : self.rows.filled].reshape(len(tracks[0]), -1)
+        broken = np.flatnonzero(~np.isfinite(np.column_stack([*tracks, poses])).all(axis=1))
+        return int(broken[0]) if broken.size else len(poses)

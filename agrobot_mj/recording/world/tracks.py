@@ -1,0 +1,100 @@
+"""The tracks that grow behind the tractor: where it was, where it thought it was, and the fixes of its receiver.
+
+They are sent in short pieces, each at the time at which it ends; the layout shows those up to the present.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from rerun.components import LineStrip3DBatch
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times
+from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.simulation.log import Rows
+from agrobot_mj.terrain import Ground
+
+PIECE_TICKS = 5
+"""Ticks in a piece of track: 0.3 m at 1.2 m/s."""
+FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
+"""By quality: none, float, fix."""
+FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
+"""Below the tracks; the radius is the sigma of the paper's receiver."""
+
+STRIPS = LineStrip3DBatch([]).as_arrow_array().type
+
+
+class DrawnTrack(NamedTuple):
+    """A line that grows."""
+
+    name: str
+    x: str
+    """Column of the log."""
+    y: str
+    colour: int
+    lift_m: float
+    width: float
+    """Half of it on the screen [pixels]."""
+
+    @property
+    def entity(self) -> str:
+        """Where the track is in the recording."""
+        return f"world/tracks/{self.name}"
+
+
+TRACKS = (
+    DrawnTrack("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.015, 1.25),
+    DrawnTrack("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
+)
+"""Of the CG; where both agree the true one shows."""
+
+
+class Tracks:
+    """Sends the tracks."""
+
+    def __init__(self, rows: Rows, ground: Ground) -> None:
+        self.rows, self.ground = rows, ground
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """Rows from `first` on, at `times` (n,)."""
+        ends = piece_ends(len(times))
+        column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
+        for track in TRACKS:
+            pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
+            stream.send_columns(track.entity, [column], pieces)
+            if first == 0:
+                style = rr.LineStrips3D.from_fields(colors=track.colour, radii=rr.Radius.ui_points(track.width))
+                stream.log(track.entity, style, static=True)
+        self._send_fixes(stream, column, first, ends)
+
+    def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
+        """The pieces that end before the rows `first + ends`, each joined to the one before."""
+        before = min(first, 1)
+        x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
+        points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
+        return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
+
+    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Index) -> None:
+        columns = ("gnss_x", "gnss_y", "gnss_quality")
+        x, y, quality = (self.rows.column(name, first)[: ends[-1]] for name in columns)
+        there = np.isfinite(x)
+        points = on_ground(self.ground, np.column_stack([x, y])[there], FIX_LIFT_M)
+        fixes = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
+        counts = np.diff(np.append(0, np.cumsum(there)[ends - 1]))
+        stream.send_columns("world/tracks/gnss", [column], fixes.partition(counts))
+        if first == 0:
+            stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
+
+
+def piece_ends(count: int) -> Index:
+    """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
+    return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
+
+
+def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
+    """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
+    rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
+    vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
+    return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

@@ -1,0 +1,78 @@
+"""Tyre marks: a flat strip behind each wheel, as wide as the tyre, coloured by how much it slips.
+
+Sent as small meshes that all have the same triangles, each at the time at which it ends; the layout shows those up to
+the present. A wheel in the air leaves no mark.
+"""
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds
+from agrobot_mj.recording.world.colours import ramp
+from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.recording.world.wheels import Wheels
+
+Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
+ENTITY = "world/tracks/tyres"
+PIECES = (10, 20, 40, 100, 200)
+"""Ticks that a piece may have."""
+MOST_PIECES = 800
+"""Each is a mesh of its own to the viewer."""
+STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
+"""Between the cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
+LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
+"""Rear marks lie over front ones [m]."""
+SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, 0xE69F00FF), (0.3, 0xE02010FF))
+"""Slip and the colour from there on: pressed earth, amber, red."""
+
+
+class Trail:
+    """Sends the marks."""
+
+    def __init__(self, wheels: Wheels, ticks: int) -> None:
+        self.wheels, self.sent = wheels, 0
+        self.piece = next((size for size in PIECES if ticks <= size * MOST_PIECES), PIECES[-1])
+        self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """The pieces that end among the rows from `first` on, at `times` (n,)."""
+        if first == 0:
+            stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
+        ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
+        self._send_pieces(stream, times[ends - first], ends)
+
+    def finish(self, stream: rr.RecordingStream, last: int) -> None:
+        """What is left up to row `last`."""
+        if last > self.sent:
+            self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
+
+    def _send_pieces(self, stream: rr.RecordingStream, times: Times, ends: Index) -> None:
+        if not ends.size:
+            return
+        sections = np.arange(0, self.piece + 1, self.step)
+        at = np.minimum((np.append(self.sent, ends[:-1])[:, None] + sections), ends[:, None])
+        self.sent = int(ends[-1])
+        edges, colours = self.marks(at.ravel())
+        count = 2 * len(WHEELS) * len(sections)
+        columns = rr.Mesh3D.columns(vertex_positions=edges.reshape(-1, 3), vertex_colors=colours.ravel())
+        column = rr.TimeColumn(TIMELINE, duration=times)
+        stream.send_columns(ENTITY, [column], columns.partition(np.full(len(ends), count)))
+
+    def marks(self, at: Index) -> tuple[Array, Array]:
+        """Left and right edge of each mark at rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n, 4, 2)."""
+        contacts, report = self.wheels.contacts(at), self.wheels.report
+        width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
+        edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
+        flat = on_ground(self.wheels.ground, edges[..., :2].reshape(-1, 2), 0.0).reshape(edges.shape)
+        flat[..., 2] += LIFTS_M[:, None]
+        slip = np.nan_to_num(np.hypot(report("slip_ratio", at), np.tan(report("slip_angle", at))))
+        return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
+
+    def _triangles(self) -> Triangles:
+        """Of one piece, shape (n, 3): vertices by section, wheel and edge."""
+        sections, row = self.piece // self.step, 2 * len(WHEELS)
+        left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
+        quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])
+        triangles: Triangles = quads.reshape(-1, 3).astype(np.uint32)
+        return triangles

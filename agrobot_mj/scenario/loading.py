@@ -1,0 +1,63 @@
+"""Scenarios from files: by name or path, with overrides by dotted key."""
+
+import tomllib
+from collections.abc import Mapping
+from copy import deepcopy
+from pathlib import Path as FilePath
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.resources import SCENARIOS
+from agrobot_mj.scenario.overrides import absolute_paths, complete, override
+from agrobot_mj.scenario.schema import Scenario, resolve
+
+
+def scenario_files() -> dict[str, FilePath]:
+    """Name to file of every scenario that comes with the package."""
+    return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
+
+
+def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """A scenario by name or path, with overrides by (dotted) key.
+
+    Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
+    Raises `ScenarioError` with every fault of the input in one message.
+    """
+    path = _find(source)
+    data, folder = read_toml(path), path.parent.resolve()
+    try:
+        absolute_paths(data, folder)
+        complete(data, Scenario())
+        for key, value in (overrides or {}).items():
+            last = key.rpartition(".")[2]
+            given = {last: deepcopy(value)}
+            absolute_paths(given, FilePath.cwd(), folder)
+            override(data, key, given[last], Scenario)
+        data.setdefault("name", path.stem)
+        return resolve(data, path.name)
+    except RecursionError:
+        raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
+
+
+def read_toml(path: FilePath) -> dict[str, Any]:
+    """The plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _find(source: str | FilePath) -> FilePath:
+    files = scenario_files()
+    if str(source) in files:
+        return files[str(source)]
+    path = FilePath(source)
+    if path.is_dir():
+        raise ScenarioError(f"{path}: is a folder; name a TOML file")
+    if path.is_file():
+        return path
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise ScenarioError(f"{path}: no such file")
+    raise ScenarioError(f"unknown scenario {str(source)!r}{suggestion(str(source), list(files))} (see agrobot-mj list)")

@@ -1,0 +1,117 @@
+"""Configuration as plain data, before it is checked: dotted overrides, defaults filled in, the files that it names."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
+from agrobot_mj.core.spec import Spec, members
+
+FILE_KEY = "file"
+"""A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
+
+
+def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) -> None:
+    """Set one key (of a list, items count from 0); a new `kind` keeps those keys of the old one that it has too.
+
+    `root` is the schema of `data`. Raises `ScenarioError`.
+    """
+    *tables, last = dotted.split(".")
+    if not all([*tables, last]):
+        raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
+    table: Any = data
+    for depth, name in enumerate(tables):
+        if isinstance(table, list):
+            table = _item(table, name, dotted, ".".join(tables[:depth]))
+        else:
+            counted = (*tables, last)[depth + 1].isdecimal()
+            table = table.setdefault(name, [] if counted else {})
+        if not isinstance(table, dict | list):
+            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
+    if isinstance(table, list):
+        key = ".".join(tables)
+        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
+    if last == "kind" and table.get("kind", value) != value:
+        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
+        for key in [key for key in table if key not in known]:
+            del table[key]
+    if isinstance(value, Mapping) and isinstance(table.get(last), dict):
+        for key, inner in value.items():
+            override(data, f"{dotted}.{key}", inner, root)
+    else:
+        table[last] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
+    if not name.isdecimal():
+        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value")
+    if int(name) >= len(items):
+        raise ScenarioError(
+            f"--set {dotted}: the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
+        )
+    return items[int(name)]
+
+
+def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
+    """Field names of the member `kind` of the union under `tables`; empty if there is none."""
+    models: dict[str, type[Spec]] = {"": root}
+    for table in tables:
+        fields = [m.model_fields[table] for m in models.values() if table in m.model_fields]
+        models = {k: m for f in fields for k, m in members(f.annotation).items()}
+    return set(models[kind].model_fields) if kind in models else set()
+
+
+def complete(table: dict[str, Any], default: Spec) -> None:
+    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
+    for name, field in type(default).model_fields.items():
+        value, given = getattr(default, name), table.get(name)
+        if isinstance(given, dict) and isinstance(value, Spec):
+            kind = getattr(value, "kind", None)
+            if given.setdefault("kind", kind) is None:
+                del given["kind"]
+            kinds = members(field.annotation)
+            if kind is None or given.get("kind") == kind:
+                complete(given, value)
+            elif isinstance(given["kind"], str) and given["kind"] in kinds:
+                complete(given, kinds[given["kind"]]())
+        elif name not in table and name in default.model_fields_set:
+            table[name] = _plain(value)
+
+
+def explicit_values(spec: Spec) -> dict[str, Any]:
+    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
+    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
+    return {key: _plain(value) for key, value in fields.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Spec):
+        return explicit_values(value)
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def absolute_paths(data: Any, *folders: Path) -> None:
+    """Make the paths of files absolute: the first folder that has the file counts, else the last.
+
+    Files of the library keep their names, unless one of the folders has a file of the same name.
+    """
+    for table in _below(data):
+        absolute_paths(table, *folders)
+    beside = [folder for folder in folders if folder != SCENARIOS.resolve()]
+    if beside and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+        found = next((folder / file for folder in beside if is_file(folder / file)), None)
+        if found or not is_file(SCENARIOS / file):
+            data[FILE_KEY] = str(found or beside[-1] / file)
+
+
+def files(data: Any) -> list[Path]:
+    """Every file that plain data names."""
+    found = [file for table in _below(data) for file in files(table)]
+    if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+        found.append(library_file(file))
+    return found
+
+
+def _below(data: Any) -> Iterable[Any]:
+    return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()

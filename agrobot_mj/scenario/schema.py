@@ -1,0 +1,179 @@
+"""The scenario: one experiment as data.
+
+The classes below are the schema of the TOML files: every key has a default, a misspelt one is an error. `load_scenario`
+reads a file by name or path, applies dotted overrides and checks that the parts fit each other.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from math import atan, degrees
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field, ValidationError, model_validator
+
+from agrobot_mj.control import Controller, PdT2fnn
+from agrobot_mj.control.kinematic import KinematicLaw
+from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.core.errors import ScenarioError, explain
+from agrobot_mj.core.signals import TICK_S, Outcome
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.version import __version__
+from agrobot_mj.estimation import Ekf, Estimator
+from agrobot_mj.faults import Fault, clashes
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.paths import FigureEight, Path
+from agrobot_mj.plants import Mujoco, Plant
+from agrobot_mj.scenario.overrides import complete, explicit_values, files, override
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.terrain import Flat, Terrain
+
+LONGEST_S = 24 * 3600.0
+"""Longest run that a log in memory can hold [s]."""
+DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
+"""Steps in a tick whose length is a short decimal."""
+
+
+class Steering(Spec):
+    """Everything between the steering reference and the wheels."""
+
+    valve: Valve = Valve()
+    """Electro-hydraulic valve and pump."""
+    cylinder: Cylinder = Cylinder()
+    """Steering cylinder."""
+    loop: SteeringLoop = SteeringLoop()
+    """Low-level angle controller."""
+
+
+class Scenario(Spec):
+    """One experiment."""
+
+    name: str = ""
+    """Short name; the file's own when left out."""
+    title: str = ""
+    """One line for lists and reports."""
+    version: str = __version__
+    """Version of agrobot_mj that wrote the file; for information."""
+    expected_outcome: Outcome = "completed"
+    """How the run should end; for information and tests."""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
+    """All randomness follows from it."""
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
+    """[s]. The path's own when left out."""
+    physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
+    """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
+    tractor: TractorParameters = TractorParameters()
+    plant: Plant = Mujoco()
+    terrain: Terrain = Flat()
+    path: Path = FigureEight()
+    controller: Controller = PdT2fnn()
+    fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
+    """Scripted faults and disturbances, `[[fault]]`."""
+    guidance: KinematicLaw = KinematicLaw()
+    """Kinematic law: position error to speed and yaw rate."""
+    speed: SpeedLoop = SpeedLoop()
+    """Cascade from speed to pedal voltage."""
+    steering: Steering = Steering()
+    driveline: Driveline = Driveline()
+    sensors: Sensors = Sensors()
+    estimator: Estimator = Ekf()
+
+    @property
+    def ticks(self) -> int:
+        """Number of 50 ms ticks."""
+        duration = self.path.duration_s if self.duration_s is None else self.duration_s
+        return max(1, round(duration / TICK_S))
+
+    @property
+    def steps_per_tick(self) -> int:
+        """Physics steps in a tick."""
+        return round(TICK_S / self.physics_dt_s)
+
+    @property
+    def hash8(self) -> str:
+        """Eight hex digits that stand for everything that the run depends on."""
+        content = self.model_dump(mode="json", exclude={"version", "name", "title", "expected_outcome"})
+        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+        for file in files(content):
+            digest.update(file.read_bytes())
+        return digest.hexdigest()[:8]
+
+    def to_toml(self) -> str:
+        """The resolved scenario as TOML; running it gives the same signals."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
+
+    def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
+        """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
+        data = explicit_values(self)
+        for key, value in overrides.items():
+            override(data, key, value, Scenario)
+        return resolve(data, self.name or "scenario")
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> "Scenario":
+        problems = list(_misfits(self))
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+
+def _misfits(s: Scenario) -> list[str]:
+    """What is wrong between keys that are right by themselves."""
+    found = []
+    if abs(s.steps_per_tick * s.physics_dt_s - TICK_S) > 1e-9:
+        better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.physics_dt_s)
+        found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:g}")
+    if s.ticks > LONGEST_S / TICK_S:
+        found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+    if s.plant.kind == "bicycle":
+        found += _beyond_the_bicycle(s)
+    found += clashes(s.fault)
+    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
+    if needed >= s.tractor.steer_limit_deg:
+        place = s.path.sharpest
+        found.append(
+            f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
+            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
+        )
+    if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
+        found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
+    if s.estimator.needs_imu and not s.sensors.imu.enabled:
+        found.append("estimator.terrain_compensation: needs sensors.imu.enabled = true")
+    start = s.path.at(0.0)
+    try:
+        if not s.terrain.ground().covers(start.x, start.y):
+            found.append(f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger")
+    except ValueError as error:
+        found.append(f"terrain.{error}")
+    return found
+
+
+def _beyond_the_bicycle(s: Scenario) -> list[str]:
+    """What the scenario asks for and the bicycle does not have."""
+    found = []
+    if s.terrain.kind != "flat":
+        found.append(
+            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
+            'set terrain.kind = "flat" or plant.kind = "mujoco"'
+        )
+    elif s.terrain.patch:
+        found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+    found += [
+        f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
+        for k, fault in enumerate(s.fault)
+        if fault.machine
+    ]
+    return found
+
+
+def resolve(data: dict[str, Any], source: str) -> Scenario:
+    """A scenario from plain data; `source` names it in messages. Raises `ScenarioError`."""
+    complete(data, Scenario())
+    try:
+        return Scenario.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ScenarioError(explain(error, source, data, Scenario)) from None

@@ -1,0 +1,1 @@
+"""Experiments about the model: comparisons, figures, the tyre rig, identification, validation."""

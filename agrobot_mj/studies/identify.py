@@ -1,0 +1,275 @@
+"""The steering valve from a run: dead band, gains, rate limit, time constant and delay out of `signals.parquet`.
+
+The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, and a
+rigid cylinder. Its angle, averaged over a tick as the potentiometer does, is compared with `steer_measured` in windows
+of 5 s, each with an offset of its own, so that what happened before a window does not matter. Least squares fits all
+parameters at once; the delay starts from a grid and shifts the response, so that it need not be whole steps.
+
+What a run does not excite it cannot tell: the rate limit is None unless the valve was seen at it. An oil spring's lag
+(damping over stiffness of the cylinder, 8 ms) comes out as part of the delay. Windows at the steering's stops are left
+out. Standard errors assume white residuals.
+"""
+
+from math import degrees, sqrt
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.optimize import OptimizeResult, least_squares
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.machine.hydraulics import (
+    LITRE_PER_MINUTE,
+    Cylinder,
+    Valve,
+    ValveLaw,
+    ValveMemory,
+    valve_law,
+    valve_step,
+)
+from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.storage import write_json
+
+STEPS_PER_TICK = 25
+"""2 ms of a 50 ms tick."""
+WINDOW_S = 5.0
+"""[s]. Long against delay and lag, short against what the model leaves out."""
+LEAST_WINDOWS = 4
+"""Fewer than these are no basis."""
+LEAST_MOTION_DEG = 0.5
+"""Below this motion, rms in a window, there is only noise [deg]."""
+NEAR_STOP_DEG = 1.0
+"""A window that comes this close to the stops is left out [deg]."""
+UNLIMITED_L_MIN = 1e4
+"""A pump that never saturates [l/min]."""
+SURE, PRECISE = 50.0, 0.1
+"""A rate limit counts as seen when it lowers chi squared by this [-], and its relative error is below this [-]."""
+COLUMNS = ("t", "valve_voltage", "steer_measured")
+"""Needed of `signals.parquet`."""
+NAMES = ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s", "rate_limit_deg_s")
+"""Order of the parameters in the fit."""
+LOW, HIGH = (0.0, 0.05, 0.05, 0.002, 0.0, 0.1), (5.0, 50.0, 50.0, 2.0, 1.0, 500.0)
+SCALE = (0.1, 1.0, 1.0, 0.05, 0.05, 10.0)
+"""Bounds and typical sizes of the parameters."""
+
+
+class Identified(NamedTuple):
+    """A steering valve as a run shows it."""
+
+    dead_band_v: float
+    """Half width about neutral [V]."""
+    gain_left_l_min_v: float
+    """Flow per volt beyond the dead band, steering left [l/(min V)]."""
+    gain_right_l_min_v: float
+    """Flow per volt beyond the dead band, steering right [l/(min V)]."""
+    rate_limit_deg_s: float | None
+    """Steering rate at the pump's flow, either way; None when the run does not reach it [deg/s]."""
+    time_constant_s: float
+    """Spool lag [s]."""
+    delay_s: float
+    """Transport delay [s]."""
+    errors: dict[str, float]
+    """Standard error of each of the above by name, in its unit."""
+    rate_reached_deg_s: float
+    """Fastest steering of the fitted model in this run [deg/s]."""
+    residual_rms_deg: float
+    """Measured less fitted angle, each window's mean taken off [deg]."""
+    explained: float
+    """Share of the variance of the measured angle within windows [-]."""
+
+
+class Data(NamedTuple):
+    """What is fitted."""
+
+    voltage: Array
+    """Applied from each tick to the next, shape (n,) [V]."""
+    measured: Array
+    """Angle, mean over the tick before, in windows, shape (windows, ticks) [rad]."""
+    kept: Array
+    """Which rows of the run, cut to whole windows, are in `measured`, shape (windows,)."""
+    tick: float
+    """[s]."""
+    displacement: float
+    """Of the cylinder [m3/rad]."""
+
+
+def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
+    """The valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
+
+    `cylinder` (the default one if None) turns steering rate into oil flow. Raises `ScenarioError` for signals that
+    cannot tell.
+    """
+    data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
+    free = _fit(data, _start(data))
+    reached = _fastest(free.x, data)
+    limited = _fit(data, np.append(free.x, 0.95 * reached))
+    errors = _errors(limited, data)
+    gain = 2 * (free.cost - limited.cost) / _variance(limited, data)
+    seen = gain > SURE and errors[-1] < PRECISE * limited.x[-1]
+    best = limited if seen else free
+    values = dict(zip(NAMES, best.x.tolist(), strict=False))
+    return Identified(
+        **({"rate_limit_deg_s": None} | values),
+        errors=dict(zip(NAMES, _errors(best, data).tolist(), strict=False)),
+        rate_reached_deg_s=_fastest(best.x, data),
+        residual_rms_deg=degrees(sqrt(2 * best.cost / best.fun.size)),
+        explained=float(1.0 - 2 * best.cost / (_centred(data.measured) ** 2).sum()),
+    )
+
+
+def identify_command(run_dir: Path) -> str:
+    """Identify the valve of the run in `run_dir`, write `identified.json` there, and return a table.
+
+    Raises `ScenarioError` for a folder that holds no run.
+    """
+    if not run_dir.is_dir():
+        raise ScenarioError(f"{run_dir}: no such folder; name the folder of a run")
+    signals, file = run_dir / "signals.parquet", run_dir / "scenario.toml"
+    if not signals.is_file():
+        raise ScenarioError(f"{run_dir}: has no signals.parquet; name the folder of a run")
+    scenario = load_scenario(file) if file.is_file() else Scenario()
+    cylinder, limit = scenario.steering.cylinder, scenario.tractor.steer_limit_deg
+    try:
+        found = identify(signals, cylinder, limit)
+    except ScenarioError as error:
+        raise ScenarioError(f"{signals}: {error}") from None
+    write_json(run_dir / "identified.json", found._asdict())
+    return table(found, scenario.steering.valve if file.is_file() else None, cylinder)
+
+
+def table(found: Identified, valve: Valve | None, cylinder: Cylinder) -> str:
+    """Values with standard errors beside those of the scenario, if known, as plain text and valid Markdown."""
+    known = {} if valve is None else valve.model_dump()
+    if valve is not None:
+        known["rate_limit_deg_s"] = _rate(valve.pump_flow_l_min, cylinder)
+    lines = [_row("parameter", "identified", "std error", "scenario"), f"|{'-' * 20}|{'|'.join(['-' * 11 + ':'] * 3)}|"]
+    for name in NAMES:
+        value, error = getattr(found, name), found.errors.get(name)
+        lines.append(_row(name, _text(value, "not seen"), _text(error), _text(known.get(name))))
+    if found.rate_limit_deg_s is None:
+        lines.append(
+            f"The run stays below the rate limit: its fastest steering is {found.rate_reached_deg_s:.3g} deg/s."
+        )
+    share, rms = 100 * found.explained, found.residual_rms_deg
+    return "\n".join([*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."])
+
+
+def _row(name: str, *cells: str) -> str:
+    return f"| {name:18} | {' | '.join(f'{cell:>10}' for cell in cells)} |"
+
+
+def _text(value: float | None, absent: str = "-") -> str:
+    return absent if value is None else f"{value:.4g}"
+
+
+def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
+    if isinstance(signals, Path):
+        try:
+            signals = pq.read_table(signals)
+        except pa.ArrowException as error:
+            raise ScenarioError(f"is no Parquet file: {error}") from None
+    missing = [name for name in COLUMNS if name not in signals.column_names]
+    if missing:
+        raise ScenarioError(f"has no column {', '.join(missing)}; take the signals of a run")
+    t, voltage, measured = (signals[name].to_numpy().astype(float) for name in COLUMNS)
+    tick = float(np.median(np.diff(t))) if len(t) > 1 else 0.05
+    ticks = round(WINDOW_S / tick)
+    windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
+    with np.errstate(invalid="ignore"):
+        kept = np.abs(windows).max(axis=1, initial=0.0) < np.radians(steer_limit_deg - NEAR_STOP_DEG)
+    if not np.isfinite(voltage).all():
+        raise ScenarioError("has gaps in valve_voltage")
+    if kept.sum() < LEAST_WINDOWS:
+        raise ScenarioError(f"is too short: needs {LEAST_WINDOWS * WINDOW_S:g} s away from the stops of the steering")
+    moved = degrees(float(np.sqrt((_centred(windows[kept]) ** 2).mean())))
+    if moved < LEAST_MOTION_DEG:
+        raise ScenarioError(f"hardly steers ({moved:.2g} deg rms within {WINDOW_S:g} s); take a run with turns")
+    return Data(voltage, windows[kept], kept, tick, cylinder.displacement)
+
+
+@kernel
+def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
+    """Oil in the cylinder at every step under `voltage` (n,), held over a tick; `oil` (n * steps + 1,) [m3]."""
+    oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
+    for k in range(oil.shape[0] - 1):
+        oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
+
+
+def _angles(p: Array, data: Data) -> Array:
+    """Angle of the valve model without delay at every step, shape (n * steps + 1,) [rad]."""
+    dt = data.tick / STEPS_PER_TICK
+    flow = np.radians(p[5]) * data.displacement / LITRE_PER_MINUTE if len(p) > 5 else UNLIMITED_L_MIN
+    valve = Valve(
+        delay_s=0.0,
+        dead_band_v=p[0],
+        gain_left_l_min_v=p[1],
+        gain_right_l_min_v=p[2],
+        time_constant_s=p[3],
+        pump_flow_l_min=flow,
+    )
+    oil = np.empty(len(data.voltage) * STEPS_PER_TICK + 1)
+    respond(*valve_law(valve, dt), data.voltage, dt, oil)
+    return oil / data.displacement
+
+
+def _readings(p: Array, data: Data) -> Array:
+    """The model's potentiometer in windows, shape as `data.measured` [rad]."""
+    angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
+    ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
+    times = dt * np.arange(len(area))
+    mean = (np.interp(ends, times, area) - np.interp(ends - data.tick, times, area)) / data.tick
+    windows: Array = mean.reshape(-1, data.measured.shape[1])[data.kept]
+    return windows
+
+
+def _centred(windows: Array) -> Array:
+    centred: Array = windows - windows.mean(axis=1, keepdims=True)
+    return centred
+
+
+def _residuals(p: Array, data: Data) -> Array:
+    return _centred(_readings(p, data) - data.measured).ravel()
+
+
+def _start(data: Data) -> Array:
+    """Best delay of a grid, with one gain for both directions."""
+    measured, found = _centred(data.measured), []
+    for delay in np.arange(0.0, 0.6, data.tick):
+        model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay]), data))
+        gain = float((model * measured).sum() / max((model * model).sum(), 1e-12))
+        found.append((float(((gain * model - measured) ** 2).sum()), gain, delay))
+    _, gain, delay = min(found)
+    return np.array([0.3, max(gain, 0.1), max(gain, 0.1), 0.1, delay])
+
+
+def _fit(data: Data, start: Array) -> OptimizeResult:
+    n = len(start)
+    inside = np.clip(start, np.array(LOW[:n]) + 1e-6, np.array(HIGH[:n]) - 1e-6)
+    return least_squares(_residuals, inside, bounds=(LOW[:n], HIGH[:n]), x_scale=SCALE[:n], args=(data,))
+
+
+def _variance(fit: OptimizeResult, data: Data) -> float:
+    """Of a reading [rad2]; each window's offset costs a degree of freedom."""
+    return float(2 * fit.cost / (fit.fun.size - len(fit.x) - len(data.measured)))
+
+
+def _errors(fit: OptimizeResult, data: Data) -> Array:
+    """Standard errors of the parameters; huge where the run says nothing."""
+    information = fit.jac.T @ fit.jac / _variance(fit, data)
+    errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.x)))))
+    return errors
+
+
+def _fastest(p: Array, data: Data) -> float:
+    """[deg/s]."""
+    return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
+
+
+def _rate(flow_l_min: float, cylinder: Cylinder) -> float:
+    """Steering rate of an oil flow [deg/s]."""
+    return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -1,0 +1,347 @@
+"""Figures and tables of a comparison, after the figures of the paper.
+
+Input: runs as (plant, controller, log), one run for each pair. One PNG a figure, one column of panels a
+plant, each as wide as a column of a journal page (3.5 in, text of 8 pt). A controller keeps its colour.
+"""
+
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics.summary import LogLike
+from agrobot_mj.paths import sample
+from agrobot_mj.simulation.storage import whole
+
+COLOURS = {"pd": "#D55E00", "pd_isgn": "#E69F00", "pd_t1fnn": "#009E73", "pd_t2fnn": "#0072B2"}
+"""Colour of each controller, of the colour-blind-safe palette of Okabe and Ito."""
+SPARE_COLOURS = ("#CC79A7", "#56B4E9", "#666666")
+"""For controllers not named above, in order of appearance; of the same palette."""
+NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
+NAMES |= {"open_loop": "open loop"}
+"""How figures name the controllers."""
+STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "grid.linewidth": 0.3,
+    "grid.color": "#CCCCCC",
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 0.9,
+}
+PANEL_WIDTH_IN = 3.5
+DPI = 200
+SMOOTHING_S = 1.0
+"""Length of the moving average over noisy signals [s]."""
+PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
+"""Between the points of a drawn path [m], and how many it may have."""
+ZOOM_M = (6.0, 3.0)
+"""Width and height of the enlarged part of the trajectory [m]."""
+LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
+"""By the unit of the axis: a curve that goes beyond is lost and leaves the panel to the others."""
+
+
+class ReportedRun(NamedTuple):
+    """One run of a comparison."""
+
+    plant: str
+    """Name of the plant."""
+    controller: str
+    """Name of the controller."""
+    log: LogLike
+    """Its log."""
+
+    @property
+    def name(self) -> str:
+        """The controller as figures name it."""
+        return NAMES.get(self.controller, self.controller)
+
+
+Runs = Sequence[ReportedRun]
+
+
+def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> list[Path]:
+    """Draw the figures of `runs` into `folder`; return the files, without those that no run has data for."""
+    named = [ReportedRun(*run) for run in runs]
+    with mpl.rc_context(STYLE):
+        drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
+
+
+def trajectory(runs: Runs) -> Figure:
+    """Reference (thin black) and tracks (first turn dotted, later ones solid), a column a plant.
+
+    The lower row enlarges the place where the errors are largest.
+    """
+    plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
+    heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
+    figure = Figure((PANEL_WIDTH_IN * len(plants), sum(heights) + 1.25), layout="constrained")
+    grid = figure.subplots(2, len(plants), sharex="row", sharey="row", squeeze=False, height_ratios=heights)
+    corner = np.clip(_worst_place(runs) - zoom / 2, low, high - zoom)
+    for axes, start, size in ((grid[0], low, high - low), (grid[1], corner, zoom)):
+        for panel, plant in zip(axes, plants, strict=True):
+            _draw_tracks(panel, runs, plant)
+            (left, bottom), (right, top) = start, start + size
+            panel.set(aspect="equal", xlim=(left, right), ylim=(bottom, top))
+    for overview, plant in zip(grid[0], plants, strict=True):
+        overview.set_title(plant)
+        overview.indicate_inset((*corner, *zoom), edgecolor="black", alpha=1, linewidth=0.6)
+    _label(grid, "x [m]", "y [m]")
+    turns = [_key("first turn", "#666666", ":"), _key("later turns", "#666666")]
+    several = len(runs[0].log.scenario.path.turns_s) > 1
+    _legend(figure, [_key("reference", "black", width=0.5), *(turns if several else []), *_keys(runs)])
+    return figure
+
+
+def longitudinal_error(runs: Runs) -> Figure:
+    """Longitudinal error over time, all controllers of a plant in one panel."""
+    return _overlay(runs, "e_longitudinal", "longitudinal error [m]")
+
+
+def lateral_error(runs: Runs) -> Figure:
+    """Lateral error over time, all controllers of a plant in one panel."""
+    return _overlay(runs, "e_lateral", "lateral error [m]")
+
+
+def control_signals(runs: Runs) -> Figure:
+    """The parts of the steering command and their sum, a row a controller that has a network (if any has)."""
+    parts = {
+        "steering reference": ("steer_ref", 1, "black"),
+        "PD $\\tau_c$": ("tau_c", 1, "#D55E00"),
+        "network $-\\tau_n$": ("tau_n", -1, "#0072B2"),
+    }
+
+    def draw(axes: Axes, run: ReportedRun) -> None:
+        for column, sign, colour in parts.values():
+            _draw_noisy(axes, run.log.column("t"), sign * np.degrees(run.log.column(column)), colour)
+
+    with_network = [run for run in runs if np.nan_to_num(run.log.column("tau_n")).any()]
+    if not with_network:
+        del parts["network $-\\tau_n$"]
+    keys = [_key(name, colour) for name, (_, _, colour) in parts.items()]
+    return _rows(with_network or runs, draw, "steering [deg]", [*keys, _raw_key()])
+
+
+def yaw_rate_error(runs: Runs) -> Figure:
+    """Yaw rate error over time, a row a controller."""
+
+    def draw(axes: Axes, run: ReportedRun) -> None:
+        _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.controller))
+
+    return _rows(runs, draw, "yaw rate error\n[rad/s]", [_raw_key()])
+
+
+def q(runs: Runs) -> Figure | None:
+    """The parameter q over time, a row a controller that has one."""
+
+    def draw(axes: Axes, run: ReportedRun) -> None:
+        axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.controller))
+        axes.set_ylim(-0.05, 1.05)
+
+    with_q = [run for run in runs if np.isfinite(run.log.column("q")).any()]
+    return _rows(with_q, draw, "q [-]", []) if with_q else None
+
+
+FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
+FIGURES += [control_signals, yaw_rate_error, q]
+"""Each draws one figure, a PNG of its name."""
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
+
+    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of `pd` on the
+    same plant and seed; values of turns that a run did not complete are left out.
+    """
+    seeds = len({row.get("seed") for row in rows}) > 1
+    of_pd = [row for row in rows if row["controller"] == "pd"]
+    pd_mse = {(row["plant"], row.get("seed")): row.get("lateral_mse") for row in of_pd}
+    text = Table(box=box.MARKDOWN)
+    for name in ("plant", "controller", *(["seed"] if seeds else []), "outcome"):
+        text.add_column(name)
+    for name in ("lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2"):
+        text.add_column(name, justify="right")
+    for row in rows:
+        seed = [str(row.get("seed"))] if seeds else []
+        base = pd_mse.get((row["plant"], row.get("seed")))
+        text.add_row(row["plant"], row["controller"], *seed, row.get("outcome", "-"), *_numbers(row, base))
+    console = Console(file=io.StringIO(), width=400, color_system=None, markup=False, emoji=False)
+    with console.capture() as captured:
+        console.print(text, highlight=False)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
+
+
+def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
+    """The cells of a row of the table from its mean square error on."""
+    mse = row.get("lateral_mse")
+    whole = {turn["turn"]: turn for turn in row.get("per_turn", []) if turn["complete"]}
+    shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}
+    return [
+        _text(mse, 4),
+        *(_text(whole[k]["lateral_mse"], 4) if k in whole else "-" for k in (1, 2)),
+        _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
+        _text(row.get("xte_rms"), 3),
+        *(_text(shares.get(k), 3) for k in (1, 2)),
+    ]
+
+
+def _text(value: float | None, decimals: int) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.{decimals}f}" if abs(value) < 1e4 else f"{value:.1e}"
+
+
+def _overlay(runs: Runs, column: str, label: str) -> Figure:
+    """A figure of one panel a plant, with `column` of all its runs over time."""
+    plants = _plants(runs)
+    figure = Figure((PANEL_WIDTH_IN * len(plants), 2.6), layout="constrained")
+    grid = figure.subplots(1, len(plants), sharex=True, sharey=True, squeeze=False)
+    for axes, plant in zip(grid[0], plants, strict=True):
+        for run in (run for run in runs if run.plant == plant):
+            axes.plot(run.log.column("t"), run.log.column(column), color=_colour(runs, run.controller))
+        axes.set_title(plant)
+    _finish(figure, grid, runs, label, _keys(runs))
+    return figure
+
+
+def _rows(runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D]) -> Figure:
+    """A figure of one column of panels a plant and one row a controller, over time."""
+    plants, controllers = _plants(runs), list(dict.fromkeys(run.controller for run in runs))
+    figure = Figure((PANEL_WIDTH_IN * len(plants), 1.45 * len(controllers) + 0.7), layout="constrained")
+    grid = figure.subplots(len(controllers), len(plants), sharex=True, sharey=True, squeeze=False)
+    for run in runs:
+        axes = grid[controllers.index(run.controller), plants.index(run.plant)]
+        draw(axes, run)
+        axes.set_title(f"{run.plant}: {run.name}")
+    _finish(figure, grid, runs, label, keys)
+    return figure
+
+
+def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D]) -> None:
+    """Mark the ends of turns, keep the limits within reason, label the axes and add the legend."""
+    _leave_out_lost(grid, next((limit for unit, limit in LOST.items() if unit in label), np.inf))
+    ends = [end for _, end in runs[0].log.scenario.path.turns_s[:-1]][:10]
+    for axes in grid.flat:
+        for end in ends:
+            axes.axvline(end, color="#666666", linestyle="--", linewidth=0.7)
+    _label(grid, "time [s]", label)
+    _legend(figure, [*keys, *([_key("end of a turn", "#666666", "--", 0.7)] if ends else [])])
+
+
+def _leave_out_lost(grid: Any, limit: float) -> None:
+    """Fit the common y axis to the curves that stay within +-limit, if some do and some do not."""
+    values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
+    curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
+    kept = [curve for curve in curves if np.abs(curve).max() <= limit]
+    if 0 < len(kept) < len(curves):
+        low, high = min(map(min, kept)), max(map(max, kept))
+        room = 0.05 * (high - low)
+        grid[0, 0].set_ylim(low - room, high + room)
+
+
+def _label(grid: Any, x: str, y: str) -> None:
+    for axes in grid[-1]:
+        axes.set_xlabel(x)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(y)
+
+
+def _legend(figure: Figure, keys: list[Line2D]) -> None:
+    columns = 2 if figure.get_figwidth() <= PANEL_WIDTH_IN else 5 if len(keys) <= 5 else 4
+    if keys:
+        figure.legend(handles=keys, loc="outside upper center", ncols=columns)
+
+
+def _key(name: str, colour: str, style: Literal["-", "--", ":"] = "-", width: float = 0.9) -> Line2D:
+    return Line2D([], [], label=name, color=colour, linestyle=style, linewidth=width)
+
+
+def _raw_key() -> Line2D:
+    return _key(f"pale: raw, bold: {SMOOTHING_S:g} s mean", "#BBBBBB", width=2.0)
+
+
+def _keys(runs: Runs) -> list[Line2D]:
+    names = {run.controller: run.name for run in runs}
+    return [_key(name, _colour(runs, controller)) for controller, name in names.items()]
+
+
+def _colour(runs: Runs, controller: str) -> str:
+    others = list(dict.fromkeys(run.controller for run in runs if run.controller not in COLOURS))
+    return COLOURS.get(controller) or SPARE_COLOURS[others.index(controller) % len(SPARE_COLOURS)]
+
+
+def _plants(runs: Runs) -> list[str]:
+    return list(dict.fromkeys(run.plant for run in runs))
+
+
+def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
+    path = runs[0].log.scenario.path
+    first_end = path.turns_s[0][1] if len(path.turns_s) > 1 else -np.inf
+    for run in (run for run in runs if run.plant == plant):
+        t, x, y = (run.log.column(name) for name in ("t", "x", "y"))
+        for rows, style in ((t > first_end, "-"), (t <= first_end, ":")):
+            axes.plot(x[rows], y[rows], color=_colour(runs, run.controller), linestyle=style)
+    start, end = path.turns_s[0]
+    count = int(np.clip((end - start) * path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
+    axes.plot(*sample(path, np.linspace(start, end, count)).T, color="black", linewidth=0.5, zorder=1)
+
+
+def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
+    axes.plot(t, values, color=colour, alpha=0.3, linewidth=0.4)
+    axes.plot(t, _smooth(t, values), color=colour)
+
+
+def _smooth(t: Array, values: Array) -> Array:
+    """Centred moving average over SMOOTHING_S of the finite values; NaN where there is none."""
+    if len(t) < 2:
+        return values
+    finite, window = np.isfinite(values), np.ones(min(len(t), max(1, round(SMOOTHING_S / (t[1] - t[0])))))
+    total = np.convolve(np.where(finite, values, 0.0), window, "same")
+    count = np.convolve(finite, window, "same")
+    mean: Array = np.divide(total, count, out=np.full(len(t), np.nan), where=count > 0.5)
+    return mean
+
+
+def _extent(run: ReportedRun) -> tuple[Array, Array]:
+    """Corners (low, high) of the part of the plane to show [m]: the path and room, no higher than wide."""
+    path = run.log.scenario.path
+    points = sample(path, np.linspace(*path.turns_s[0], 500))
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = np.maximum((high - low) / 2 + 2.0, max((high - low).max() / 10, max(ZOOM_M) / 2))
+    half[0] = max(half)
+    return (low + high) / 2 - half, (low + high) / 2 + half
+
+
+def _worst_place(runs: Runs) -> Array:
+    """The point of the path where the lateral errors of all runs, each counted up to 1 m, are largest [m]."""
+    longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
+    t = np.append(longest.column("t"), 0.0)
+    total = np.zeros(len(t))
+    for run in runs:
+        error = run.log.column("e_lateral")
+        total[: len(error)] += np.nan_to_num(np.minimum(np.abs(error), 1.0))
+    place: Array = sample(longest.scenario.path, t[[total.argmax()]])[0]
+    return place
+
+
+def save(figure: Figure, file: Path) -> Path:
+    """Save as PNG: the whole file or none."""
+    with whole(file) as part:
+        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
+    return file

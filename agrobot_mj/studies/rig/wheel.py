@@ -1,0 +1,104 @@
+"""One wheel on level ground, driven through the tractor's own kernel.
+
+The wheel's centre moves at a constant velocity at a constant height, its heading along x; its spin is imposed. Forces
+are those that the kernel reports, the moment that of its wrench about the vertical.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.terrain import Flat
+from agrobot_mj.terrain.grid import Ground
+from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet
+
+DT_S = 0.002
+"""Step of the rig, the simulator's default [s]."""
+SETTLE_LENGTHS = 25.0
+"""Relaxation lengths travelled before a steady force is read; exp(-25) is 1e-11 [-]."""
+FRONT, REAR = 0, 2
+"""Which of the tractor's tyres is on the rig."""
+AXLES = {"front": FRONT, "rear": REAR}
+
+
+class Setting(NamedTuple):
+    """What the rig imposes."""
+
+    speed: float
+    """Of the wheel's centre along its own heading [m/s]."""
+    slip_angle: float
+    """Between heading and velocity, positive when the wheel slides left [rad]."""
+    slip_ratio: float
+    """(rim - v) / v, driving positive [-]."""
+    load: float
+    """Vertical [N]."""
+
+
+class Reading(NamedTuple):
+    """What the rig measures."""
+
+    fx: float
+    """Forward [N]."""
+    fy: float
+    """To the left [N]."""
+    mz: float
+    """About the vertical through the wheel's centre, turning left positive [N m]."""
+    load: float
+    """Vertical [N]."""
+    grounded: float
+    """Share of the time on the ground [-]."""
+
+
+class TestBench(Protocol):
+    """What the sweeps need of a wheel, whoever makes its forces."""
+
+    relaxation: float
+    """Relaxation length; 0 without one [m]."""
+
+    def history(self, setting: Setting, distance_m: float) -> Array:
+        """Each step's `Reading`, shape (steps, 5), from the moment that the wheel is set in motion."""
+
+    def steady(self, setting: Setting) -> Reading:
+        """The reading once settled."""
+
+
+@jit
+def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
+    """Run as many steps as `out` (steps, 5) has rows, the bristles at rest before; rows as in `Reading`."""
+    deflection = setting.load / tyres.stiffness[i]
+    r_e = tyres.radius[i] - deflection / 3.0
+    centre = (0.0, 0.0, tyres.radius[i] - deflection)
+    axle = (0.0, 1.0, 0.0)
+    velocity = (setting.speed, setting.speed * np.tan(setting.slip_angle), 0.0)
+    rotation = (0.0, (1.0 + setting.slip_ratio) * setting.speed / r_e, 0.0)
+    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    for k in range(out.shape[0]):
+        wheel_step(tyres, i, ground, centre, axle, velocity, rotation, dt, bristle, wrench, report)
+        out[k, 0], out[k, 1], out[k, 2] = report[FORCE_X], report[FORCE_Y], wrench[5]
+        out[k, 3], out[k, 4] = report[LOAD], 1.0 if report[LOAD] > 0.0 else 0.0
+
+
+class Rig:
+    """One tyre of a tractor on the rig."""
+
+    def __init__(
+        self, tyre: Linear | MagicFormula | Soil, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
+    ) -> None:
+        self.tyres, self.wheel, self.dt = tyre_set(tyre, tractor), wheel, dt
+        self.ground = Flat().ground()
+        self.relaxation = float(self.tyres.relaxation[wheel].max())
+
+    def history(self, setting: Setting, distance_m: float) -> Array:
+        """Each step's `Reading`, shape (steps, 5), of a start from rest bristles."""
+        out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
+        drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
+        return out
+
+    def steady(self, setting: Setting) -> Reading:
+        """The reading once settled."""
+        return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation)[-1].tolist())

@@ -1,0 +1,165 @@
+"""What every manoeuvre shares: a check with its band, a plant to drive, and the tyres to drive it on.
+
+A manoeuvre is one file with one function `(quick) -> Findings`. Bands are those of the project's claims; a check
+that leaves its band fails, it is never widened to pass. Units are SI and radians inside; a check says its unit.
+"""
+
+from collections.abc import Iterable, Mapping
+from math import inf, isfinite
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.signals import TICK_S, Reference, Truth
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
+from agrobot_mj.terrain import Flat, Ground, Terrain
+from agrobot_mj.tyres import Contact, Linear, Tyre
+
+ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+BICYCLE = "bicycle"
+"""How checks name the bicycle; a MuJoCo tractor goes by the kind of its tyre."""
+
+
+class Check(NamedTuple):
+    """One number against its theory."""
+
+    manoeuvre: str
+    """Short name of the manoeuvre."""
+    quantity: str
+    """What was measured, under which circumstances."""
+    subject: str
+    """`bicycle`, or the kind of tyre of the MuJoCo tractor."""
+    measured: float
+    theory: float | None
+    """None where there is none."""
+    unit: str
+    low: float
+    """Least that passes [unit]."""
+    high: float
+    """Most that passes [unit]."""
+    band: str
+    """The limits in words; `reported` for a number that is not judged."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the number is finite and inside its band."""
+        return isfinite(self.measured) and self.low <= self.measured <= self.high
+
+    @property
+    def line(self) -> str:
+        """The check in one line."""
+        theory = "" if self.theory is None else f", theory {self.theory:.4g}"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.manoeuvre}, {self.subject}: {self.quantity}: {self.measured:.4g}{unit}{theory}, band {self.band}"
+
+
+class About(NamedTuple):
+    """The head of a check: manoeuvre, quantity, subject and unit."""
+
+    manoeuvre: str
+    quantity: str
+    subject: str
+    unit: str
+
+    def near(self, measured: float, theory: float, share: float) -> Check:
+        """Within `share` of the theory [-]."""
+        room = share * abs(theory)
+        return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
+
+    def close(self, measured: float, theory: float, room: float) -> Check:
+        """Within `room` of the theory [unit]."""
+        return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
+
+    def below(self, measured: float, limit: float) -> Check:
+        """At most `limit` in size [unit]."""
+        return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
+
+    def none(self, measured: float) -> Check:
+        """Exactly zero: a count of things that must not happen."""
+        return self._check(measured, None, 0.0, 0.0, "none")
+
+    def above(self, measured: float, limit: float) -> Check:
+        """At least `limit` [unit]."""
+        return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
+
+    def reported(self, measured: float, theory: float | None = None) -> Check:
+        """Not judged, but it must be a number."""
+        return self._check(measured, theory, -inf, inf, "reported")
+
+    def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
+        theory = None if theory is None else float(theory)
+        return Check(*self[:3], float(measured), theory, self.unit, float(low), float(high), band)
+
+
+class Findings(NamedTuple):
+    """What a manoeuvre yields."""
+
+    checks: list[Check]
+    warnings: int
+    """Warnings of MuJoCo in all its runs."""
+    curves: Mapping[str, Any] = MappingProxyType({})
+    """Arrays for the figures, by subject."""
+
+
+def tyres(*without: type) -> list[Any]:
+    """A default instance of every kind of tyre but those `without`."""
+    return [tyre() for tyre in every(Tyre) if tyre not in without]
+
+
+def tyre_of(kind: str) -> Any:
+    """The default instance of a kind of tyre."""
+    return next(tyre for tyre in tyres() if tyre.kind == kind)
+
+
+def force_tyres() -> list[Any]:
+    """Every tyre that has a law of its own: all but MuJoCo's contact."""
+    return tyres(Contact)
+
+
+class Machine(NamedTuple):
+    """The tractor under test with its actuators."""
+
+    tractor: TractorParameters = TractorParameters()
+    valve: Valve = Valve()
+    cylinder: Cylinder = Cylinder()
+    driveline: Driveline = Driveline()
+
+
+STOCK = Machine()
+LEVEL = Flat()
+
+
+def mujoco_plant(
+    tyre: Any,
+    terrain: Terrain | Ground = LEVEL,
+    machine: Machine = STOCK,
+    settle_s: float = 3.0,
+    dt: float = 0.002,
+    start: Reference = ORIGIN,
+    tick_s: float = TICK_S,
+) -> tuple[MujocoPlant, Truth]:
+    """The MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
+    ground = terrain if isinstance(terrain, Ground) else terrain.ground()
+    steps = round(tick_s / dt)
+    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), *machine, ground, dt, steps)
+    return plant, plant.reset(start)
+
+
+def bicycle_plant(machine: Machine = STOCK, dt: float = 0.002) -> tuple[BicyclePlant, Truth]:
+    """The bicycle at rest at the origin, and its first truth."""
+    plant = BicyclePlant(Bicycle(), *machine, Flat().ground(), dt, round(TICK_S / dt))
+    return plant, plant.reset(ORIGIN)
+
+
+def warnings(plants: Iterable[Any]) -> int:
+    """How often MuJoCo warned since the plants' last resets."""
+    return sum(plant.warnings() for plant in plants)
+
+
+def level_plants(only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
+    """(subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear` alone."""
+    chosen = [Linear()] if only_linear else tyres()
+    return [(BICYCLE, *bicycle_plant()), *((tyre.kind, *mujoco_plant(tyre)) for tyre in chosen)]

@@ -1,0 +1,95 @@
+"""A driver who knows the truth: plain servos for speed and steering angle, so that a test measures the plant alone."""
+
+from collections.abc import Callable
+from math import copysign
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Drive, Truth
+
+Steer = float | Callable[[Truth], float]
+"""A steering angle [rad], or a rule for one."""
+FULL_SPEED = 5.0
+"""Speed per pedal of the default driveline [m/s]."""
+STEER_TOLERANCE = 2e-6
+"""Steering error that is left alone [rad]."""
+
+
+class Trace:
+    """What was seen, tick by tick."""
+
+    def __init__(self, truths: list[Truth], wheels: list[Array]) -> None:
+        self.truths, self._wheels = truths, wheels
+
+    def __add__(self, later: "Trace") -> "Trace":
+        return Trace(self.truths + later.truths, self._wheels + later._wheels)
+
+    def __getitem__(self, name: str) -> Array:
+        """A field of `Truth` over time, shape (n,)."""
+        return np.array([getattr(truth, name) for truth in self.truths])
+
+    @property
+    def wheels(self) -> Array:
+        """Reports, shape (n, 6, 4): quantity (see `tyres.patch`) and wheel."""
+        return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
+
+    def mean(self, name: str, seconds: float) -> float:
+        """Mean of a field over the last `seconds`."""
+        return float(self[name][-round(seconds / TICK_S) :].mean())
+
+
+class Driver:
+    """Drives a plant by true values: speed by PI on the pedal, steering angle through the valve's dead band."""
+
+    def __init__(self, plant: Any, truth: Truth, speed: float = 0.0) -> None:
+        self.plant, self.truth, self.speed = plant, truth, speed
+        self.integral = 0.0
+
+    def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
+        """Drive on; `steer` is the angle to hold [rad] or a rule that yields it each tick."""
+        rule = steer if callable(steer) else lambda truth: steer
+        return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
+
+    def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
+        """Drive on with a constant voltage at the steering valve [V]."""
+        return self._drive(seconds, lambda truth: steer_voltage)
+
+    def _drive(self, seconds: float, voltage: Callable[[Truth], float]) -> Trace:
+        truths, wheels = [], []
+        for _ in range(round(seconds / TICK_S)):
+            drive = Drive(voltage(self.truth), self.pedal_voltage())
+            truth = self.plant.advance(drive)
+            self.truth = truth._replace(steer_samples=truth.steer_samples.copy())
+            truths.append(self.truth)
+            wheels.append(self.plant.wheels().copy())
+        return Trace(truths, wheels)
+
+    def steer_voltage(self, angle: float) -> float:
+        """Towards a steering angle [rad]: proportional, over the dead band."""
+        error = angle - self.truth.steer
+        if abs(error) < STEER_TOLERANCE:
+            return NEUTRAL_V
+        return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
+
+    def pedal_voltage(self) -> float:
+        """Towards `speed`: PI to the pedal, proportional over its dead band."""
+        error = self.speed - self.truth.speed
+        wanted = self.speed / FULL_SPEED + 0.1 * error + self.integral
+        self.integral += 0.1 * error * TICK_S
+        push = 10.0 * (wanted - self.truth.pedal)
+        return NEUTRAL_V + push + copysign(0.3, push)
+
+
+def track_course(gain: float = 1.5, per_second: float = 0.5) -> Callable[[Truth], float]:
+    """A rule that holds the course of the rear axle (not the heading) along east, by PI on the true course."""
+    total = 0.0
+
+    def rule(truth: Truth) -> float:
+        nonlocal total
+        vx, vy = truth.antenna_velocity[:2]
+        course = float(np.arctan2(vy, max(vx, 0.1)))
+        total += per_second * course * TICK_S
+        return -gain * course - total
+
+    return rule

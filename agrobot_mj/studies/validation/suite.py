@@ -1,0 +1,74 @@
+"""All manoeuvres in a row: checks, figures, `validation.json` and the page `validation.md`."""
+
+import sys
+import time
+from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
+
+from agrobot_mj.simulation.storage import whole, write_json
+from agrobot_mj.studies.validation import (
+    antenna_lean,
+    coasting,
+    convergence,
+    cornering,
+    energy,
+    loads,
+    parking,
+    side_slope,
+    soak,
+    steering,
+    step_steer,
+    tipping,
+)
+from agrobot_mj.studies.validation.base import About, Check, Findings
+from agrobot_mj.studies.validation.figures import write_figures
+from agrobot_mj.studies.validation.tables import page
+
+MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
+    "parking": parking.run,
+    "loads": loads.run,
+    "tipping": tipping.run,
+    "coasting": coasting.run,
+    "side slope": side_slope.run,
+    "antenna lean": antenna_lean.run,
+    "constant radius": cornering.run,
+    "step steer": step_steer.run,
+    "steering": steering.run,
+    "energy": energy.run,
+    "convergence": convergence.run,
+    "soak": soak.run,
+}
+"""By the name that their checks bear, in the order of the page."""
+
+
+def validate(
+    out: Path, quick: bool = False, told: Callable[[str, list[Check], float], None] | None = None
+) -> list[Check]:
+    """Drive every manoeuvre and write the results into `out`; returns all checks, also those that failed.
+
+    `quick` takes a minute, the whole a few. `told` hears of each manoeuvre once it is done: its name, its checks and
+    the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
+    """
+    found: dict[str, Findings] = {}
+    for name, run in MANOEUVRES.items():
+        began = time.perf_counter()
+        found[name] = run(quick)
+        if told is not None:
+            told(name, found[name].checks, time.perf_counter() - began)
+    warned = sum(findings.warnings for findings in found.values())
+    checks = [check for findings in found.values() for check in findings.checks]
+    checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
+    write_figures(found, out / "images")
+    write_json(out / "validation.json", [as_row(check) for check in checks])
+    texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
+    with whole(out / "validation.md") as part:
+        part.write_text(page(checks, texts), encoding="utf-8")
+    return checks
+
+
+def as_row(check: Check) -> dict[str, str | float | bool | None]:
+    """For JSON: the fields, with None for what is no finite number, and whether it passed."""
+    fields = check._asdict().items()
+    row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
+    return {**row, "passed": check.passed}

@@ -1,0 +1,223 @@
+"""The tractor on paper: loads, slip angles and tipping under a steady lateral acceleration, from parameters alone.
+
+Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor a side slope
+`grade` with its left side uphill is the same as a bend to the left: a lateral acceleration a = g sin(grade) under
+a gravity g_n = g cos(grade); in a bend on level ground a = u gamma and g_n = g. The tyres push left with m a, the
+right side carries more.
+
+The front axle hangs on a roll pivot P before its stops and so takes no roll moment from the rest. With the body
+behind it (index b: chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
+
+    pivot     V = m_b g_n x_b / L (vertical),  H = m_b a x_b / L (lateral)          moments about the rear axle
+    rear      (N_rr - N_rl) T / 2 = G (a + g_n phi),  G = m_b (z_b - h_P x_b / L)   roll about the rear patches
+    tyres     N_rr - N_rl = k T phi                                                 the body leans by phi on springs
+    front     (N_fr - N_fl) T / 2 = h_P F_f - (h_P - z_f) m_f a                     roll of the axle about P
+
+Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L, and,
+being larger on the heavy side, turn the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic trails t_i add
+-t_i F_i. Then F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 share the force between the axles, and the law of the
+tyre gives the slip angle of each. Without resistance and trail: F_f / F_r = l_r / l_f. Further, the drag of steered
+front wheels has a sideways part; and in a bend the patches scrub against turning, and the spinning wheels' gyroscopic
+moment adds to the roll.
+"""
+
+from math import cos, radians, sin, tan
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.optimize import brentq
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
+from agrobot_mj.tyres import Linear
+from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, drag, force, tyre_set
+from agrobot_mj.tyres.patch import Footing
+
+ROLLING_M_S = 1.0
+"""Speed at which the laws are read: rolling, clear of all that fades near standstill [m/s]."""
+
+
+STOCK, LINEAR = TractorParameters(), Linear()
+
+
+class Parts(NamedTuple):
+    """The two bodies that the roll pivot joins."""
+
+    body_kg: float
+    """m_b [kg]."""
+    body_x: float
+    """x_b [m]."""
+    body_z: float
+    """z_b [m]."""
+    front_kg: float
+    """m_f: axle, knuckles and front wheels [kg]."""
+    front_z: float
+    """z_f [m]."""
+    pivot_z: float
+    """h_P [m]."""
+
+
+def parts(tractor: TractorParameters) -> Parts:
+    """From the compiled model, at static load."""
+    model = tractor_spec(tractor, Cylinder(), Driveline()).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    axle, pivot = model.body("front_axle").id, model.joint("axle_roll").id
+    m, m_f = tractor.mass_kg, float(model.body_subtreemass[axle])
+    front = data.subtree_com[axle]
+    whole = np.array([tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m])
+    body = (m * whole - m_f * front) / (m - m_f)
+    return Parts(m - m_f, body[0], body[2], m_f, front[2], data.xanchor[pivot][2])
+
+
+class Loads(NamedTuple):
+    """Wheel loads under a steady lateral acceleration."""
+
+    wheels: Array
+    """fl, fr, rl, rr, shape (4,) [N]."""
+    lean: float
+    """phi, to the right [rad]."""
+
+
+class Balance(NamedTuple):
+    """A steady state under lateral acceleration."""
+
+    loads: Loads
+    front_slip: float
+    """Of the front wheels, positive where the force points left [rad]."""
+    rear_slip: float
+    """Of the rear wheels [rad]."""
+
+
+class Tractor:
+    """A tractor on one kind of tyre, on paper."""
+
+    def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
+        self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
+        self.footing = Footing(1.0, self.tyres.cone_index)
+
+    def static(self, i: int) -> float:
+        """Load of wheel `i` on level ground [N]."""
+        return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
+
+    def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
+        """Wheel loads; `front_force` is F_f and `shift` what moves from the front to the rear axle [N]."""
+        p, b = self.p, self.parts
+        L, T, k = p.wheelbase_m, p.track_m, p.rear_tyre_stiffness_n_m
+        J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
+        rise = (1 - g_n / GRAVITY) * p.rear_axle_load / (2 * k)
+        G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
+        lean = (G + J_r) * a / (k * T**2 / 2 - G * g_n)
+        front = p.mass_kg * g_n * p.cg_to_rear_axle / L - shift
+        rear = p.mass_kg * g_n - front
+        over = (b.pivot_z * front_force - (b.pivot_z - b.front_z) * b.front_kg * a + J_f * a) / T
+        half = k * T * lean / 2
+        return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
+
+    def gyroscopes(self) -> tuple[float, float]:
+        """Spin inertia over rolling radius of both wheels of the front and the rear axle [kg m]."""
+        p = self.p
+        front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
+        return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
+
+    def lateral(self, i: int, slip: float, load: float) -> float:
+        """Force of wheel `i` against a slip angle [rad] at a load [N]."""
+        t = self.tyres
+        found = force(t.law, t.coefficients[i], 0.0, -tan(slip), load, load / t.stiffness[i], ROLLING_M_S, self.footing)
+        return float(found[1])
+
+    def resistance(self, i: int, load: float) -> float:
+        """rho_i N_i [N]: rolling resistance, and what soil adds at the slip that towing the wheel against it takes."""
+        t, own, deflection = self.tyres, self.tyres.rolling_resistance * load, load / self.tyres.stiffness[i]
+        c = t.coefficients[i]
+
+        def missing(slip: float) -> float:
+            return own + float(force(t.law, c, slip, 0.0, load, deflection, ROLLING_M_S, self.footing)[0])
+
+        slip = float(brentq(missing, 0.0, 0.5, xtol=1e-12)) if own > 0 else 0.0
+        return own - float(drag(t.law, c, slip, load, deflection, ROLLING_M_S, self.footing))
+
+    def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
+        """Slip angle at which two wheels together yield `wanted` [N]; raises ValueError beyond their grip."""
+
+        def missing(slip: float) -> float:
+            return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
+
+        return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
+
+    def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
+        """Steady state under `a` and `g_n` [m/s2] on a path of `curvature` [1/m]; parked without `rolling`."""
+        p = self.p
+        l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
+        front_force, shift, steer = p.mass_kg * a * l_r / L, 0.0, L * curvature
+        rear_force = p.mass_kg * a - front_force
+        for _ in range(40 if rolling else 1):
+            loads = self.loads(a, g_n, front_force, shift, curvature != 0.0)
+            N = loads.wheels
+            front_slip = self.axle_slip((0, 1), N, front_force)
+            rear_slip = self.axle_slip((2, 3), N, rear_force)
+            against = np.array([self.resistance(i, N[i]) for i in range(4)])
+            shift = float(against @ (self.tyres.radius - N / self.tyres.stiffness)) / L
+            steer = L * curvature + front_slip - rear_slip
+            dragged = (against[0] + against[1]) * steer
+            moment = T / 2 * float(against @ [1, -1, 1, -1]) - self.scrub(N, curvature) - dragged * l_f
+            moment -= self.trail(front_slip) * front_force + self.trail(rear_slip) * rear_force
+            sideways = p.mass_kg * a + dragged
+            front_force = (l_r * sideways - moment) / L
+            rear_force = sideways - front_force
+        return Balance(loads, front_slip, rear_slip)
+
+    def scrub(self, loads: Array, curvature: float) -> float:
+        """Moment of the patches against turning with the path: each twists by the curvature times its length [N m]."""
+        half = self.tyres.patch_half_length
+        return float(2 / 3 * GRIP * loads.sum() * half * min(2 * half * abs(curvature) / SLIDE, 1.0))
+
+    def trail(self, slip: float) -> float:
+        """Pneumatic trail at a slip angle [m]."""
+        return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
+
+    def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
+        """Balance across a slope, left side uphill."""
+        grade = radians(grade_deg)
+        return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
+
+    @property
+    def axle_stiffness(self) -> tuple[float, float]:
+        """Cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
+        small = 1e-5
+        front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
+        return front, rear
+
+    def understeer_gradient(self, speeds: Array, radius: float) -> float:
+        """K of the line delta = delta_0 + K a_y through steady bends of `radius` [m] at `speeds` [m/s]; [rad s2/m]."""
+        a = speeds**2 / radius
+        states = [self.balance(value, curvature=1 / radius) for value in a]
+        return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
+
+    @property
+    def tipping_deg(self) -> float:
+        """Side slope at which the upper rear wheel leaves the ground [deg].
+
+        The line from the lower rear patch to the pivot is the axis: with rigid tyres
+        tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). There the front axle's stops are not yet at work, and past
+        it they cannot help: on them the tractor would balance at a lean of atan(T / 2 / h), less than this slope and
+        the pivot's travel together.
+        """
+
+        def upper_load(grade_deg: float) -> float:
+            grade = radians(grade_deg)
+            a, g_n = GRAVITY * sin(grade), GRAVITY * cos(grade)
+            share = self.p.cg_to_rear_axle / self.p.wheelbase_m
+            return float(self.loads(a, g_n, self.p.mass_kg * a * share).wheels[2])
+
+        return float(brentq(upper_load, 1.0, 60.0))
+
+
+def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
+    """K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
+    return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)

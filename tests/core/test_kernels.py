@@ -1,0 +1,60 @@
+"""Kernels do without references to arrays, and can be bound to the types of their arguments."""
+
+import numpy as np
+import pytest
+from numba import config
+from numba.core.runtime import _nrt_python, rtsys
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.kernels import bound, jit
+from agrobot_mj.core.signals import NOMINAL, Drive
+from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
+from agrobot_mj.terrain import Rough
+from agrobot_mj.terrain.grid import height_and_gradient, plane
+from agrobot_mj.tyres import Linear, MagicFormula, Soil
+
+compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+
+
+def doubled(x):
+    out = np.empty(2)
+    out[:] = 2 * x
+    return out[0] + out[1]
+
+
+def arrays_made(work):
+    """How many arrays compiled code makes during `work`."""
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats().alloc
+        work()
+        return rtsys.get_allocation_stats().alloc - before
+    finally:
+        _nrt_python.memsys_disable_stats()
+
+
+@compiled
+@pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+def test_kernels_make_no_arrays(tyre):
+    """They would never free them. Both grounds, every tyre, all loads; the count sees an array where there is one."""
+    making = jit(doubled)
+    assert making(1.0) == 4.0
+    assert arrays_made(lambda: making(1.0)) == 1
+    s = load_scenario("straight_line")
+    common = s.tractor, s.steering.valve, s.steering.cylinder, s.driveline
+    day = NOMINAL._replace(drawbar=300.0, side_force=200.0)
+    for ground in (s.terrain.ground(), Rough(half_size_m=20.0).ground()):
+        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), *common, ground, s.physics_dt_s, 25)
+        plant.reset(s.path.at(0.0))
+        assert arrays_made(lambda plant=plant: [plant.advance(Drive(7.0, 8.0), day) for _ in range(20)]) == 0
+    bicycle = BicyclePlant(Bicycle(), *common, s.terrain.ground(), s.physics_dt_s, 25)
+    bicycle.reset(s.path.at(0.0))
+    assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
+
+
+def test_a_bound_kernel_says_the_same():
+    ground = plane(0.1, -0.2, 5.0)
+    height = bound(height_and_gradient, ground, 0.0, 0.0)
+    for x, y in np.random.default_rng(0).uniform(-6.0, 6.0, (20, 2)):
+        assert height(ground, x, y) == height_and_gradient(ground, x, y)
+    assert height(ground, 1, 2) == height_and_gradient(ground, 1.0, 2.0)

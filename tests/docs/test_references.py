@@ -1,0 +1,52 @@
+"""Every source that code or documentation cites as [Key] stands in docs/references.bib, and no other does."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+BIBLIOGRAPHY = (ROOT / "docs" / "references.bib").read_text(encoding="utf-8")
+CITED = re.compile(r"\[([A-Z][A-Za-z]+\d{4}[a-z]?)\]")
+ENTRY = re.compile(r"@(\w+)\{(\w+),\n(.*?)\n\}", re.DOTALL)
+
+
+def readable() -> list[Path]:
+    """Everything that may cite: the package, models, scenarios, documentation."""
+    found = [ROOT / "README.md"]
+    for folder, pattern in (
+        ("agrobot_mj", "*.py"),
+        ("models", "*.xml"),
+        ("scenarios", "*.toml"),
+        ("docs", "*.md"),
+    ):
+        found += sorted((ROOT / folder).rglob(pattern))
+    return found
+
+
+def citations() -> dict[str, list[str]]:
+    """Key to the files that cite it."""
+    found: dict[str, list[str]] = {}
+    for path in readable():
+        for key in CITED.findall(path.read_text(encoding="utf-8")):
+            found.setdefault(key, []).append(str(path.relative_to(ROOT)))
+    return found
+
+
+def keys() -> list[str]:
+    return [key for _, key, _ in ENTRY.findall(BIBLIOGRAPHY)]
+
+
+def test_every_citation_has_an_entry():
+    missing = {key: files for key, files in citations().items() if key not in keys()}
+    assert not missing
+
+
+def test_every_entry_is_cited_and_stands_once():
+    assert keys() == list(dict.fromkeys(keys()))
+    assert not set(keys()) - citations().keys()
+    assert len(keys()) == BIBLIOGRAPHY.count("\n@")
+
+
+def test_every_entry_says_who_what_and_when():
+    for _, key, body in ENTRY.findall(BIBLIOGRAPHY):
+        for field in ("author", "title", "year"):
+            assert re.search(rf"^  {field} *= \{{.+", body, re.MULTILINE), (key, field)

@@ -1,0 +1,54 @@
+"""docs/scenarios.md: its example loads, and its tables name what there is."""
+
+import re
+import tomllib
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.core.spec import members
+from agrobot_mj.faults import Fault, Scripted
+from agrobot_mj.scenario.loading import scenario_files
+from agrobot_mj.scenario.schema import Scenario, resolve
+
+TEXT = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+
+
+def section(heading: str) -> str:
+    """The text below a heading, up to the next one."""
+    return TEXT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+
+
+def test_the_example_is_a_scenario():
+    whole, faults = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
+    assert resolve(tomllib.loads(whole), "example").terrain.kind == "slope"
+    assert [fault.kind for fault in resolve(tomllib.loads(faults), "example").fault] == ["gnss_loss", "valve_wear"]
+
+
+def test_the_library_is_complete():
+    assert sorted(re.findall(r"^\| `(\w+)` \|", section("The library"), re.M)) == sorted(scenario_files())
+
+
+def test_the_faults_have_their_keys():
+    rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*)\|$", section("Faults and disturbances"), re.M)
+    written = {kind: set(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
+    common = set(Scripted.model_fields)
+    assert written == {kind: set(fault.model_fields) - common for kind, fault in members(Fault).items()}
+
+
+def test_the_kinds_are_complete():
+    rows = re.findall(r"^\| `\[\[?([a-z.]+)\]\]?` \| (.+) \|$", TEXT, re.M)
+    assert {"plant", "terrain", "fault"} <= {table for table, _ in rows}
+
+    def kinds(model: dict[str, Any], table: str) -> dict[str, Any]:
+        fields = [part.model_fields[table] for part in model.values() if table in part.model_fields]
+        return {kind: part for field in fields for kind, part in members(field.annotation).items()}
+
+    for table, cell in rows:
+        known = reduce(kinds, table.split("."), {"": Scenario})
+        assert set(re.findall(r"`(\w+)`", cell)) == set(known), table
+
+
+def test_every_table_exists():
+    for table in re.findall(r"`\[\[?([a-z_.]+)\]\]?`", TEXT):
+        reduce(getattr, table.split("."), Scenario())

@@ -1,0 +1,106 @@
+"""The steering valve and cylinder: dead band, gains, saturation, delay, lag, and the numbers that follow."""
+
+from math import degrees, exp, pi
+
+import numpy as np
+import pytest
+
+from agrobot_mj.machine.hydraulics import (
+    LITRE_PER_MINUTE,
+    NEUTRAL_V,
+    Cylinder,
+    Valve,
+    static_flow,
+    valve_law,
+    valve_step,
+)
+
+DT = 0.002
+
+
+def flow_at(voltage, **changes):
+    """Steady flow [l/min] after two seconds at a voltage."""
+    law, memory = valve_law(Valve(**changes), DT)
+    for _ in range(1000):
+        flow = valve_step(law, memory, voltage)
+    return flow / LITRE_PER_MINUTE
+
+
+def spool_response(valve, voltages, dt=DT):
+    """Spool voltage after each step."""
+    law, memory = valve_law(valve, dt)
+    return np.array([(valve_step(law, memory, v), memory.spool[0])[1] for v in voltages])
+
+
+@pytest.mark.parametrize("voltage", [5.6, 5.8, 6.0, 6.2, 6.399])
+def test_no_oil_flows_inside_the_dead_band(voltage):
+    assert flow_at(voltage) == 0.0
+
+
+@pytest.mark.parametrize(("voltage", "flow"), [(6.5, 0.32), (7.4, 3.2), (5.5, -0.28), (4.6, -2.8)])
+def test_beyond_it_the_flow_goes_with_the_gain_of_its_direction(voltage, flow):
+    assert flow_at(voltage) == pytest.approx(flow, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("voltage", "flow"), [(12.0, 12.0), (10.2, 12.0), (0.0, -12.0), (1.2, -12.0), (99.0, 12.0), (-99.0, -12.0)]
+)
+def test_the_flow_saturates_at_the_pump(voltage, flow):
+    assert flow_at(voltage) == pytest.approx(flow, rel=1e-9)
+
+
+def test_the_voltage_is_clipped_before_the_spool():
+    spool = spool_response(Valve(delay_s=0.0), [1e6] * 5000)
+    assert spool.max() <= 12.0
+    assert spool[-1] == pytest.approx(12.0)
+    assert spool_response(Valve(delay_s=0.0), [-1e6] * 5000).min() >= 0.0
+
+
+def test_the_static_map_is_continuous_and_never_falls():
+    law, _ = valve_law(Valve(), DT)
+    flows = np.array([static_flow(law, v) for v in np.linspace(0, 12, 12001)])
+    steepest = 3.2 * LITRE_PER_MINUTE * 0.001
+    assert (np.diff(flows) >= 0).all()
+    assert np.diff(flows).max() <= steepest * (1 + 1e-6)
+    assert flows[-1] == pytest.approx(-flows[0]) == pytest.approx(12 * LITRE_PER_MINUTE)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "dt", "steps"), [(0.1, 0.002, 50), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)]
+)
+def test_the_delay_is_its_number_of_steps(delay_s, dt, steps):
+    spool = spool_response(Valve(delay_s=delay_s), [9.0] * (steps + 3), dt)
+    assert np.flatnonzero(spool > NEUTRAL_V)[0] == steps
+
+
+def test_what_enters_leaves_in_order():
+    voltages = np.random.default_rng(2).uniform(0, 12, 400)
+    fast = Valve(delay_s=0.1, time_constant_s=1e-9)
+    assert spool_response(fast, voltages)[50:] == pytest.approx(voltages[:-50])
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.005])
+def test_the_spool_covers_63_percent_in_its_time_constant(dt):
+    spool = spool_response(Valve(delay_s=0.0, time_constant_s=0.15), [10.0] * 400, dt)
+    share = (spool - NEUTRAL_V) / 4.0
+    times = dt * np.arange(1, 401)
+    assert share == pytest.approx(1 - np.exp(-times / 0.15), abs=1e-9)
+    assert np.interp(0.15, times, share) == pytest.approx(1 - exp(-1), abs=1e-4)
+
+
+def test_a_valve_at_rest_stays_at_rest():
+    law, memory = valve_law(Valve(), DT)
+    assert not any(valve_step(law, memory, NEUTRAL_V) for _ in range(200))
+
+
+def test_the_cylinder_in_numbers():
+    cylinder = Cylinder(bore_mm=60, rod_mm=30, arm_m=0.2, relief_pressure_bar=120)
+    head, rod = pi / 4 * 0.06**2, pi / 4 * (0.06**2 - 0.03**2)
+    assert cylinder.area == pytest.approx((head + rod) / 2)
+    assert cylinder.displacement == pytest.approx(cylinder.area * 0.2)
+    assert cylinder.relief_torque == pytest.approx(120e5 * cylinder.area * 0.2)
+
+
+def test_the_default_steering_rate_lies_in_the_published_range():
+    rate = degrees(12 * LITRE_PER_MINUTE / Cylinder().displacement)
+    assert 15 <= rate <= 30

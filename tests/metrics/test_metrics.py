@@ -1,0 +1,176 @@
+"""Metrics against hand-computed cases and against geometry."""
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agrobot_mj.metrics.crosstrack import cross_track
+from agrobot_mj.metrics.summary import errors, metrics
+from agrobot_mj.paths import Circle, FigureEight, Line
+
+SIGNALS = ("x", "y", "e_lateral", "e_longitudinal", "e_yaw_rate", "tau_c", "tau_n")
+SIGNALS += ("position_nees", "position_nis", "steer_saturated")
+
+
+class FakeLog:
+    """A log made of columns; those not given are zero."""
+
+    def __init__(self, path: Any, t: Any, **columns: Any) -> None:
+        self.scenario = SimpleNamespace(path=path)
+        self.t = np.asarray(t, dtype=float)
+        self.columns = {name: np.zeros(len(self.t)) for name in SIGNALS} | {"t": self.t}
+        self.columns |= {name: np.zeros(len(self.t)) + np.asarray(v) for name, v in columns.items()}
+
+    def column(self, name: str) -> Any:
+        return self.columns[name]
+
+
+def beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
+    """Points at signed distance `left` from the path, `ahead` metres along it from its reference at `t`."""
+    r = np.array([path.at(s) for s in (t + np.asarray(ahead) / path.speed_m_s)])
+    return r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
+
+
+def four_ticks(**columns: Any) -> FakeLog:
+    """Two turns of one second each, two ticks in each."""
+    circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
+    return FakeLog(circle, [0.0, 1.0, 1.5, 2.0], **columns)
+
+
+def test_lateral_error_by_hand() -> None:
+    m = metrics(four_ticks(e_lateral=[1, -1, 2, -4]))
+    assert m["lateral_mse"] == pytest.approx(22 / 4)
+    assert m["lateral_rms"] == pytest.approx((22 / 4) ** 0.5)
+    assert m["lateral_abs_p95"] == pytest.approx(2 + 0.85 * 2)
+    assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1, 10])
+
+
+def test_longitudinal_and_yaw_rate_error_by_hand() -> None:
+    m = metrics(four_ticks(e_longitudinal=[3, -4, 0, 0], e_yaw_rate=[0, 0, 0.1, -0.1]))
+    assert m["longitudinal_rms"] == pytest.approx(2.5)
+    assert m["yaw_rate_error_rms"] == pytest.approx(0.1 / 2**0.5)
+    assert m["per_turn"][0]["longitudinal_rms"] == pytest.approx((25 / 2) ** 0.5)
+    assert [turn["yaw_rate_error_rms"] for turn in m["per_turn"]] == pytest.approx([0, 0.1])
+
+
+def test_share_of_the_network_by_hand() -> None:
+    m = metrics(four_ticks(tau_c=[1, -3, 1, 1], tau_n=[-1, 1, 3, -3]))
+    assert m["nn_share"] == pytest.approx([1 / 3, 3 / 4])
+
+
+@pytest.mark.parametrize("tau_n", [0.0, np.nan])
+@pytest.mark.parametrize("tau_c", [0.0, 0.2])
+def test_share_without_a_network_is_zero(tau_c: float, tau_n: float) -> None:
+    assert metrics(four_ticks(tau_c=tau_c, tau_n=tau_n))["nn_share"] == [0.0, 0.0]
+
+
+def test_consistency_and_saturation_are_means() -> None:
+    m = metrics(
+        four_ticks(position_nees=[1, 3, np.nan, 2], position_nis=[np.nan, 1, 2, np.nan], steer_saturated=[0, 1, 0, 0])
+    )
+    assert m["position_nees"] == pytest.approx(2)
+    assert m["position_nis"] == pytest.approx(1.5)
+    assert m["steer_saturated_fraction"] == 0.25
+
+
+def test_per_turn_has_every_error_of_the_total() -> None:
+    m = metrics(four_ticks(), outcome="completed")
+    total = {"lateral_mse", "lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"}
+    total |= {"yaw_rate_error_rms"}
+    assert next(iter(m)) == "outcome"
+    assert set(m) == total | {
+        "outcome",
+        "per_turn",
+        "nn_share",
+        "position_nees",
+        "position_nis",
+        "steer_saturated_fraction",
+    }
+    assert [set(turn) for turn in m["per_turn"]] == [total | {"turn", "complete"}] * 2
+
+
+def test_a_run_that_ends_early_lacks_the_turns_it_did_not_reach() -> None:
+    path = FigureEight(turns=3)
+    half_way = FakeLog(path, np.arange(0, 1.5 * path.turn_s, 0.05), e_lateral=1.0, tau_n=0.1)
+    m = metrics(half_way)
+    assert [(turn["turn"], turn["complete"]) for turn in m["per_turn"]] == [(1, True), (2, False)]
+    assert m["nn_share"] == [1.0, 1.0]
+
+
+def test_whole_ticks_up_to_the_end_complete_the_last_turn() -> None:
+    path = FigureEight()
+    m = metrics(FakeLog(path, np.arange(0, path.duration_s, 0.05)))
+    assert [turn["complete"] for turn in m["per_turn"]] == [True, True]
+    one = metrics(FakeLog(path, np.arange(0, path.turn_s, 0.05)))
+    assert len(one["per_turn"]) == len(one["nn_share"]) == 1
+
+
+def test_absent_values_are_left_out_and_no_value_at_all_is_none() -> None:
+    lateral, x = [1, np.nan, np.inf, np.nan], [0, np.nan, np.inf, 1e300]
+    m = metrics(four_ticks(e_lateral=lateral, e_yaw_rate=np.nan, x=x))
+    assert m["lateral_mse"] == 1
+    assert m["yaw_rate_error_rms"] is None
+    assert m["per_turn"][1]["lateral_abs_p95"] is None
+    assert metrics(four_ticks(e_lateral=1e200))["lateral_mse"] is None
+    json.loads(json.dumps(m, allow_nan=False))
+
+
+def test_a_run_without_a_tick_has_no_numbers() -> None:
+    m = metrics(FakeLog(Line(), []), outcome="aborted")
+    assert m["lateral_rms"] is None
+    assert m["per_turn"] == m["nn_share"] == []
+    json.dumps(m, allow_nan=False)
+
+
+def test_errors_over_a_stretch_of_time() -> None:
+    log = four_ticks(e_lateral=[7, 1, 2, 3])
+    assert errors(log, start_s=0)["lateral_mse"] == pytest.approx(14 / 3)
+    assert errors(log, start_s=1, end_s=1.5)["lateral_mse"] == 4
+    assert errors(log)["lateral_mse"] == metrics(log)["lateral_mse"]
+
+
+@pytest.mark.parametrize(
+    "path", [Line(heading_deg=30), Circle(), Circle(direction="right", radius_m=2), FigureEight()], ids=repr
+)
+def test_cross_track_is_the_distance_to_the_path_to_the_millimetre(path: Any) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(0, path.duration_s, 0.05)
+    ahead, left = rng.uniform(-2, 2, len(t)), rng.uniform(-1.5, 1.5, len(t))
+    x, y = beside(path, t, ahead, left)
+    assert cross_track(path, t, x, y) == pytest.approx(left, abs=1e-3)
+
+
+def test_near_its_crossing_the_8_is_followed_on_the_right_branch() -> None:
+    path = FigureEight()
+    t = np.linspace(path.turn_s / 2 - 8, path.turn_s / 2 + 8, 200)
+    x, y = beside(path, t, -5.0, 3.0)
+    assert cross_track(path, t, x, y) == pytest.approx(3.0, abs=1e-3)
+
+
+def test_cross_track_is_analytic_on_a_circle() -> None:
+    path, t = Circle(radius_m=5, direction="left"), np.array([0.0, 3.0])
+    assert cross_track(path, t, np.array([0.0, 3.1]), np.array([-0.3, 1.0])) == pytest.approx(
+        [-0.3, 5 - np.hypot(3.1, 4.0)], abs=1e-9
+    )
+
+
+def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
+    path = Line(speed_m_s=1)
+    t = np.arange(0, 10, 0.05)
+    m = metrics(FakeLog(path, t, x=t - 2, y=0.1, e_longitudinal=2, e_lateral=0.1))
+    assert (m["xte_rms"], m["xte_abs_p95"]) == pytest.approx((0.1, 0.1))
+    assert m["longitudinal_rms"] == pytest.approx(2)
+    assert m["per_turn"][0]["xte_rms"] == pytest.approx(0.1)
+
+
+def test_a_run_in_belongs_to_no_turn() -> None:
+    path = FigureEight()
+    t = np.arange(0.0, path.duration_s, 0.05)
+    early = t < path.turns_s[0][0]
+    lateral = np.where(early, 7.0, 1.0)
+    m = metrics(FakeLog(path, t, e_lateral=lateral))
+    assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1.0, 1.0])
+    assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))

@@ -1,0 +1,396 @@
+"""The scenario's schema: names, overrides, kinds, faults, and the round trip through TOML."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from agrobot_mj import __version__, load_scenario
+from agrobot_mj.control import Controller
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import every, members
+from agrobot_mj.paths import Path as PathUnion
+from agrobot_mj.plants import Plant
+from agrobot_mj.scenario.loading import scenario_files
+from agrobot_mj.scenario.schema import TICK_S, Scenario, resolve
+from agrobot_mj.terrain import Terrain
+from agrobot_mj.tyres import Tyre
+
+SHIPPED = ("circle", "figure_eight", "step_steer", "straight_line")
+
+
+def write(folder, text):
+    file = folder / "mine.toml"
+    file.write_text(text)
+    return file
+
+
+def leaves(data, prefix=""):
+    """(dotted key, value) of everything in nested tables."""
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def refused(source, overrides=None):
+    """The message for bad input."""
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(source, overrides)
+    return str(error.value)
+
+
+def all_models(model=Scenario, seen=None):
+    """Every Spec inside the schema."""
+    seen = {} if seen is None else seen
+    if model not in seen:
+        seen[model] = None
+        for field in model.model_fields.values():
+            for inner in members(field.annotation).values():
+                all_models(inner, seen)
+    return list(seen)
+
+
+# --- what ships ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_scenarios_of_the_package_load_and_say_what_they_show(name):
+    file = scenario_files()[name]
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.title
+    assert file.read_text().startswith("# ")
+    assert "Look at:" in file.read_text()
+
+
+def test_the_papers_experiment_is_two_turns_of_about_120_s_on_the_mujoco_tractor():
+    scenario = load_scenario("figure_eight")
+    assert (scenario.plant.kind, scenario.controller.kind, scenario.path.turns) == ("mujoco", "pd_t2fnn", 2)
+    first = scenario.path.turns_s[0]
+    assert first[1] - first[0] == pytest.approx(120, abs=2)
+    assert scenario.ticks == pytest.approx((240 + 13.7) / TICK_S, abs=20), "two turns and the run-in"
+
+
+def test_an_empty_file_is_a_whole_scenario():
+    assert resolve({}, "empty") == Scenario()
+
+
+def test_every_key_has_a_word_of_its_own():
+    for model in all_models():
+        for name, field in model.model_fields.items():
+            if name != "kind" and not members(field.annotation):
+                assert field.description, f"{model.__name__}.{name} lacks a docstring"
+
+
+@pytest.mark.parametrize("suffix", ["_m", "_s", "_deg", "_kg", "_v", "_hz"])
+def test_a_key_that_ends_in_a_unit_says_so_in_brackets(suffix):
+    for model in all_models():
+        for name, field in model.model_fields.items():
+            if name.endswith(suffix):
+                assert "[" in (field.description or ""), f"{model.__name__}.{name}"
+
+
+# --- files and names ----------------------------------------------------------------------------------------------
+
+
+def test_a_file_is_found_by_path_and_gives_its_name(tmp_path):
+    scenario = load_scenario(write(tmp_path, 'seed = 7\n[path]\nkind = "circle"\nradius_m = 12\n'))
+    assert (scenario.name, scenario.seed, scenario.path.radius_m) == ("mine", 7, 12.0)
+    assert load_scenario(str(tmp_path / "mine.toml")) == scenario
+
+
+def test_an_unknown_name_offers_the_nearest():
+    message = refused("figure_eigth")
+    assert "figure_eigth" in message
+    assert "did you mean 'figure_eight'?" in message
+
+
+@pytest.mark.parametrize("source", ["no/such/file", "nothing.toml"])
+def test_a_missing_file_is_said_to_be_missing(source):
+    assert refused(source) == f"{source}: no such file"
+
+
+def test_a_folder_is_no_scenario(tmp_path):
+    assert "folder" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"a = = 3", b"[path\nkind = 1", b"\xff\xfe\x00", b"seed = 1\nseed = 2"])
+def test_broken_toml_is_told_with_the_file(tmp_path, content):
+    file = tmp_path / "broken.toml"
+    file.write_bytes(content)
+    assert refused(file).startswith("broken.toml: not valid TOML: ")
+
+
+# --- overrides ----------------------------------------------------------------------------------------------------
+
+
+def test_overrides_go_by_dotted_key():
+    scenario = load_scenario(
+        "straight_line", {"seed": 9, "plant.tyre.relaxation_radii": 0.3, "plant.tyre.kind": "linear"}
+    )
+    assert scenario.seed == 9
+    assert scenario.plant.tyre.relaxation_radii == 0.3
+
+
+def test_an_override_may_be_a_whole_table():
+    scenario = load_scenario("straight_line", {"path": {"kind": "circle", "radius_m": 7.0}})
+    assert (scenario.path.kind, scenario.path.radius_m) == ("circle", 7.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("step_steer", {"plant.kind": "bicycle"}),
+        ("step_steer", {"controller.kind": "pd"}),
+        ("figure_eight", {"path.kind": "line"}),
+        ("circle", {"path.kind": "figure_eight"}),
+        ("step_steer", {"plant.tyre.kind": "contact"}),
+    ],
+)
+def test_another_kind_leaves_the_old_ones_own_keys_behind(name, overrides):
+    """Also where the file itself names no kind because it is the default."""
+    (key, kind), *_ = overrides.items()
+    part = load_scenario(name, overrides)
+    for step in key.split("."):
+        part = getattr(part, step)
+    assert part == kind
+
+
+def test_another_kind_keeps_the_keys_that_both_have():
+    scenario = load_scenario("straight_line", {"path.speed_m_s": 0.7}).changed({"path.kind": "circle"})
+    assert scenario.path.speed_m_s == 0.7
+
+
+@pytest.mark.parametrize("plant", every(Plant))
+@pytest.mark.parametrize("controller", every(Controller))
+def test_every_plant_and_controller_can_be_chosen_by_name(plant, controller):
+    kinds = {
+        "plant.kind": plant.model_fields["kind"].default,
+        "controller.kind": controller.model_fields["kind"].default,
+    }
+    scenario = load_scenario("figure_eight").changed(kinds)
+    assert isinstance(scenario.plant, plant)
+    assert isinstance(scenario.controller, controller)
+
+
+@pytest.mark.parametrize(
+    ("table", "union"), [("terrain", Terrain), ("plant.tyre", Tyre), ("path", PathUnion), ("controller", Controller)]
+)
+def test_every_member_of_a_union_can_be_chosen_by_name(table, union):
+    for member in every(union):
+        part = load_scenario("straight_line", {f"{table}.kind": member.model_fields["kind"].default})
+        for step in table.split("."):
+            part = getattr(part, step)
+        assert type(part) is member
+
+
+def test_a_table_without_a_kind_is_of_the_default_kind():
+    assert load_scenario("straight_line", {"terrain.half_size_m": 77.0}).terrain.half_size_m == 77.0
+
+
+@pytest.mark.parametrize("tyre", [member.model_fields["kind"].default for member in every(Tyre)])
+def test_setting_one_key_leaves_every_other_at_its_default(tyre):
+    """Also deep inside a part whose default is not that of its class, such as the gains of one loop."""
+    default = load_scenario("straight_line", {"plant.tyre.kind": tyre})
+    for key, value in leaves(default.model_dump(mode="json", exclude_none=True)):
+        if not key.endswith("kind"):
+            assert load_scenario("straight_line", {"plant.tyre.kind": tyre, key: value}) == default, key
+
+
+def test_changing_leaves_the_original_alone():
+    scenario = load_scenario("straight_line")
+    assert scenario.changed({"seed": 5}).seed == 5
+    assert scenario.seed == 1
+    assert scenario.changed({}) == scenario
+
+
+# --- faults -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "fix"),
+    [
+        ({"sead": 1}, "sead", "seed"),
+        (
+            {"plant.tyre.kind": "linear", "plant.tyre.relaxation_radi": 1.0},
+            "plant.tyre.relaxation_radi",
+            "relaxation_radii",
+        ),
+        ({"seed": "one"}, "seed", "whole number"),
+        ({"seed": -1}, "seed", "at least 0"),
+        ({"seed": 10**30}, "seed", "at most 9.22337e+18"),
+        ({"seed": True}, "seed", "whole number"),
+        ({"path.speed_m_s": "fast"}, "path.speed_m_s", "number"),
+        ({"path.speed_m_s": True}, "path.speed_m_s", "number"),
+        ({"path.speed_m_s": float("nan")}, "path.speed_m_s", "finite"),
+        ({"duration_s": float("inf")}, "duration_s", "finite"),
+        ({"duration_s": 0}, "duration_s", "above 0"),
+        ({"duration_s": 1e9}, "duration_s", "at most 86400"),
+        ({"terrain": {"kind": "slope", "grade_deg": 80}}, "terrain.grade_deg", "below 45"),
+        ({"terrain.kind": "hill"}, "terrain.kind", "flat"),
+        ({"plant.kind": "bicicle"}, "plant.kind", "bicycle"),
+        ({"plant.kind": 3}, "plant.kind", "bicycle"),
+        ({"plant": "bicycle"}, "plant", "table"),
+        ({"plant.tyre": "linear"}, "plant.tyre", "table"),
+        ({"sensors": 3}, "sensors", "table"),
+        ({"controller.kind": "pd_t2fn"}, "controller.kind", "pd_t2fnn"),
+        ({"path.kind": "circle", "path.radius_m": 1.0}, "path", "wider"),
+        ({"path.start_x_m": 1e4}, "path", "terrain larger"),
+        ({"estimator.yaw_rate_source": "gyro"}, "estimator.yaw_rate_source", "sensors.gyro.enabled"),
+        ({"tractor.front_load_fraction": 0.99}, "tractor.front_load_fraction", "0.95"),
+        ({"plant.kind": "bicycle", "terrain.kind": "slope"}, "terrain.kind", "flat"),
+    ],
+)
+def test_a_fault_names_the_file_the_key_and_the_fix(overrides, key, fix):
+    message = refused("straight_line", overrides)
+    assert message.startswith(f"straight_line.toml: {key}: ")
+    assert fix in message
+    assert "\n" not in message
+
+
+def test_a_slope_under_the_bicycle_is_refused_from_either_side():
+    slope = load_scenario("straight_line", {"terrain.kind": "slope"})
+    with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant knows only flat ground, got 'slope'"):
+        slope.changed({"plant.kind": "bicycle"})
+
+
+@pytest.mark.parametrize("step", [0.003, 0.0035, 0.0049, 0.0011, 0.000123])
+def test_a_step_that_does_not_divide_the_tick_gets_one_that_does(step):
+    message = refused("straight_line", {"physics_dt_s": step})
+    assert message.startswith(f"straight_line.toml: physics_dt_s: {step:g} does not divide the 0.05 s tick; try ")
+    better = float(re.search(r"try ([0-9.e-]+)$", message).group(1))
+    assert better <= step
+    assert load_scenario("straight_line", {"physics_dt_s": better}).physics_dt_s == better
+
+
+@pytest.mark.parametrize("step", [0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 4])
+def test_a_step_that_divides_the_tick_is_taken(step):
+    scenario = load_scenario("straight_line", {"physics_dt_s": step})
+    assert scenario.steps_per_tick * step == pytest.approx(TICK_S)
+
+
+def test_all_faults_of_a_file_come_in_one_message(tmp_path):
+    file = write(tmp_path, 'duraton_s = 3\n[terrain]\nkind = "slope"\ngrade_deg = 80\n[path]\nspeed_m_s = "fast"\n')
+    lines = refused(file).splitlines()
+    assert len(lines) == 3
+    assert all(line.startswith("mine.toml: ") for line in lines)
+    assert {line.split(": ")[1] for line in lines} == {"duraton_s", "terrain.grade_deg", "path.speed_m_s"}
+
+
+def test_misfits_between_keys_come_in_one_message_too(tmp_path):
+    file = write(tmp_path, 'physics_dt_s = 0.003\n[plant]\nkind = "bicycle"\n[terrain]\nkind = "slope"\n')
+    lines = refused(file).splitlines()
+    assert {line.split(": ")[1] for line in lines} == {"physics_dt_s", "terrain.kind"}
+    assert all(line.startswith("mine.toml: ") for line in lines)
+
+
+@pytest.mark.parametrize("key", ["seed.x", "a..b", ".seed", "seed."])
+def test_an_override_that_is_no_key_is_told(key):
+    assert f"--set {key}" in refused("straight_line", {key: 1})
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"steering.valve.delay_s": 1e12},
+        {"plant.settle_s": 1e9},
+        {"physics_dt_s": 1e-12},
+        {"path": {"kind": "circle", "radius_m": 1e6, "speed_m_s": 0.01, "turns": 1000}, "terrain.half_size_m": 1e7},
+    ],
+    ids=["delay", "settling", "step", "duration"],
+)
+def test_numbers_that_no_computer_can_run_are_refused(overrides):
+    """Each of these would fill the memory or run for years."""
+    refused("circle", overrides)
+
+
+# --- round trip ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_resolved_scenario_reads_back_as_itself(name, tmp_path):
+    scenario = load_scenario(name, {"seed": 12, "tractor.mass_kg": 731.123456789012})
+    file = write(tmp_path, scenario.to_toml())
+    assert load_scenario(file) == scenario
+    assert load_scenario(file).hash8 == scenario.hash8
+    written = tomllib.loads(scenario.to_toml())
+    assert (written["version"], written["seed"], written["name"]) == (__version__, 12, name)
+    assert written["tractor"]["mass_kg"] == 731.123456789012
+
+
+@pytest.mark.parametrize("table_union", [("terrain", Terrain), ("path", PathUnion), ("controller", Controller)])
+def test_every_member_survives_the_round_trip(table_union, tmp_path):
+    table, union = table_union
+    for member in every(union):
+        scenario = load_scenario("straight_line", {f"{table}.kind": member.model_fields["kind"].default})
+        assert load_scenario(write(tmp_path, scenario.to_toml())) == scenario.changed({"name": "straight_line"})
+
+
+def test_the_hash_stands_for_what_the_run_depends_on():
+    scenario = load_scenario("straight_line")
+    assert re.fullmatch("[0-9a-f]{8}", scenario.hash8)
+    assert scenario.changed({"title": "other", "name": "else", "version": "0"}).hash8 == scenario.hash8
+    changed = [{"seed": 2}, {"duration_s": 3.0}, {"tractor.mass_kg": 751.0}, {"plant.kind": "bicycle"}]
+    assert len({scenario.changed(change).hash8 for change in changed} | {scenario.hash8}) == 5
+
+
+def test_scenarios_are_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        load_scenario("circle").seed = 3
+
+
+def test_the_duration_is_the_paths_unless_given():
+    assert load_scenario("circle").ticks == round(load_scenario("circle").path.duration_s / TICK_S)
+    assert load_scenario("circle", {"duration_s": 2}).ticks == 40
+    assert load_scenario("circle", {"duration_s": 1e-3}).ticks == 1
+
+
+def test_scenario_files_lie_in_the_package_or_beside_it():
+    assert set(SHIPPED) <= set(scenario_files())
+    assert all(isinstance(path, Path) and path.suffix == ".toml" for path in scenario_files().values())
+
+
+# --- data files of a scenario -------------------------------------------------------------------------------------
+
+ROUTE = "0,0\n10,0\n20,{}\n"
+
+
+def field_with_routes(folder):
+    """A scenario in a folder with a blank and an umlaut in its name, its own route and another one elsewhere."""
+    field, elsewhere = folder / "Übungs feld", folder / "elsewhere"
+    field.mkdir()
+    elsewhere.mkdir()
+    (field / "weg.csv").write_text(ROUTE.format(0))
+    (elsewhere / "other.csv").write_text(ROUTE.format(1))
+    (field / "mine.toml").write_text('[path]\nkind = "waypoints"\nfile = "weg.csv"\n', encoding="utf-8")
+    return field, elsewhere
+
+
+def test_files_beside_the_scenario_are_found_from_anywhere(tmp_path, monkeypatch):
+    field, elsewhere = field_with_routes(tmp_path)
+    monkeypatch.chdir(elsewhere)
+    scenario = load_scenario(field / "mine.toml")
+    assert scenario.path.file == str(field / "weg.csv")
+    assert load_scenario(field / "mine.toml", {"path.file": "weg.csv"}) == scenario
+
+
+def test_a_file_in_an_override_counts_from_the_working_directory(tmp_path, monkeypatch):
+    field, elsewhere = field_with_routes(tmp_path)
+    monkeypatch.chdir(elsewhere)
+    given = {"path": {"kind": "waypoints", "file": "other.csv"}}
+    scenario = load_scenario(field / "mine.toml", given)
+    assert scenario.path.file == str(elsewhere / "other.csv")
+    assert given["path"]["file"] == "other.csv"
+    written = tmp_path / "scenario.toml"
+    written.write_text(scenario.to_toml(), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario(written).hash8 == scenario.hash8
+    assert "nowhere.csv: no such file in" in refused(field / "mine.toml", {"path.file": "nowhere.csv"})
+
+
+def test_what_is_nested_too_deeply_is_refused(tmp_path):
+    assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
+    assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))

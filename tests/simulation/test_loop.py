@@ -1,0 +1,258 @@
+"""The loop: determinism, ends of a run, watchers, and a log that means what its columns say."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control import Controller
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import NOMINAL
+from agrobot_mj.core.spec import every
+from agrobot_mj.paths import Path
+from agrobot_mj.plants import MujocoPlant, Plant
+from agrobot_mj.simulation.log import COLUMNS, WHEEL_COLUMNS
+from agrobot_mj.simulation.loop import CHUNK_TICKS, build_plant
+from agrobot_mj.tyres import Tyre
+
+PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral
+speed_ref yaw_rate_ref e_yaw_rate tau_c tau_n q steer_ref steer valve_voltage pedal gnss_quality""".split()
+"""The columns that the design names for every plant."""
+
+
+def kind(spec):
+    return spec.model_fields["kind"].default
+
+
+PLANTS, CONTROLLERS, PATHS = ([kind(spec) for spec in every(union)] for union in (Plant, Controller, Path))
+
+
+def short(name="straight_line", seconds=3.0, **overrides):
+    keys = {key.replace("__", "."): value for key, value in overrides.items()}
+    return load_scenario(name, {"duration_s": seconds, **keys})
+
+
+class Witness:
+    """A watcher that writes down what it hears."""
+
+    def __init__(self):
+        self.heard, self.seen = [], 0
+
+    def start(self, scenario, scene, rows):
+        self.rows = rows
+        self.heard.append(("start", scenario.name, len(scene.bodies) > 4, rows.filled))
+
+    def advance(self, first):
+        assert first == self.seen  # no row twice, none left out
+        assert np.isfinite(self.rows.column("x", first)).all()
+        self.seen = self.rows.filled
+        self.heard.append(("advance", first, self.rows.filled))
+
+    def finish(self, log):
+        self.heard.append(("finish", log.outcome, "lateral_rms" in log.metrics))
+
+
+# --- determinism --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_same_seed_gives_the_same_table_and_another_does_not(plant):
+    scenario = short(plant__kind=plant)
+    first, again, other = run(scenario), run(scenario), run(scenario.changed({"seed": 2}))
+    assert first.signals.equals(again.signals)
+    assert first.poses.tobytes() == again.poses.tobytes()
+    assert not first.signals.equals(other.signals)
+    for column in ("gnss_x", "steer_measured", "x"):
+        assert not np.array_equal(first.column(column), other.column(column))
+
+
+def test_a_run_neither_changes_its_scenario_nor_leaves_anything_behind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenario = short()
+    before = scenario.to_toml()
+    run(scenario)
+    assert scenario.to_toml() == before
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_watching_changes_nothing():
+    assert run(short(), (Witness(),)).signals.equals(run(short()).signals)
+
+
+# --- ends of a run ------------------------------------------------------------------------------------------------
+
+
+def test_a_run_has_one_row_a_tick_from_zero():
+    log = run(short(seconds=3.0))
+    assert log.outcome == "completed"
+    assert log.column("t") == pytest.approx(0.05 * np.arange(60))
+    assert log.signals.num_rows == len(log.poses) == 60
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_leaving_the_terrain_ends_the_run_where_it_happened(plant):
+    log = run(short(seconds=60.0, plant__kind=plant, terrain__half_size_m=4.0))
+    assert log.outcome == log.metrics["outcome"] == "left_terrain"
+    assert log.column("x")[-2] <= 4.0 < log.column("x")[-1] < 4.2
+    assert log.signals.num_rows < 200
+
+
+def test_rolling_over_ends_the_run():
+    log = run(short(seconds=10.0, terrain={"kind": "slope", "grade_deg": 44.0}, plant={"settle_s": 0.0}))
+    assert log.outcome == "rolled_over"
+    assert 0 < log.column("t")[-1] < 5
+
+
+def test_a_tractor_far_from_its_reference_has_diverged():
+    circling = {"kind": "open_loop", "steer_deg": 30.0, "at_s": 0.0}
+    log = run(short(seconds=90.0, controller=circling, plant__kind="bicycle"))
+    off = np.hypot(log.column("e_longitudinal"), log.column("e_lateral"))
+    assert log.outcome == "diverged"
+    assert off[-1] > 35
+    assert (off[:-1] < 50).all()
+
+
+def test_physics_that_blow_up_end_the_run_before_anything_senses_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    scenario = short(seconds=2.0)
+    advance, calls = MujocoPlant.advance, iter(range(1000))
+
+    def exploding(plant, drive, conditions=NOMINAL):
+        if next(calls) == 20:
+            plant.data.qvel[0] = np.nan
+        return advance(plant, drive, conditions)
+
+    monkeypatch.setattr(MujocoPlant, "advance", exploding)
+    log = run(scenario)
+    assert log.outcome == "diverged"
+    assert log.column("t")[-1] == pytest.approx(1.0)
+    assert np.isfinite(log.column("x")).all()
+    assert log.metrics["physics_warnings"] > 0
+
+
+def test_asking_to_stop_aborts_and_keeps_the_rows():
+    asked = iter(range(1000))
+    log = run(short(seconds=30.0), should_stop=lambda: next(asked) == 17)
+    assert log.outcome == "aborted"
+    assert log.signals.num_rows == 18
+    assert log.metrics["outcome"] == "aborted"
+
+
+def test_an_impossible_tractor_is_bad_input():
+    with pytest.raises(ScenarioError, match=r"straight_line: tractor\.mass_kg: .*raise it"):
+        build_plant(short(tractor__mass_kg=100.0))
+
+
+# --- watchers -----------------------------------------------------------------------------------------------------
+
+
+def test_watchers_hear_every_row_once_in_chunks():
+    witness = Witness()
+    ticks = 2 * CHUNK_TICKS + 30
+    run(short(seconds=ticks * 0.05, plant__kind="bicycle"), (witness,))
+    assert witness.heard[0] == ("start", "straight_line", True, 0)
+    assert [entry[1:] for entry in witness.heard[1:-1]] == [
+        (0, CHUNK_TICKS),
+        (CHUNK_TICKS, 2 * CHUNK_TICKS),
+        (2 * CHUNK_TICKS, ticks),
+    ]
+    assert witness.heard[-1] == ("finish", "completed", True)
+
+
+def test_watchers_hear_the_rows_of_a_run_that_ends_early():
+    witness = Witness()
+    log = run(short(seconds=60.0, terrain__half_size_m=4.0, plant__kind="bicycle"), (witness,))
+    assert witness.seen == log.signals.num_rows
+    assert witness.heard[-1] == ("finish", "left_terrain", True)
+
+
+# --- the log ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_table_has_the_promised_columns(plant):
+    table = run(short(seconds=0.5, plant__kind=plant)).signals
+    assert set(PROMISED) <= set(table.column_names)
+    assert set(COLUMNS) <= set(table.column_names)
+    assert (set(WHEEL_COLUMNS) <= set(table.column_names)) == (plant == "mujoco")
+    assert {str(field.type) for field in table.schema} == {"double"}
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("plant", PLANTS)
+def test_every_controller_drives_every_plant(plant, controller):
+    log = run(short("circle", 4.0, plant__kind=plant).changed({"controller.kind": controller}))
+    assert log.outcome == "completed"
+    assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 0.5
+    assert log.column("speed")[-1] > 0.8
+    absent = {name for name in log.rows.columns if np.isnan(log.column(name)).any()}
+    assert absent <= {"q", "steer_bias_hat", "gnss_x", "gnss_y", "steer_pressure", "drive_torque"}
+    assert ("q" in absent) == (controller in ("open_loop", "pd", "pd_isgn"))
+
+
+@pytest.mark.parametrize("tyre", [kind(tyre) for tyre in every(Tyre)])
+def test_the_speed_settles_on_every_tyre(tyre):
+    """After a jump of the reference from rest: no limit cycle of the speed loop with tyres and oil."""
+    log = run(short("circle", 30.0, plant={"tyre": {"kind": tyre}}, path__ramp_s=0.0))
+    speed = log.column("speed")[log.column("t") > 10]
+    assert speed.mean() == pytest.approx(1.2, abs=0.05)
+    assert speed.std() < 0.05
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_path_can_be_driven(path):
+    log = run(short(seconds=12.0, path={"kind": path}, plant__kind="bicycle"))
+    assert log.outcome == "completed"
+    assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 1.0
+
+
+def test_errors_are_those_of_the_true_cg_in_the_frame_of_the_reference():
+    log = run(short("circle", 8.0))
+    c = log.column
+    for k in (20, 159):
+        ahead, left = to_heading(c("yaw_ref")[k], c("x_ref")[k] - c("x")[k], c("y_ref")[k] - c("y")[k])
+        assert (c("e_longitudinal")[k], c("e_lateral")[k]) == pytest.approx((ahead, left))
+    reference = log.scenario.path.at(159 * 0.05)
+    assert (c("x_ref")[159], c("y_ref")[159]) == pytest.approx((reference.x, reference.y))
+    assert c("e_yaw_rate") == pytest.approx(c("yaw_rate_ref") - c("yaw_rate_hat"))
+
+
+def test_the_command_is_the_controllers_and_stays_within_the_stops():
+    log = run(short("circle", 6.0))
+    c, limit = log.column, log.scenario.tractor.steer_limit
+    wanted = np.clip(c("tau_c") - c("tau_n"), -limit, limit)
+    assert c("steer_ref") == pytest.approx(wanted)
+    assert (np.abs(c("steer_ref")) <= limit).all()
+    assert ((c("valve_voltage") >= 0) & (c("valve_voltage") <= 12)).all()
+    assert ((c("q") >= 0) & (c("q") <= 1)).all()
+
+
+def test_the_tractor_moves_as_its_speed_says():
+    log = run(short("circle", 8.0))
+    c = log.column
+    travelled = np.hypot(np.diff(c("x")), np.diff(c("y")))
+    speed = np.hypot(c("speed"), c("lateral_speed"))
+    assert travelled == pytest.approx(0.025 * (speed[1:] + speed[:-1]), abs=2e-3)
+    turned = np.angle(np.exp(1j * np.diff(c("yaw"))))
+    assert turned == pytest.approx(0.025 * (c("yaw_rate")[1:] + c("yaw_rate")[:-1]), abs=2e-3)
+
+
+def test_the_estimates_follow_the_truth():
+    log = run(short("circle", 20.0))
+    c = log.column
+    settled = c("t") > 5
+    assert np.hypot(c("x") - c("x_hat"), c("y") - c("y_hat"))[settled].max() < 0.1
+    assert np.abs(c("speed") - c("speed_hat"))[settled].max() < 0.3
+    assert np.abs(np.angle(np.exp(1j * (c("yaw") - c("yaw_hat")))))[settled].max() < 0.1
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_step_of_the_steering_comes_when_it_should(plant):
+    changes = {"plant.kind": plant, "controller.at_s": 4.0, "duration_s": 8.0}
+    log = run(load_scenario("step_steer").changed(changes))
+    t, steer_ref, steer = (log.column(name) for name in ("t", "steer_ref", "steer"))
+    assert (steer_ref[t < 4.0 - 1e-9] == 0).all()
+    assert steer_ref[t >= 4.0 - 1e-9] == pytest.approx(0.05, abs=1e-5)
+    assert (np.abs(steer[t < 4.05]) < 1e-3).all()
+    assert steer[-1] == pytest.approx(0.05, abs=0.015)
+    assert log.column("yaw_rate")[-1] == pytest.approx(log.column("speed")[-1] * steer[-1] / 1.4, rel=0.1)

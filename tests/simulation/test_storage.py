@@ -1,0 +1,66 @@
+"""Files appear whole or not at all."""
+
+import json
+import stat
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.simulation.storage import whole, write_json, write_log
+
+
+def test_a_file_appears_when_the_block_ends(tmp_path):
+    target = tmp_path / "new" / "deep" / "a.txt"
+    with whole(target) as temporary:
+        temporary.write_text("half")
+        assert not target.exists()
+        assert temporary.parent == target.parent  # the same file system: the rename is atomic
+    assert target.read_text() == "half"
+    assert [path.name for path in target.parent.iterdir()] == ["a.txt"]
+    assert stat.S_IMODE(target.stat().st_mode) == 0o644
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_nothing_appears_when_the_block_fails(tmp_path, error):
+    def broken():
+        with whole(tmp_path / "a.txt") as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        broken()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path):
+    target = tmp_path / "a.json"
+    write_json(target, {"old": 1})
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(target, {"new": float("nan")})
+    assert json.loads(target.read_text()) == {"old": 1}
+    write_json(target, {"new": [1.5, None]})
+    assert json.loads(target.read_text()) == {"new": [1.5, None]}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_log_becomes_three_files(tmp_path):
+    log = run(load_scenario("straight_line", {"duration_s": 1.0, "plant.kind": "bicycle", "controller.kind": "pd"}))
+    write_log(log, tmp_path / "run")
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {"signals.parquet", "metrics.json", "scenario.toml"}
+    table = pq.read_table(tmp_path / "run" / "signals.parquet")
+    assert table.equals(log.signals)
+    assert table["q"].null_count == table.num_rows  # no network: null, not NaN
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text()) == log.metrics
+    assert load_scenario(tmp_path / "run" / "scenario.toml") == log.scenario
+
+
+def test_the_metrics_of_any_run_are_valid_json(tmp_path):
+    """Also of a run of a single tick."""
+    for plant in ("bicycle", "mujoco"):
+        log = run(load_scenario("straight_line", {"duration_s": 0.05, "plant.kind": plant}))
+        write_log(log, tmp_path)
+        text = (tmp_path / "metrics.json").read_text()
+        json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in metrics.json"))
+        assert np.isfinite(json.loads(text)["lateral_mse"])

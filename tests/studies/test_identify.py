@@ -1,0 +1,176 @@
+"""The valve's parameters come back out of noisy runs of both plants, and what a run does not show is not invented."""
+
+import json
+from math import degrees
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
+from agrobot_mj.simulation.storage import write_log
+from agrobot_mj.studies.identify import identify, identify_command
+
+TICK_S = 0.05
+CALM = {"path.turns": 1, "controller.kind": "pd"}
+PLANTS = {
+    "bicycle": {"plant.kind": "bicycle"},
+    "mujoco": {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"},
+}
+OTHER_VALVE = {
+    "delay_s": 0.17,
+    "time_constant_s": 0.18,
+    "dead_band_v": 0.6,
+    "gain_left_l_min_v": 2.0,
+    "gain_right_l_min_v": 2.6,
+    "pump_flow_l_min": 7.0,
+}
+LATE_OIL_S = 0.008
+"""Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder."""
+
+
+def log_of(name, plant, valve=None, **changes):
+    valve = {f"steering.valve.{key}": value for key, value in (valve or {}).items()}
+    return run(load_scenario(name, PLANTS[plant] | valve | changes))
+
+
+def rate_limit(scenario):
+    flow = scenario.steering.valve.pump_flow_l_min * LITRE_PER_MINUTE
+    return degrees(flow / scenario.steering.cylinder.displacement)
+
+
+def check(found, scenario, plant):
+    """Within a tenth, the delay within a tick: far inside, since that is what the method can do."""
+    valve, late = scenario.steering.valve, LATE_OIL_S if plant == "mujoco" else 0.0
+    assert found.dead_band_v == pytest.approx(valve.dead_band_v, rel=0.05)
+    assert found.gain_left_l_min_v == pytest.approx(valve.gain_left_l_min_v, rel=0.03)
+    assert found.gain_right_l_min_v == pytest.approx(valve.gain_right_l_min_v, rel=0.03)
+    assert found.time_constant_s == pytest.approx(valve.time_constant_s, rel=0.07)
+    assert found.delay_s == pytest.approx(valve.delay_s + late, abs=0.005)
+    assert found.delay_s == pytest.approx(valve.delay_s, abs=TICK_S)
+    assert found.explained > 0.98
+    assert found.residual_rms_deg < 0.1
+
+
+@pytest.fixture(scope="module")
+def calm():
+    return log_of("figure_eight", "bicycle", **CALM)
+
+
+@pytest.mark.parametrize("valve", [None, OTHER_VALVE], ids=["default", "other"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_noisy_figure_eight_gives_the_valve_back(plant, valve):
+    log = log_of("figure_eight", plant, valve, **CALM)
+    check(identify(log.signals), log.scenario, plant)
+
+
+@pytest.mark.parametrize("valve", [None, OTHER_VALVE], ids=["default", "other"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_run_that_shakes_the_valve_gives_the_rate_limit_too(plant, valve):
+    log = log_of("valve_identification", plant, valve)
+    found = identify(log.signals)
+    check(found, log.scenario, plant)
+    assert found.rate_limit_deg_s == pytest.approx(rate_limit(log.scenario), rel=0.03)
+    assert found.rate_reached_deg_s == pytest.approx(found.rate_limit_deg_s, rel=0.01)
+
+
+def test_a_rate_limit_that_the_run_does_not_reach_is_not_told(calm):
+    found = identify(calm.signals)
+    assert found.rate_limit_deg_s is None
+    assert "rate_limit_deg_s" not in found.errors
+    fastest = degrees(np.abs(np.diff(calm.column("steer"))).max() / TICK_S)
+    assert fastest < found.rate_reached_deg_s < rate_limit(calm.scenario)
+
+
+def test_the_standard_errors_are_of_the_size_of_the_errors(calm):
+    found, valve = identify(calm.signals), calm.scenario.steering.valve
+    for name in ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"):
+        off = abs(getattr(found, name) - getattr(valve, name))
+        assert off < 5 * found.errors[name]
+        assert found.errors[name] < 0.05 * getattr(valve, name)
+
+
+def test_the_delay_need_not_be_whole_ticks_nor_whole_steps():
+    delays = [0.062, 0.098]
+    found = [identify(log_of("figure_eight", "bicycle", {"delay_s": d}, **CALM).signals).delay_s for d in delays]
+    assert found == pytest.approx(delays, abs=0.004)
+
+
+def test_the_first_seconds_do_not_matter(calm):
+    late = calm.signals.slice(400)
+    check(identify(late), calm.scenario, "bicycle")
+
+
+def test_a_window_at_the_stops_is_left_out(calm):
+    """There the angle stays behind the flow; here it is bent by hand."""
+
+    def with_angle(angle):
+        at = calm.signals.column_names.index("steer_measured")
+        return calm.signals.set_column(at, "steer_measured", pa.array(angle))
+
+    angle = calm.column("steer_measured").copy()
+    angle[600:700] = np.radians(45.0)
+    angle[700:] += 0.3
+    check(identify(with_angle(angle)), calm.scenario, "bicycle")
+    with pytest.raises(ScenarioError, match="stops"):
+        identify(with_angle(angle + 0.8))
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_json_and_returns_a_table(calm, tmp_path):
+    write_log(calm, tmp_path)
+    text = identify_command(tmp_path)
+    written = json.loads((tmp_path / "identified.json").read_text())
+    assert written == json.loads(json.dumps(identify(calm.signals)._asdict()))
+    assert written["rate_limit_deg_s"] is None
+    rows = {line.split("|")[1].strip(): line.split("|")[2:5] for line in text.splitlines() if line.startswith("| ")}
+    assert [float(cell) for cell in rows["dead_band_v"]] == pytest.approx(
+        [written["dead_band_v"], written["errors"]["dead_band_v"], 0.4], rel=1e-3
+    )
+    assert rows["rate_limit_deg_s"][0].strip() == "not seen"
+    assert "below the rate limit" in text
+
+
+def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
+    log = log_of("figure_eight", "bicycle", **CALM, **{"steering.cylinder.bore_mm": 55.0})
+    write_log(log, tmp_path)
+    identify_command(tmp_path)
+    written = json.loads((tmp_path / "identified.json").read_text())
+    assert written["gain_left_l_min_v"] == pytest.approx(3.2, rel=0.03)
+    assert identify(log.signals).gain_left_l_min_v > 3.5
+
+
+def test_signals_alone_are_enough(calm, tmp_path):
+    pq.write_table(calm.signals.select(["t", "valve_voltage", "steer_measured"]), tmp_path / "signals.parquet")
+    text = identify_command(tmp_path)
+    assert "dead_band_v" in text
+    assert (tmp_path / "identified.json").is_file()
+
+
+def test_a_folder_that_is_no_run_is_refused(calm, tmp_path):
+    def told(match):
+        with pytest.raises(ScenarioError, match=match):
+            identify_command(tmp_path)
+        assert not (tmp_path / "identified.json").exists()
+
+    with pytest.raises(ScenarioError, match="no such folder"):
+        identify_command(tmp_path / "nowhere")
+    told(r"has no signals\.parquet")
+    file = tmp_path / "signals.parquet"
+    file.write_text("no table")
+    told("no Parquet file")
+    pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
+    told("has no column valve_voltage, steer_measured")
+    pq.write_table(calm.signals.slice(0, 150), file)
+    told("too short")
+    n = 600
+    still = {"t": 0.05 * np.arange(n), "valve_voltage": np.full(n, 6.0), "steer_measured": np.zeros(n)}
+    pq.write_table(pa.table(still), file)
+    told("hardly steers")
+    pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
+    told("gaps in valve_voltage")

@@ -1,0 +1,27 @@
+"""Every manoeuvre in its quick version passes on every tyre; the whole suite does when it has the time."""
+
+import pytest
+
+from agrobot_mj.studies.validation import validate
+from agrobot_mj.studies.validation.base import force_tyres
+from agrobot_mj.studies.validation.suite import MANOEUVRES
+
+SOME_TYRES = {"tipping": {"linear", "magic_formula"}}
+"""Where not every tyre can be judged: soil lets the tractor slide off before it tips."""
+
+
+@pytest.mark.parametrize("name", MANOEUVRES)
+def test_every_number_of_the_quick_version_is_inside_its_band(name):
+    found = MANOEUVRES[name](True)
+    assert [check for check in found.checks if not check.passed] == []
+    assert found.warnings == 0
+    judged = {check.subject for check in found.checks if check.band != "reported"}
+    assert judged >= SOME_TYRES.get(name, {tyre.kind for tyre in force_tyres()})
+    assert {check.manoeuvre for check in found.checks} == {name}
+
+
+@pytest.mark.slow
+def test_every_number_of_the_whole_suite_is_inside_its_band(tmp_path):
+    checks = validate(tmp_path)
+    assert [check for check in checks if not check.passed] == []
+    assert len(checks) > 150

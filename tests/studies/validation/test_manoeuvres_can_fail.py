@@ -1,0 +1,154 @@
+"""Each manoeuvre notices a plant that is not what its theory is about."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Valve
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.simulation.loop import run
+from agrobot_mj.studies.validation import (
+    antenna_lean,
+    coasting,
+    convergence,
+    cornering,
+    energy,
+    loads,
+    parking,
+    side_slope,
+    soak,
+    steering,
+    step_steer,
+    tipping,
+)
+from agrobot_mj.studies.validation.base import LEVEL, STOCK, Machine, force_tyres, mujoco_plant
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import Contact, Linear
+
+SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
+"""A tenth too soft."""
+STANDARD = Linear()
+
+
+@pytest.fixture(autouse=True)
+def one_tyre(monkeypatch):
+    """The linear tyre alone, for speed."""
+    for module in (coasting, convergence, loads, parking, side_slope, soak, tipping):
+        monkeypatch.setattr(module, "tyres", lambda *without: [Linear()])
+    monkeypatch.setattr(energy, "force_tyres", lambda: [Linear()])
+
+
+def swap(monkeypatch, module, change):
+    """Let `module` drive another plant: `change` takes its arguments and returns those to use."""
+    monkeypatch.setattr(
+        module, "mujoco_plant", lambda tyre, terrain=LEVEL, *a, **k: mujoco_plant(*change(tyre, terrain, *a), **k)
+    )
+
+
+def failures(found):
+    return {check.quantity for check in found.checks if not check.passed}
+
+
+def test_parking_sees_contact_creep():
+    plant, _ = mujoco_plant(Contact(), Slope(grade_deg=15, direction_deg=0))
+    moved, creep = parking.drift(plant, 20.0)
+    assert moved > 5.0
+    assert creep == pytest.approx(6 * moved, rel=0.1)
+    with pytest.raises(ValueError, match="park for 20 s or more"):
+        parking.drift(plant, 5.0)
+
+
+def test_parking_fails_a_plant_that_creeps(monkeypatch):
+    swap(monkeypatch, parking, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
+    assert len(failures(parking.run(quick=True))) == 6
+
+
+def test_loads_see_half_a_degree(monkeypatch):
+    swap(monkeypatch, loads, lambda tyre, t, *rest: (tyre, t.model_copy(update={"grade_deg": 15.5}), *rest))
+    assert {"front axle, uphill on 15 deg", "upper rear wheel, across on 15 deg"} <= failures(loads.run())
+
+
+def test_tipping_sees_a_higher_centre_of_gravity(monkeypatch):
+    high = Machine(tractor=TractorParameters(cg_height_m=0.65))
+    swap(monkeypatch, tipping, lambda tyre, terrain, *rest: (tyre, terrain, high))
+    assert failures(tipping.run(quick=True))
+
+
+def test_coasting_sees_a_driveline_that_drags(monkeypatch):
+    free = Machine(driveline=Driveline(connected=False), tractor=TractorParameters(rear_wheel_mass_kg=75))
+    swap(monkeypatch, coasting, lambda tyre, terrain, *rest: (tyre, terrain, free))
+    monkeypatch.setattr(coasting, "spin_inertia", lambda plant: np.array([0.9, 0.9, 4.7, 4.7]))
+    assert failures(coasting.run())
+
+
+def test_side_slope_sees_a_softer_tyre(monkeypatch):
+    swap(monkeypatch, side_slope, lambda tyre, *rest: (SOFT, *rest))
+    assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope.run(quick=True))
+
+
+def linear_alone(machine=STOCK, tyre=STANDARD):
+    return lambda *_, **__: [("linear", *mujoco_plant(tyre, machine=machine))]
+
+
+def test_constant_radius_sees_a_softer_front_tyre(monkeypatch):
+    softer = Linear(front_cornering_stiffness_n_rad=7_000)
+    monkeypatch.setattr(cornering, "level_plants", linear_alone(tyre=softer))
+    assert failures(cornering.run(quick=True)) == {"understeer gradient"}
+
+
+def test_step_steer_sees_a_shorter_relaxation(monkeypatch):
+    monkeypatch.setattr(step_steer, "level_plants", linear_alone(tyre=Linear(relaxation_radii=1.0)))
+    assert "overshoot" in failures(step_steer.run(quick=True))
+
+
+def test_steering_sees_another_valve(monkeypatch):
+    monkeypatch.setattr(steering, "force_tyres", list)
+    slow = Valve(delay_s=0.12, time_constant_s=0.11, dead_band_v=0.42, gain_left_l_min_v=3.3, pump_flow_l_min=11.5)
+    monkeypatch.setattr(steering, "level_plants", linear_alone(Machine(valve=slow)))
+    missed = failures(steering.run(quick=True))
+    assert {"delay, left", "time constant, left", "dead band, right", "gain, left", "rate limit, right"} <= missed
+    assert "gain, right" not in missed
+
+
+def test_energy_sees_work_from_nowhere(monkeypatch):
+    def pushed(*args, **kwargs):
+        plant, truth = mujoco_plant(*args, **kwargs)
+        plant.data.qfrc_applied[plant.model.joint("spin_rl").dofadr[0]] = 10.0
+        return plant, truth
+
+    monkeypatch.setattr(energy, "mujoco_plant", pushed)
+    assert failures(energy.run(quick=True)) == {"left over, of the change of kinetic energy"}
+
+
+def test_energy_sees_a_wrong_rolling_radius(monkeypatch):
+    """The tyre's own books with the loaded radius instead of the effective one."""
+    monkeypatch.setattr(energy, "force_tyres", lambda: [tyre for tyre in force_tyres() if tyre.kind == "magic_formula"])
+
+    class Wrong(energy.Wheel):
+        def powers(self, velocity, spin):
+            lost, damped, squeezed = super().powers(velocity, spin)
+            deflection = self.plant.tyred.report[self.i, 0] / self.plant.tyred.tyres.stiffness[self.i]
+            return lost - self.plant.tyred.report[self.i, 3] * deflection * float(spin @ self.axle), damped, squeezed
+
+    monkeypatch.setattr(energy, "Wheel", Wrong)
+    assert failures(energy.run(quick=True))
+
+
+def test_convergence_sees_three_percent(monkeypatch):
+    monkeypatch.setattr(convergence, "lateral_rms", lambda tyre, dt, duration_s: 1.03 if dt == 0.002 else 1.0)
+    assert failures(convergence.run(quick=True)) == {"change of lateral rms, 2 ms to 1 ms"}
+
+
+def test_soak_counts_broken_ticks():
+    plant, _ = mujoco_plant(Linear())
+    plant.data.qvel[0] = np.nan
+    broken, _, restarts = soak.soak(plant, 1.0)
+    assert broken == 1
+    assert restarts == 1
+
+
+def test_antenna_lean_sees_a_mast_that_is_a_tenth_shorter(monkeypatch):
+    monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
+    assert not failures(antenna_lean.run(quick=True))
+    monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
+    assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean.run(quick=True))
