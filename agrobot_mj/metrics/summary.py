@@ -1,6 +1,6 @@
 """The numbers of a run: pure functions of its log.
 
-Lengths in metres, angles in radians; `mse` in m2. RowMask whose value is absent or not finite are left out of
+Lengths in metres, angles in radians; `mse` in m2. Rows whose value is absent or not finite are left out of
 the statistic concerned; a statistic without a single value is None, so that the result is always valid JSON.
 
 `lateral_*` and `longitudinal_*` are the time-based errors of the paper; `xte_*` is the cross-track error, the

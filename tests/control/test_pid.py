@@ -4,7 +4,7 @@ from math import copysign, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.control.pid import NEUTRAL_V, Pid, FilteredRate, SpeedLoop, SteeringLoop, over_dead_band
+from agrobot_mj.control.pid import NEUTRAL_V, FilteredRate, Pid, SpeedLoop, SteeringLoop, over_dead_band
 
 TICK = 0.05
 

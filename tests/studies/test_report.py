@@ -46,7 +46,7 @@ class RunLog:
         return self.columns[name]
 
 
-def runs(path: Any = CIRCLE, plants: tuple[str, ...] = ("bicycle", "mujoco")) -> list[Run]:
+def runs(path: Any = CIRCLE, plants: tuple[str, ...] = ("bicycle", "mujoco")) -> list[ReportedRun]:
     return [ReportedRun(p, c, RunLog(path, error, c)) for p in plants for c, error in CONTROLLERS.items()]
 
 
