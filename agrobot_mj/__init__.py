@@ -12,7 +12,7 @@ __all__ = ["__version__", "load_scenario", "run"]
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.loop import run
+    from agrobot_mj.simulation.run import run
 
 
 def __getattr__(name: str) -> Any:
@@ -22,7 +22,7 @@ def __getattr__(name: str) -> Any:
 
         return load_scenario
     if name == "run":
-        from agrobot_mj.simulation.loop import run
+        from agrobot_mj.simulation.run import run
 
         return run
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

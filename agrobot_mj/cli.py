@@ -76,7 +76,7 @@ def run_scenario(
     live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
 ) -> None:
     """Run one scenario."""
-    from agrobot_mj.simulation.loop import Watcher, run
+    from agrobot_mj.simulation.run import Watcher, run
     from agrobot_mj.simulation.storage import write_log
 
     scenario = load_scenario(source, overrides(sets))

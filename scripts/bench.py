@@ -19,7 +19,7 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 
-from agrobot_mj import load_scenario
+from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.core.signals import Drive
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
@@ -27,6 +27,7 @@ from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.recording import Recording
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation import loop as simulate
+from agrobot_mj.simulation import stepping
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
@@ -49,8 +50,7 @@ class BareModel:
         if not isinstance(loop.plant, MujocoPlant):
             raise TypeError("the bare step is that of a MuJoCo plant")
         for _ in range(round(MOVING_S / simulate.TICK_S)):
-            drive, _ = loop.tick()
-            loop.advance(drive)
+            loop.advance(loop.tick().drive)
         self.model, self.data = loop.plant.model, loop.plant.data
         self.kind = mujoco.mjtState.mjSTATE_INTEGRATION
         self.start = np.empty(mujoco.mj_stateSize(self.model, self.kind))
@@ -110,8 +110,8 @@ def compare_costs(scenario: Scenario, repeats: int) -> Cost:
         file = Path(folder) / "run.rrd"
         for _ in range(repeats + 1):
             one_by_one, batched = bare.seconds(steps), bare.seconds(steps, batched=True)
-            plain = seconds_of(lambda: simulate.run(scenario))
-            recorded = seconds_of(lambda: simulate.run(scenario, (Recording(file),)))
+            plain = seconds_of(lambda: run(scenario))
+            recorded = seconds_of(lambda: run(scenario, (Recording(file),)))
             rounds.append((one_by_one, batched, plain, recorded))
             file.unlink()
     kept = rounds[1:]
@@ -144,11 +144,10 @@ def stopwatches(scenario: Scenario) -> Iterator[dict[str, float]]:
         ("sensors", type(scenario.sensors), "measure"),
         ("estimator", type(scenario.estimator), "update"),
         ("guidance and control", type(scenario.path), "at"),
-        ("guidance and control", type(scenario.guidance), "references"),
-        ("guidance and control", type(scenario.controller), "update"),
+        ("guidance and control", simulate.Loop, "decide"),
         ("guidance and control", SpeedLoop, "update"),
         ("guidance and control", SteeringLoop, "update"),
-        ("log", simulate, "row"),
+        ("log", stepping, "row"),
         ("log", plant, "wheels"),
         ("log", plant, "poses"),
         ("log", plant, "actuation"),
@@ -165,7 +164,7 @@ def tick_parts(scenario: Scenario, repeats: int) -> dict[str, float]:
     rounds = []
     for _ in range(repeats + 1):
         with stopwatches(scenario) as spent:
-            loop_s = simulate.run(scenario).wall_s
+            loop_s = run(scenario).wall_s
         rounds.append({**spent, "the rest": loop_s - sum(spent.values())})
     order = ("plant", "sensors", "estimator", "guidance and control", "log", "the rest")
     return {part: min(each[part] for each in rounds[1:]) / scenario.ticks for part in order}

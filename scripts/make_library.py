@@ -20,8 +20,8 @@ from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.loop import run
 from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import whole
 from agrobot_mj.studies.report import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground

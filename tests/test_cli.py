@@ -173,15 +173,15 @@ def test_a_signal_ends_a_run_as_aborted_with_its_files(call, monkeypatch, number
         raise AssertionError("the run did not take the signal")
 
     before = signal.signal(number, not_handled)
-    tick, seen = simulate.Loop.tick, []
+    tick, seen = simulate.Loop.act, []
 
-    def tick_with_signal(loop):
+    def tick_with_signal(loop, *messages):
         seen.append(1)
         if len(seen) == 12:
             os.kill(os.getpid(), number)
-        return tick(loop)
+        return tick(loop, *messages)
 
-    monkeypatch.setattr(simulate.Loop, "tick", tick_with_signal)
+    monkeypatch.setattr(simulate.Loop, "act", tick_with_signal)
     try:
         status, _, err = call("run", "straight_line", "--no-rrd", "--set", "duration_s=60", "--out", "out")
         assert signal.getsignal(number) is not_handled  # put back
@@ -251,7 +251,7 @@ def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments
 
 def test_an_out_folder_that_cannot_be_made_is_told_before_the_run(call, monkeypatch, elsewhere):
     (elsewhere / "file").write_text("")
-    monkeypatch.setattr(simulate.Loop, "tick", lambda loop: pytest.fail("ran all the same"))
+    monkeypatch.setattr(simulate.Loop, "act", lambda *_: pytest.fail("ran all the same"))
     assert call("run", "circle", "--no-rrd", "--out", "file/inside")[0] == 2
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from agrobot_mj.recording import Recording
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
-from agrobot_mj.simulation.loop import run
+from agrobot_mj.simulation.run import run
 
 BRIEFLY_S = 8.0
 

@@ -1,12 +1,41 @@
-"""Controllers: the kinematic law, the low-level loops and the yaw controllers. The union is the registry."""
+"""Guidance laws and yaw controllers. Each union is the registry of its family."""
 
 from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.control.yaw import OpenLoop, Pd, PdIsgn, PdT1fnn, PdT2fnn
+from agrobot_mj.control.base import Guidance as GuidanceLaw
+from agrobot_mj.control.base import Situation, YawController
+from agrobot_mj.control.feedforward import Feedforward
+from agrobot_mj.control.kinematic import Kinematic
+from agrobot_mj.control.open_loop import OpenLoop
+from agrobot_mj.control.pd import Pd
+from agrobot_mj.control.pd_fnn import PdT1fnn, PdT2fnn
+from agrobot_mj.control.pd_isgn import PdIsgn
 
-Controller = Annotated[OpenLoop | Pd | PdT2fnn | PdT1fnn | PdIsgn, Field(discriminator="kind")]
+Guidance = Annotated[
+    Kinematic | Feedforward,
+    Field(discriminator="kind"),
+]
+"""Every guidance law, by `kind`."""
+
+Controller = Annotated[
+    OpenLoop | Pd | PdT2fnn | PdT1fnn | PdIsgn,
+    Field(discriminator="kind"),
+]
 """Every yaw controller, by `kind`."""
 
-__all__ = ["Controller", "OpenLoop", "Pd", "PdIsgn", "PdT1fnn", "PdT2fnn"]
+__all__ = [
+    "Controller",
+    "Feedforward",
+    "Guidance",
+    "GuidanceLaw",
+    "Kinematic",
+    "OpenLoop",
+    "Pd",
+    "PdIsgn",
+    "PdT1fnn",
+    "PdT2fnn",
+    "Situation",
+    "YawController",
+]

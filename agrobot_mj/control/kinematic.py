@@ -1,4 +1,7 @@
-"""Kinematic law: position error of the CG to speed and yaw-rate references.
+"""The paper's guidance: kinematic law, then a yaw controller.
+
+The kinematic law turns the position error of the CG into speed and yaw-rate references; the yaw controller of
+`[controller]` turns the yaw-rate error into a steering angle.
 
 ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref
 [rad/s], left positive. The law inverts the motion of a point l_r before a rear axle that rolls without slip.
@@ -6,13 +9,16 @@ Source: the paper, section III-A, after [Martins2008].
 """
 
 from math import cos, sin, tanh
+from typing import Literal
 
+from agrobot_mj.control.base import Guidance, Situation, YawController
+from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.core.signals import Estimate, Reference
-from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive
 
 
-class KinematicLaw(Spec):
-    """Gains of the law; the paper prints none."""
+class CascadeLaw(Guidance):
+    """Kinematic law with a yaw controller inside; the paper prints no gains."""
 
     saturation_m_s: NonNegative = 0.6
     """k_s, largest velocity spent on closing an error, each axis [m/s]. Estimate."""
@@ -27,3 +33,21 @@ class KinematicLaw(Spec):
         u_ref = cos(psi) * vx + sin(psi) * vy
         gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
         return u_ref, gamma_ref
+
+    def setpoints(self, situation: Situation) -> tuple[float, float]:
+        """Speed [m/s] and yaw-rate [rad/s] references."""
+        return self.references(situation.estimate, situation.reference, situation.machine.cg_to_rear_axle)
+
+    def feedforward(self, situation: Situation) -> float:
+        """None: the paper's law learns the angle by feedback [rad]."""
+        return 0.0
+
+    def using(self, controller: YawController) -> Cascade:
+        """The law in cascade with a yaw controller."""
+        return Cascade(law=self, controller=controller)
+
+
+class Kinematic(CascadeLaw):
+    """The paper's guidance: position error to yaw rate, yaw rate to steering."""
+
+    kind: Literal["kinematic"] = "kinematic"

@@ -121,6 +121,14 @@ class SpeedLoop(Spec):
         return SpeedState(outer, inner), (pedal_ref, NEUTRAL_V + voltage)
 
 
+class SteeringState(NamedTuple):
+    """Memory of a `SteeringLoop`."""
+
+    pid: PidState
+    reference: float = 0.0
+    """Angle that the loop steers to now, limited in rate [rad]."""
+
+
 class SteeringLoop(Spec):
     """Steering angle error -> valve voltage."""
 
@@ -134,20 +142,21 @@ class SteeringLoop(Spec):
     """Fastest change of the reference [deg/s]; as the yaw controller says when left out, which is the paper's way. The
     valve itself does 26 deg/s; a limit there takes the jump out of the command when GNSS comes back."""
 
-    def init(self) -> PidState:
-        """At rest."""
-        return self.pid.init()
+    def init(self) -> SteeringState:
+        """At rest, straight ahead."""
+        return SteeringState(self.pid.init())
 
-    def reference(self, last: float, wanted: float, dt: float) -> float:
+    def update(self, state: SteeringState, wanted: float, steer: float, dt: float) -> tuple[SteeringState, float]:
+        """Steering valve voltage [V] from the wanted and the measured angle [rad]."""
+        steer_ref = self._reference(state.reference, wanted, dt)
+        error = steer_ref - steer
+        jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
+        pid, voltage = self.pid.update(state.pid, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
+        return SteeringState(pid, steer_ref), NEUTRAL_V + voltage
+
+    def _reference(self, last: float, wanted: float, dt: float) -> float:
         """The angle [rad] to steer to now, `dt` [s] after `last`, on the way to `wanted`."""
         if self.reference_rate_deg_s is None:
             return wanted
         reach = radians(self.reference_rate_deg_s) * dt
         return clip(wanted, last - reach, last + reach)
-
-    def update(self, state: PidState, steer_ref: float, steer: float, dt: float) -> tuple[PidState, float]:
-        """Steering valve voltage [V] from the wanted and the measured angle [rad]."""
-        error = steer_ref - steer
-        jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
-        state, voltage = self.pid.update(state, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
-        return state, NEUTRAL_V + voltage

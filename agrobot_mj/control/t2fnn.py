@@ -17,6 +17,7 @@ While centres follow, the width laws leave the normalised firing as it is (appen
 an integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unfloored.
 """
 
+from functools import lru_cache
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -32,7 +33,7 @@ from agrobot_mj.control.t2fnn_laws import (
     sgn,
     update_widths,
 )
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Fraction, Positive, Spec
 
 __all__ = ["Rates", "T1Fnn", "T2Fnn", "T2FnnState"]
@@ -133,15 +134,9 @@ class T2Fnn(Spec):
         return (self._learnt(state, x1, x2, rates, dt) if learn else state), tau_n
 
     @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of what `report` gives: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
-        sets = {"1": range(self.rules_1), "2": range(self.rules_2)}
-        rules = [f"{i}_{j}" for i in sets["1"] for j in sets["2"]]
-        families = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper")
-        return (
-            *(f"{family}_{i}" for family in families for i in sets[family[1]]),
-            *(f"{matrix}_{rule}" for matrix in ("f", "w_lower", "w_upper") for rule in rules),
-        )
+    def columns(self) -> tuple[Column, ...]:
+        """Signals that `report` gives: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
+        return _columns(self.rules_1, self.rules_2)
 
     def report(self, state: T2FnnState) -> Array:
         """Centres, widths [unit of their input], consequents [rad] and normalised firing [-] where the state stands.
@@ -188,6 +183,27 @@ class T1Fnn(T2Fnn):
 
     type_1: ClassVar[bool] = True
     """Bounds coincide."""
+
+
+@lru_cache(maxsize=16)
+def _columns(rules_1: int, rules_2: int) -> tuple[Column, ...]:
+    sets = {"1": range(rules_1), "2": range(rules_2)}
+    units, inputs = {"1": "rad/s", "2": "rad/s2"}, {"1": "the yaw-rate error", "2": "its derivative"}
+    centres = [Column(f"c{k}_{i}", units[k], f"centre of set {i} of {inputs[k]}") for k in "12" for i in sets[k]]
+    widths = [
+        Column(f"d{k}_{bound}_{i}", units[k], f"width of the {bound} set {i} of {inputs[k]}")
+        for k in "12"
+        for bound in ("lower", "upper")
+        for i in sets[k]
+    ]
+    rules = [f"{i}_{j}" for i in sets["1"] for j in sets["2"]]
+    consequents = [Column(f"f_{rule}", "rad", f"consequent of rule {rule}") for rule in rules]
+    firings = [
+        Column(f"w_{bound}_{rule}", "-", f"normalised {bound} firing of rule {rule}")
+        for bound in ("lower", "upper")
+        for rule in rules
+    ]
+    return (*centres, *widths, *consequents, *firings)
 
 
 def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:

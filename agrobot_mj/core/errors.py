@@ -14,6 +14,10 @@ class ScenarioError(ValueError):
     """Input that cannot be run; its text is the whole message for the user."""
 
 
+class CommandError(ValueError):
+    """A command from outside that cannot be carried out."""
+
+
 _TEXTS = {
     "greater_than": "must be above {gt:g}, got {input}",
     "greater_than_equal": "must be at least {ge:g}, got {input}",

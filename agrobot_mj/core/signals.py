@@ -24,6 +24,16 @@ Outcome = Literal["completed", "rolled_over", "diverged", "left_terrain", "stuck
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
+class Column(NamedTuple):
+    """A signal in the log."""
+
+    name: str
+    unit: str
+    """SI, with rad for angles; "-" without one."""
+    description: str
+    """One line: what it is, in which frame, with which sign."""
+
+
 class Truth(NamedTuple):
     """What the plant really does at time `t`; only sensors, logs and metrics may look."""
 
@@ -196,17 +206,36 @@ class Reference(NamedTuple):
     """Left positive [1/m]."""
 
 
+class PathPoint(NamedTuple):
+    """The point of a path that is nearest to a given point."""
+
+    s: float
+    """Distance along the path from its start [m]."""
+    t: float
+    """Time at which the reference passes [s]."""
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """Heading of a tractor on the path there, wrapped to (-pi, pi] [rad]."""
+    curvature: float
+    """Left positive [1/m]."""
+    speed: float
+    """Speed of the reference along the heading, negative in reverse [m/s]."""
+    offset: float
+    """Signed distance of the given point from the path, left of the heading positive [m]."""
+
+
 class Command(NamedTuple):
-    """What the yaw controller asks of the steering."""
+    """What a guidance law asks of the low-level loops."""
 
     steer: float
-    """Front-wheel angle at the bicycle's virtual wheel, left positive, clipped at the steering limit [rad]."""
-    tau_c: float
-    """Output of the conventional (PD) controller [rad]."""
-    tau_n: float
-    """Output of the network, or of the integral that stands in for it; steer = tau_c - tau_n within limits [rad]."""
-    q: float
-    """Share of the lower firing level in the network's output; NaN without a network [-]."""
+    """Front-wheel angle at the bicycle's virtual wheel, left positive [rad]."""
+    speed: float
+    """Velocity along the heading, negative in reverse [m/s]."""
+    steer_voltage: float | None = None
+    """Steering valve voltage of a law that drives the valve itself, bypassing the angle loop [V]."""
 
 
 class Drive(NamedTuple):

@@ -13,8 +13,7 @@ from typing import Annotated, Any
 import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
-from agrobot_mj.control import Controller, PdT2fnn
-from agrobot_mj.control.kinematic import KinematicLaw
+from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.core.errors import ScenarioError, explain
 from agrobot_mj.core.signals import TICK_S, Outcome
@@ -72,8 +71,8 @@ class Scenario(Spec):
     controller: Controller = PdT2fnn()
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """Scripted faults and disturbances, `[[fault]]`."""
-    guidance: KinematicLaw = KinematicLaw()
-    """Kinematic law: position error to speed and yaw rate."""
+    guidance: Guidance = Kinematic()
+    """Guidance law: from estimate and path to steering angle and speed."""
     speed: SpeedLoop = SpeedLoop()
     """Cascade from speed to pedal voltage."""
     steering: Steering = Steering()

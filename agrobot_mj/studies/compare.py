@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.loop import run
+from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json, write_log
 from agrobot_mj.studies.report import write_figures
 

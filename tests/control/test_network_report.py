@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.control.yaw import OpenLoop, Pd, PdIsgn, PdT2fnn
+from agrobot_mj.control import OpenLoop, Pd, PdIsgn, PdT2fnn
 
 
 @pytest.mark.parametrize("kind", ["pd_t2fnn", "pd_t1fnn"])
@@ -30,7 +30,7 @@ def test_firing_follows_from_centres_and_widths():
 def test_only_networks_report():
     for controller in (OpenLoop(), Pd(), PdIsgn()):
         assert controller.columns == ()
-        assert controller.report(controller.init()).size == 0
+        assert controller.report(controller.init()) == ()
     network = PdT2fnn()
-    assert len(network.columns) == len(set(network.columns)) == 45
+    assert len(network.columns) == len({column.name for column in network.columns}) == 45
     assert np.isnan(network.report(network.init())).all()

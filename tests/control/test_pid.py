@@ -134,10 +134,12 @@ def test_speed_out_of_reach_does_not_wind_up() -> None:
 
 
 def test_the_steering_reference_changes_no_faster_than_it_may() -> None:
-    loop, angle, seen = SteeringLoop(reference_rate_deg_s=20.0), 0.1, []
+    loop, seen = SteeringLoop(reference_rate_deg_s=20.0), []
+    state = loop.init()._replace(reference=0.1)
     for wanted in (0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.15, -1.0):
-        angle = loop.reference(angle, wanted, TICK)
-        seen.append(degrees(angle - 0.1))
+        state, _ = loop.update(state, wanted, 0.1, TICK)
+        seen.append(degrees(state.reference - 0.1))
     there = degrees(0.1)
     assert seen == pytest.approx([0, 1, 2, 3, 4, 5, there, there - 1, there - 2])
-    assert SteeringLoop().reference(0.1, -1.0, TICK) == -1.0
+    free = SteeringLoop()
+    assert free.update(free.init(), -1.0, 0.1, TICK)[0].reference == -1.0

@@ -5,14 +5,14 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from agrobot_mj.control import Controller, OpenLoop, Pd, PdIsgn, PdT1fnn, PdT2fnn
+from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
-from agrobot_mj.core.signals import Command
 from agrobot_mj.core.spec import every
 
 TICK, LIMIT = 0.05, radians(45)
 
 
-def _run(controller, errors, limit: float = LIMIT) -> tuple[object, list[Command]]:
+def _run(controller, errors, limit: float = LIMIT) -> tuple[object, list[YawCommand]]:
     state, commands = controller.init(), []
     for k, e in enumerate(errors):
         state, command = controller.update(state, k * TICK, e, TICK, limit)

@@ -98,7 +98,7 @@ def drive():
     loop, truths = Loop(load_scenario("circle", {"plant.kind": "bicycle"})), []
     for _ in range(80):
         truths.append(loop.truth)
-        loop.advance(loop.tick()[0])
+        loop.advance(loop.tick().drive)
     return truths
 
 

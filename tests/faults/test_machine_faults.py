@@ -98,7 +98,7 @@ def test_the_tractor_settles_under_what_befalls_it_from_the_start():
     loop = Loop(loaded)
     pitch = loop.truth.pitch
     for _ in range(20):
-        drive, _ = loop.tick()
+        drive = loop.tick().drive
         loop.advance(drive._replace(pedal_voltage=6.0))
     assert pitch < -0.005  # it sits on its rear tyres from the start
     assert loop.truth.pitch == pytest.approx(pitch, abs=5e-4)

@@ -1,3 +1,4 @@
+import importlib
 import json
 import os
 import signal
@@ -206,7 +207,7 @@ def test_an_error_in_the_run_is_told(short, tmp_path):
 
 
 def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
-    from agrobot_mj.simulation import loop as simulate
+    whole_runs = importlib.import_module("agrobot_mj.simulation.run")
 
     told = []
 
@@ -215,7 +216,7 @@ def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
             told.append(first)
             super().advance(first)
 
-    monkeypatch.setattr(simulate, "TELL_S", 0.0)
+    monkeypatch.setattr(whole_runs, "TELL_S", 0.0)
     path = tmp_path / "run.rrd"
     run(load_scenario("straight_line", {"duration_s": 1}), (Listening(path),))
     assert told == [*range(20), 20]

@@ -11,8 +11,9 @@ from agrobot_mj.core.signals import NOMINAL
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Path
 from agrobot_mj.plants import MujocoPlant, Plant
-from agrobot_mj.simulation.log import COLUMNS, WHEEL_COLUMNS
-from agrobot_mj.simulation.loop import CHUNK_TICKS, build_plant
+from agrobot_mj.simulation.columns import COLUMNS, WHEEL_COLUMNS
+from agrobot_mj.simulation.loop import build_plant
+from agrobot_mj.simulation.run import CHUNK_TICKS
 from agrobot_mj.tyres import Tyre
 
 PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral

@@ -44,7 +44,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.scenario import Scenario, load_scenario
-from agrobot_mj.simulation.loop import run as simulate
+from agrobot_mj.simulation.run import run as simulate
 from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyres
 from agrobot_mj.studies.validation.side_slope import in_linear_range
 from agrobot_mj.studies.validation.theory import Tractor

@@ -8,7 +8,7 @@ from typing import Any
 
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.simulation.loop import run as simulate
+from agrobot_mj.simulation.run import run as simulate
 from agrobot_mj.studies.validation.base import About, Check, Findings, tyres
 from agrobot_mj.tyres import Contact
 

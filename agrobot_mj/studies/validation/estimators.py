@@ -15,7 +15,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.loop import run
+from agrobot_mj.simulation.run import run
 
 BEGIN_S = 20.0
 """What lies before does not count [s]."""

@@ -6,7 +6,7 @@ import pytest
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Valve
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.simulation.loop import run
+from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.validation import (
     antenna_lean,
     coasting,

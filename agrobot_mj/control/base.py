@@ -1,0 +1,112 @@
+"""What guidance laws and yaw controllers share: the contract of both families.
+
+A guidance law sees a `Situation` - the estimate, the path, the machine's known numbers, never the truth - and answers
+with a `Command`: steering angle and speed. The paper's law (`kinematic`) hands a yaw-rate reference to a yaw controller
+of its own family, `[controller]`; other laws need none. Both keep their state outside: `init() -> State` and
+`update(state, ...) -> (State, output)`. What else they have to say goes into the log as `columns`, with the values of
+`report(state)`.
+"""
+
+from math import nan
+from typing import Any, NamedTuple, Protocol
+
+from agrobot_mj.core.reporting import Reporting
+from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference
+from agrobot_mj.machine.tractor import TractorParameters
+
+
+class Route(Protocol):
+    """A path that can be asked for its nearest point and for what lies ahead, at any time of a run."""
+
+    def at(self, t: float) -> Reference:
+        """The reference at time `t` [s]."""
+        ...
+
+    def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
+        """The path's nearest point to (x, y) [m], sought along the path about the distance `near` [m].
+
+        On the leg, between two reversals of direction, on which the reference is at time `t` [s].
+        """
+        ...
+
+    def ahead(self, s: float) -> PathPoint:
+        """The path at the distance `s` [m] from its start, `offset` 0; straight on beyond its ends."""
+        ...
+
+    def leg(self, t: float) -> tuple[float, float]:
+        """Distances [m] between which the reference keeps its direction of travel at time `t` [s]."""
+        ...
+
+
+class Situation(NamedTuple):
+    """All that a guidance law may know in one tick."""
+
+    t: float
+    """Time since the start [s]."""
+    estimate: Estimate
+    """Pose of the CG, speed, yaw rate and covariance."""
+    reference: Reference
+    """The path's reference at `t`."""
+    route: Route
+    """The path: nearest points, curvature ahead."""
+    machine: TractorParameters
+    """Geometry and limits of the machine."""
+    steer: float
+    """Measured steering angle, left positive [rad]."""
+
+
+class Guidance(Reporting):
+    """Base of every guidance law, `[guidance] kind`."""
+
+    kind: str
+
+    def init(self) -> Any:
+        """State before the first tick."""
+        return None
+
+    def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
+        """State and command after a tick of `dt` [s]."""
+        raise NotImplementedError
+
+    def using(self, controller: "YawController") -> "Guidance":
+        """The law with the yaw controller of the scenario inside; itself where it needs none."""
+        return self
+
+
+YAW_COLUMNS = (
+    Column("yaw_rate_ref", "rad/s", "yaw-rate reference of the guidance law, left positive"),
+    Column("e_yaw_rate", "rad/s", "yaw-rate reference less estimated yaw rate"),
+    Column("tau_c", "rad", "output of the conventional (PD) controller"),
+    Column("tau_n", "rad", "output of the network, or of the integral that stands in for it; steer = tau_c - tau_n"),
+    Column("q", "-", "share of the lower firing level in the network's output; null without a network"),
+)
+"""Signals of the paper's cascade that every log has a place for."""
+
+
+class YawCommand(NamedTuple):
+    """What a yaw controller asks of the steering, and how it is made up."""
+
+    steer: float
+    """Front-wheel angle, left positive, clipped at the steering limit [rad]."""
+    tau_c: float = 0.0
+    """Output of the conventional (PD) controller [rad]."""
+    tau_n: float = 0.0
+    """Output of the network or of its stand-in; steer = tau_c - tau_n within limits [rad]."""
+    q: float = nan
+    """Share of the lower firing level in the network's output; NaN without a network [-]."""
+
+
+class YawController(Reporting):
+    """Base of every yaw controller, `[controller] kind`: yaw-rate error to steering angle."""
+
+    kind: str
+
+    def init(self) -> Any:
+        """State before the first tick."""
+        raise NotImplementedError
+
+    def update(
+        self, state: Any, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[Any, YawCommand]:
+        """State and command at time `t` [s] from the error [rad/s] after `dt` [s]; `steer_limit` [rad]."""
+        raise NotImplementedError

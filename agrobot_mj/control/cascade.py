@@ -1,0 +1,83 @@
+"""Guidance in cascade: a law that asks for a yaw rate, and a yaw controller that steers for it.
+
+Position error -> law -> speed and yaw-rate references -> yaw controller -> steering angle, plus the angle that the law
+knows beforehand (`feedforward`).
+"""
+
+from collections.abc import Sequence
+from math import nan
+from typing import Any, NamedTuple, Protocol
+
+from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.signals import Column, Command
+
+
+class OuterLaw(Protocol):
+    """The outer part of a cascade."""
+
+    def setpoints(self, situation: Situation) -> tuple[float, float]:
+        """Speed [m/s] and yaw-rate [rad/s] references."""
+        ...
+
+    def feedforward(self, situation: Situation) -> float:
+        """Steering angle that the path asks for by itself [rad]."""
+        ...
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Signals of the law itself."""
+        ...
+
+    def report(self, state: "CascadeState") -> Sequence[float]:
+        """Values of `columns`."""
+        ...
+
+
+class CascadeState(NamedTuple):
+    """Memory of a `Cascade`."""
+
+    controller: Any
+    """State of the yaw controller."""
+    yaw_rate_ref: float = nan
+    """Last reference [rad/s]."""
+    e_yaw_rate: float = nan
+    """Last reference less the estimated yaw rate [rad/s]."""
+    command: YawCommand = YawCommand(0.0)
+    """Last command of the yaw controller."""
+    feedforward: float = 0.0
+    """Last angle added to it [rad]."""
+
+
+class Cascade(Guidance):
+    """A law and a yaw controller; not a kind of its own."""
+
+    kind: str = "cascade"
+    law: Any
+    """The outer law, which is an `OuterLaw`."""
+    controller: YawController
+    """The yaw controller."""
+
+    def init(self) -> CascadeState:
+        """At rest."""
+        return CascadeState(self.controller.init())
+
+    def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
+        """Outer law, then yaw controller."""
+        speed_ref, yaw_rate_ref = self.law.setpoints(situation)
+        e_yaw_rate, limit = yaw_rate_ref - situation.estimate.yaw_rate, situation.machine.steer_limit
+        controller, command = self.controller.update(state.controller, situation.t, e_yaw_rate, dt, limit)
+        ahead = self.law.feedforward(situation)
+        steer = clip(command.steer + ahead, -limit, limit)
+        return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead), Command(steer, speed_ref)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The paper's signals, those of the law and those of the controller."""
+        return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns)
+
+    def report(self, state: CascadeState) -> Sequence[float]:
+        """Values of `columns`."""
+        c = state.command
+        own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
+        return (*own, *self.law.report(state), *self.controller.report(state.controller))

@@ -1,0 +1,30 @@
+"""A steering step that does not listen to the yaw rate: for tests of the plant."""
+
+from math import radians
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agrobot_mj.control.base import YawCommand, YawController
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.spec import NonNegative
+
+
+class OpenLoop(YawController):
+    """A step of the steering angle."""
+
+    kind: Literal["open_loop"] = "open_loop"
+    steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
+    """Angle of the step, left positive [deg]. Estimate."""
+    at_s: NonNegative = 1.0
+    """When the step comes [s]. Estimate."""
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def update(
+        self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[None, YawCommand]:
+        """Command at time t [s]."""
+        steer = radians(self.steer_deg) if t >= self.at_s else 0.0
+        return None, YawCommand(clip(steer, -steer_limit, steer_limit))

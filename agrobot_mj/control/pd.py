@@ -1,0 +1,51 @@
+"""The conventional yaw controller: tau_c = k_P e + k_D de/dt.
+
+Error e = reference less measured yaw rate [rad/s], output tau_c [rad], left positive, clipped at the steering's
+limit. Source: the paper, section III-B. With k_D = 0, the default, it is a P controller.
+"""
+
+from typing import Literal, NamedTuple
+
+from agrobot_mj.control.base import YawCommand, YawController
+from agrobot_mj.control.pid import FilteredRate, clip
+from agrobot_mj.core.spec import NonNegative
+
+
+class Conventional(YawController):
+    """Gains that all closed-loop yaw controllers share."""
+
+    kp: float = 0.4
+    """k_P [rad s/rad]. Estimate."""
+    kd: float = 0.0
+    """k_D [rad s2/rad]. Estimate."""
+    derivative_filter_s: NonNegative = 0.2
+    """Time constant of the filter of de/dt [s]. Estimate."""
+
+    def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
+        """The filtered derivative of the error and tau_c [rad]."""
+        slope = slope.after(e, dt, self.derivative_filter_s)
+        return slope, self.kp * e + self.kd * slope.rate
+
+
+class PdState(NamedTuple):
+    """Memory of `Pd`."""
+
+    slope: FilteredRate = FilteredRate()
+    """Of the yaw-rate error [rad/s]."""
+
+
+class Pd(Conventional):
+    """The conventional controller alone."""
+
+    kind: Literal["pd"] = "pd"
+
+    def init(self) -> PdState:
+        """At rest."""
+        return PdState()
+
+    def update(
+        self, state: PdState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[PdState, YawCommand]:
+        """Command from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
+        return PdState(slope), YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)

@@ -1,0 +1,78 @@
+"""PD with a fuzzy neural network beside it that learns from the PD's output: the paper's controller.
+
+Steering u = tau_c - tau_n [rad]; tau_n learns from tau_c (feedback-error learning; the paper, section III-B). Inputs of
+the network are the yaw-rate error [rad/s] and its filtered derivative [rad/s2].
+"""
+
+from collections.abc import Sequence
+from math import nan
+from typing import Literal, NamedTuple
+
+from agrobot_mj.control.base import YawCommand
+from agrobot_mj.control.pd import Conventional
+from agrobot_mj.control.pid import FilteredRate, clip
+from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
+from agrobot_mj.core.signals import Column
+
+
+class NeuroState(NamedTuple):
+    """Memory of `PdT2fnn` and `PdT1fnn`."""
+
+    slope: FilteredRate = FilteredRate()
+    """Of the yaw-rate error [rad/s]."""
+    network: T2FnnState | None = None
+    """None before the first error, about which the network's sets are laid."""
+    asked: T2FnnState | None = None
+    """The network as it was when it gave the last tau_n, before it learnt from that tick."""
+    saturated: bool = False
+    """Whether the last command was clipped."""
+
+
+class PdNetwork(Conventional):
+    """PD with a network beside it; inputs of the network are the error and its filtered derivative."""
+
+    network: T2Fnn = T2Fnn()
+    """The network and its learning laws."""
+    anti_windup: bool = False
+    """Learning holds while the steering command is clipped; off as in the paper [-]."""
+
+    def init(self) -> NeuroState:
+        """At rest."""
+        return NeuroState()
+
+    def update(
+        self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[NeuroState, YawCommand]:
+        """Command, with the q behind its tau_n, from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        e = yaw_rate_error
+        slope, tau_c = self.conventional(state.slope, e, dt)
+        network = state.network or self.network.init(e, slope.rate)
+        learn = not (self.anti_windup and state.saturated)
+        learnt, tau_n = self.network.update(network, e, slope.rate, tau_c, dt, learn)
+        asked = network._replace(c1=learnt.c1, c2=learnt.c2, x1=learnt.x1, x2=learnt.x2)
+        wanted = tau_c - tau_n
+        steer = clip(wanted, -steer_limit, steer_limit)
+        return NeuroState(slope, learnt, asked, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Signals of the network, see `T2Fnn.columns`."""
+        return self.network.columns
+
+    def report(self, state: NeuroState) -> Sequence[float]:
+        """Values of the network behind the last tau_n; NaN before the first."""
+        return [nan] * len(self.columns) if state.asked is None else self.network.report(state.asked).tolist()
+
+
+class PdT2fnn(PdNetwork):
+    """The paper's controller."""
+
+    kind: Literal["pd_t2fnn"] = "pd_t2fnn"
+
+
+class PdT1fnn(PdNetwork):
+    """Null model: the same laws with lower and upper bounds that coincide."""
+
+    kind: Literal["pd_t1fnn"] = "pd_t1fnn"
+    network: T1Fnn = T1Fnn()
+    """The network and its learning laws, of type 1."""

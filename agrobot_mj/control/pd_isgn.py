@@ -1,0 +1,44 @@
+"""Null model of the paper's controller: PD plus the integral of its own sign.
+
+u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c): what a network whose normalised firing is constant does.
+"""
+
+from typing import Literal, NamedTuple
+
+from agrobot_mj.control.base import YawCommand
+from agrobot_mj.control.pd import Conventional
+from agrobot_mj.control.pid import FilteredRate, clip
+from agrobot_mj.control.t2fnn_laws import sgn
+from agrobot_mj.core.spec import Positive
+
+
+class IntegralState(NamedTuple):
+    """Memory of `PdIsgn`."""
+
+    slope: FilteredRate = FilteredRate()
+    """Of the yaw-rate error [rad/s]."""
+    tau_n: float = 0.0
+    """The integral [rad]."""
+
+
+class PdIsgn(Conventional):
+    """PD plus the integral of its own sign: the baseline that a network must beat."""
+
+    kind: Literal["pd_isgn"] = "pd_isgn"
+    alpha: Positive = 0.02
+    """Rate of the integral [rad/s]. Estimate, that of `T2Fnn`."""
+    delta_s: Positive = 0.05
+    """Smoothing of the sign function [rad]. Paper."""
+
+    def init(self) -> IntegralState:
+        """At rest."""
+        return IntegralState()
+
+    def update(
+        self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[IntegralState, YawCommand]:
+        """Command from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
+        tau_n = state.tau_n
+        command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)
+        return IntegralState(slope, tau_n - self.alpha * sgn(tau_c, self.delta_s) * dt), command

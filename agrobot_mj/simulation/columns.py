@@ -1,0 +1,195 @@
+"""Every signal of a log in one table: name, unit, description, and where its value comes from.
+
+The row of a tick, the Parquet file with its metadata, the units of plots and the reference in docs/columns.md follow
+from it. SI units and radians. A value that does not exist in a tick is NaN (null in the file). A signal
+without a source is reported by a stage: the guidance law, the estimator, a sensor declare `columns` and give their
+values with `report(state)`; those that no other table names come behind these.
+"""
+
+from collections.abc import Callable, Iterable
+from math import nan
+from typing import NamedTuple
+
+from agrobot_mj.control.base import YAW_COLUMNS
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import WHEELS, Column, Command, Drive, Estimate, Measurement, Reference, Truth
+
+
+class Tick(NamedTuple):
+    """All messages of one tick, from which its row follows."""
+
+    truth: Truth
+    measured: Measurement
+    estimate: Estimate
+    reference: Reference
+    z_ref: float
+    """Height of the ground under the reference [m]."""
+    command: Command
+    """What the guidance law asks for."""
+    steer_ref: float
+    """Angle that the steering loop steers to [rad]."""
+    pedal_ref: float
+    """Pedal position that the speed loop asks for [-]."""
+    drive: Drive
+    saturated: bool
+    """Whether the steering command is at its limit."""
+    faults: int
+    """Number of faults that act."""
+    actuation: tuple[float, float, float]
+    """Oil flow [m3/s], cylinder pressure [Pa], torque on the driven wheels [N m] of the tick before."""
+
+
+class Signal(NamedTuple):
+    """A column and its source."""
+
+    column: Column
+    value: Callable[[Tick], float] | None
+    """Value in a tick; None where a stage reports it."""
+
+
+def _nees(k: Tick) -> float:
+    """Normalised estimation error squared of the position of R, 2 on average if consistent [-]."""
+    t, e, p = k.truth, k.estimate, k.estimate.covariance
+    dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
+    p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
+    return (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
+
+
+def _behind(k: Tick) -> tuple[float, float]:
+    """Way from the true CG to the reference, along and to the left of the reference's heading [m]."""
+    return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
+
+
+def _fixed(k: Tick) -> tuple[float, float]:
+    """GNSS solution of the antenna, east and north, NaN without one [m]."""
+    return (k.measured.fix.x, k.measured.fix.y) if k.measured.fix else (nan, nan)
+
+
+def _signals(*rows: tuple[str, str, str, Callable[[Tick], float]]) -> tuple[Signal, ...]:
+    return tuple(Signal(Column(name, unit, text), value) for name, unit, text, value in rows)
+
+
+_REFERENCE = _signals(
+    ("t", "s", "time since the start", lambda k: k.truth.t),
+    ("x_ref", "m", "reference of the CG, east", lambda k: k.reference.x),
+    ("y_ref", "m", "reference of the CG, north", lambda k: k.reference.y),
+    ("z_ref", "m", "height of the ground under the reference", lambda k: k.z_ref),
+    ("yaw_ref", "rad", "heading of the reference, from east, counter-clockwise", lambda k: k.reference.yaw),
+    ("curvature_ref", "1/m", "curvature of the path at the reference, left positive", lambda k: k.reference.curvature),
+)
+_TRUTH = _signals(
+    ("x", "m", "true CG, east", lambda k: k.truth.x),
+    ("y", "m", "true CG, north", lambda k: k.truth.y),
+    ("z", "m", "true CG, up", lambda k: k.truth.z),
+    ("yaw", "rad", "true heading, from east, counter-clockwise, wrapped", lambda k: k.truth.yaw),
+    ("pitch", "rad", "true pitch, nose down positive", lambda k: k.truth.pitch),
+    ("roll", "rad", "true roll, left side up positive", lambda k: k.truth.roll),
+    ("speed", "m/s", "true velocity of the CG along the heading", lambda k: k.truth.speed),
+    ("lateral_speed", "m/s", "true velocity of the CG to the left of the heading", lambda k: k.truth.lateral_speed),
+    ("yaw_rate", "rad/s", "true yaw rate, left positive", lambda k: k.truth.yaw_rate),
+    ("rear_x", "m", "true R, the point below the rear axle's centre, east", lambda k: k.truth.rear_x),
+    ("rear_y", "m", "true R, north", lambda k: k.truth.rear_y),
+)
+_ESTIMATE = _signals(
+    ("x_hat", "m", "estimated CG, east", lambda k: k.estimate.x),
+    ("y_hat", "m", "estimated CG, north", lambda k: k.estimate.y),
+    ("yaw_hat", "rad", "estimated heading, wrapped", lambda k: k.estimate.yaw),
+    ("speed_hat", "m/s", "estimated velocity along the heading", lambda k: k.estimate.speed),
+    ("yaw_rate_hat", "rad/s", "estimated yaw rate", lambda k: k.estimate.yaw_rate),
+    (
+        "steer_bias_hat",
+        "rad",
+        "estimated bias of the steering sensor; null if not estimated",
+        lambda k: k.estimate.steer_bias,
+    ),
+    ("rear_x_hat", "m", "estimated R, east", lambda k: k.estimate.rear_x),
+    ("rear_y_hat", "m", "estimated R, north", lambda k: k.estimate.rear_y),
+    ("p_xx", "m2", "estimated variance of R, east", lambda k: float(k.estimate.covariance[0, 0])),
+    ("p_xy", "m2", "estimated covariance of R, east and north", lambda k: float(k.estimate.covariance[0, 1])),
+    ("p_yy", "m2", "estimated variance of R, north", lambda k: float(k.estimate.covariance[1, 1])),
+    ("p_yaw", "rad2", "estimated variance of the heading", lambda k: float(k.estimate.covariance[2, 2])),
+    ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", _nees),
+    (
+        "position_nis",
+        "-",
+        "normalised innovation squared of the fix; null without",
+        lambda k: k.estimate.nis,
+    ),
+)
+_CONDITIONS = _signals(
+    (
+        "gnss_x",
+        "m",
+        "GNSS solution of the antenna, east; null without",
+        lambda k: _fixed(k)[0],
+    ),
+    (
+        "gnss_y",
+        "m",
+        "GNSS solution of the antenna, north; null without",
+        lambda k: _fixed(k)[1],
+    ),
+    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 0 none", lambda k: float(k.measured.quality)),
+    ("faults_active", "-", "number of scripted faults that act", lambda k: float(k.faults)),
+)
+_ERRORS = _signals(
+    (
+        "e_longitudinal",
+        "m",
+        "reference less true CG, ahead positive (time-based)",
+        lambda k: _behind(k)[0],
+    ),
+    ("e_lateral", "m", "reference less true CG, left positive (time-based)", lambda k: _behind(k)[1]),
+    ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", lambda k: k.command.speed),
+)
+_ACTUATION = _signals(
+    ("steer_ref", "rad", "angle that the steering loop steers to, left positive", lambda k: k.steer_ref),
+    ("steer", "rad", "true angle of the bicycle's virtual wheel, left positive", lambda k: k.truth.steer),
+    ("steer_measured", "rad", "steering potentiometer after its filter", lambda k: k.measured.steer),
+    ("steer_saturated", "-", "1 where the steering command is at its limit, else 0", lambda k: float(k.saturated)),
+    ("valve_voltage", "V", "steering valve, neutral at 6 V, above steers left", lambda k: k.drive.steer_voltage),
+    ("pedal_ref", "-", "pedal position that the speed loop asks for, -1 to 1", lambda k: k.pedal_ref),
+    ("pedal", "-", "true pedal position, forward positive", lambda k: k.truth.pedal),
+    ("pedal_measured", "-", "pedal potentiometer after its filter", lambda k: k.measured.pedal),
+    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above presses forward", lambda k: k.drive.pedal_voltage),
+    ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
+    ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
+    ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", lambda k: k.actuation[2]),
+)
+
+SIGNALS = (
+    *(*_REFERENCE, *_TRUTH, *_ESTIMATE, *_CONDITIONS, *_ERRORS),
+    *(Signal(column, None) for column in YAW_COLUMNS),
+    *_ACTUATION,
+)
+"""The table: signals of every log, in the order of the file."""
+COLUMNS = tuple(signal.column.name for signal in SIGNALS)
+"""Names of the columns of every log."""
+WHEEL_SIGNALS = tuple(
+    Column(f"{quantity}_{wheel}", unit, f"{text}, wheel {wheel}")
+    for quantity, unit, text in (
+        ("load", "N", "vertical load"),
+        ("slip_angle", "rad", "slip angle"),
+        ("slip_ratio", "-", "slip ratio, driving positive"),
+        ("fx", "N", "force on the wheel, forward in the ground plane"),
+        ("fy", "N", "force on the wheel, left in the ground plane"),
+        ("friction_use", "-", "force over what the ground can hold"),
+    )
+    for wheel in WHEELS
+)
+"""Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
+WHEEL_COLUMNS = tuple(column.name for column in WHEEL_SIGNALS)
+
+_SOURCES = tuple(signal.value or (lambda k: nan) for signal in SIGNALS)
+
+
+def row(tick: Tick) -> list[float]:
+    """Values of `COLUMNS` in a tick; NaN for what a stage reports."""
+    return [value(tick) for value in _SOURCES]
+
+
+def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
+    """Columns of a log: the common ones, the wheels' where there are any, and what stages report beyond."""
+    common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
+    known = {column.name for column in common}
+    return (*common, *(column for column in reported if column.name not in known))

@@ -1,0 +1,180 @@
+"""A run that is stepped from outside, tick by tick: `Simulation`.
+
+>>> sim = Simulation("side_slope", {"seed": 3})
+>>> m = sim.reset()
+>>> while not sim.done:
+...     m = sim.step(steer=0.05, speed=1.2)
+
+`step()` without a command lets the scenario's own guidance drive; `run` is built on that. A command is one of steering
+angle, valve voltage, yaw rate or curvature, beside a speed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import atan, hypot, isfinite
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Reference, Truth
+from agrobot_mj.metrics.summary import metrics
+from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.columns import Tick, row
+from agrobot_mj.simulation.log import Log, Rows
+from agrobot_mj.simulation.loop import Loop
+from agrobot_mj.simulation.outcomes import Watch
+
+LEAST_SPEED = 0.1
+"""Speed at which a yaw rate is turned into a curvature when the tractor is slower [m/s]."""
+
+
+class Simulation:
+    """One scenario, driven tick by tick by its own guidance or from outside."""
+
+    def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
+        """A scenario by name, path or object, with overrides by dotted key. Raises `ScenarioError`."""
+        if isinstance(scenario, Scenario):
+            self.scenario = scenario.changed(overrides) if overrides else scenario
+        else:
+            self.scenario = load_scenario(scenario, overrides)
+        self.loop = Loop(self.scenario)
+        self._begin()
+
+    def _begin(self) -> None:
+        plant, loop = self.loop.plant, self.loop
+        self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
+        self._watch, self.outcome = Watch(plant, loop.truth), ""
+        self._sensed: tuple[Measurement, Situation] | None = None
+
+    def reset(self) -> Measurement:
+        """Place the tractor at the start again; what the sensors measure there."""
+        if self._sensed is not None or self.rows.filled:
+            self.loop = Loop(self.scenario)
+            self._begin()
+        return self._sense()
+
+    def step(
+        self,
+        steer: float | None = None,
+        speed: float | None = None,
+        *,
+        curvature: float | None = None,
+        yaw_rate: float | None = None,
+        steer_voltage: float | None = None,
+    ) -> Measurement:
+        """One tick under a command; what the sensors measure at its end.
+
+        At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6],
+        all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, beside
+        a steering command, the reference's where it is left out. Raises `CommandError` for a command that is
+        not finite or not one, and for a step after the end.
+        """
+        if self.done:
+            raise CommandError(f"the run has ended ({self.outcome}); call reset()")
+        measured, situation = self._sensed or (self._sense(), self.situation)
+        wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
+        command = self._command(situation, {k: v for k, v in wanted.items() if v is not None}, speed)
+        self._finish_tick(self.loop.act(measured, situation, command))
+        return self.measurement
+
+    def _command(self, situation: Situation, given: dict[str, float], speed: float | None) -> Command:
+        """The command that the arguments of `step` stand for."""
+        numbers = given if speed is None else {**given, "speed": speed}
+        for name, value in numbers.items():
+            if not isfinite(value):
+                raise CommandError(f"{name}: must be a finite number, got {value}")
+        if len(given) > 1:
+            raise CommandError(f"{' and '.join(given)}: give one of them")
+        if not given:
+            own = self.loop.decide(situation)
+            return own if speed is None else own._replace(speed=float(speed))
+        r, ((kind, value),) = situation.reference, given.items()
+        along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)
+        if kind == "steer_voltage":
+            return Command(situation.steer, along, value)
+        if kind == "yaw_rate":
+            u = situation.estimate.speed
+            value /= u if abs(u) > LEAST_SPEED else (LEAST_SPEED if u >= 0 else -LEAST_SPEED)
+        machine = situation.machine
+        angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
+        return Command(min(max(angle, -machine.steer_limit), machine.steer_limit), along)
+
+    def _finish_tick(self, tick: Tick) -> None:
+        """Write the row, let the plant move unless the run is over, and sense again."""
+        loop, plant, rows = self.loop, self.loop.plant, self.rows
+        rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
+        r, t = tick.reference, tick.truth
+        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y)) or ""
+        if self.outcome:
+            return
+        if rows.filled == self.scenario.ticks:
+            self.outcome = "completed"
+            return
+        loop.advance(tick.drive)
+        if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
+            self.outcome = "diverged"
+            return
+        self._sense()
+
+    def _sense(self) -> Measurement:
+        self._sensed = self.loop.sense()
+        return self._sensed[0]
+
+    def abort(self) -> None:
+        """End the run here, as `aborted`."""
+        self.outcome = self.outcome if self.outcome not in ("", "completed") else "aborted"
+
+    @property
+    def done(self) -> bool:
+        """Whether the run has ended; `outcome` says how."""
+        return self.outcome != ""
+
+    @property
+    def measurement(self) -> Measurement:
+        """What the sensors measured last."""
+        return (self._sensed or (self._sense(), None))[0]
+
+    @property
+    def situation(self) -> Situation:
+        """All that a guidance law may know now."""
+        if self._sensed is None:
+            self._sense()
+        assert self._sensed is not None
+        return self._sensed[1]
+
+    @property
+    def truth(self) -> Truth:
+        """What the plant really does now."""
+        return self.loop.truth
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the estimator believes now."""
+        return self.situation.estimate
+
+    @property
+    def reference(self) -> Reference:
+        """The path's reference now."""
+        return self.situation.reference
+
+    @property
+    def path(self) -> SampledRoute:
+        """The path: nearest points, curvature ahead."""
+        return self.loop.route
+
+    def log(self, wall_s: float = 0.0) -> Log:
+        """The run so far, with its metrics; `wall_s` is the time that it took [s]."""
+        plant, outcome = self.loop.plant, self.outcome or "aborted"
+        log = Log(self.scenario, self.rows, plant.scene, outcome, wall_s)
+        numbers = {
+            "outcome": outcome,
+            **metrics(log),
+            "physics_warnings": plant.warnings(),
+            "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
+            "wall_s": wall_s,
+        }
+        return replace(log, metrics=numbers)
