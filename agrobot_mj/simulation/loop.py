@@ -16,7 +16,7 @@ import numpy as np
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NOMINAL, TICK_S, Command, Drive, Estimate, Measurement, Reference, Truth
+from agrobot_mj.core.signals import TICK_S, Command, Drive, Estimate, Measurement, Reference, Truth
 from agrobot_mj.faults import Script, loadings
 from agrobot_mj.metrics.summary import metrics
 from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
@@ -60,20 +60,20 @@ class Loop:
         self.plant, self.ground = build_plant(scenario), scenario.terrain.ground()
         self.height = bound(height_and_gradient, self.ground, 0.0, 0.0)
         self.l_r, self.limit = s.tractor.cg_to_rear_axle, s.tractor.steer_limit
-        self.truth = self.plant.reset(s.path.at(0.0), Script(s.fault, s.seed).conditions(0.0, TICK_S))
+        self.script = Script(s.fault, s.seed)
+        self.faults, self.conditions = self.script.update(self.script.init(), 0.0, TICK_S)
+        self.truth = self.plant.reset(s.path.at(0.0), self.conditions)
         truth = self.truth
         self.sensor_state = s.sensors.init(s.seed)
         self.estimation = s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor)
         self.speed_state = s.speed.init()
         self.controller_state: Any = s.controller.init()
         self.steering, self.steer_ref = s.steering.loop.init(), 0.0
-        self.script, self.conditions = Script(s.fault, s.seed), NOMINAL
 
     def tick(self) -> tuple[Drive, tuple[float, ...]]:
         """Sense, estimate, decide; returns the valve voltages and the row of the log."""
         s, truth = self.scenario, self.truth
-        self.conditions = self.script.conditions(truth.t, TICK_S)
-        self.sensor_state, measured = s.sensors.measure(self.sensor_state, truth, TICK_S, self.conditions)
+        self.sensor_state, measured = s.sensors.measure(self.sensor_state, truth, self.conditions, TICK_S)
         self.estimation, estimate = s.estimator.update(self.estimation, measured, TICK_S)
         reference = s.path.at(truth.t)
         speed_ref, yaw_rate_ref = s.guidance.references(estimate, reference, self.l_r)
@@ -94,8 +94,9 @@ class Loop:
         return drive, row(truth, measured, estimate, reference, setpoints, command, drive, self.limit, faults)
 
     def advance(self, drive: Drive) -> None:
-        """Let the plant take its steps."""
+        """Let the plant take its steps, and the faults act on what follows."""
         self.truth = self.plant.advance(drive, self.conditions)
+        self.faults, self.conditions = self.script.update(self.faults, self.truth.t, TICK_S)
 
 
 class Setpoints(NamedTuple):
