@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.core.signals import Array, ColumnEntry, Estimate, Fix, Measurement, Quality
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
@@ -104,6 +104,15 @@ class PoseEstimator(Spec):
     def needs_imu(self) -> bool:
         """Whether the scenario must enable the IMU."""
         return self.terrain_compensation
+
+    @property
+    def columns(self) -> tuple[ColumnEntry, ...]:
+        """Columns that the estimator adds to the log."""
+        return ()
+
+    def report(self, state: EstimatorState) -> tuple[float, ...]:
+        """Values of `columns` after a tick."""
+        return ()
 
     def pose_filter(self, tractor: TractorParameters) -> PoseFilter:
         """The filter of x, y, yaw and what else this kind estimates."""
