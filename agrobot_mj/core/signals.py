@@ -5,8 +5,10 @@ ISO 8855 (x forward, y left, z up), so steering, yaw rate and lateral velocity a
 nose-down-positive and roll is left-side-up-positive.
 """
 
+from collections.abc import Mapping
 from math import nan
-from typing import Literal, NamedTuple
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -46,17 +48,17 @@ class Truth(NamedTuple):
     z: float
     """CG, up [m]."""
     yaw: float
-    """From east, counter-clockwise, wrapped to (-pi, pi] [rad]."""
+    """Heading from east, counter-clockwise, wrapped to (-pi, pi] [rad]."""
     pitch: float
-    """Nose down positive [rad]."""
+    """Pitch, nose down positive [rad]."""
     roll: float
-    """Left side up positive [rad]."""
+    """Roll, left side up positive [rad]."""
     speed: float
     """CG velocity along the heading, u in the paper [m/s]."""
     lateral_speed: float
     """CG velocity to the left of the heading, v in the paper [m/s]."""
     yaw_rate: float
-    """gamma in the paper [rad/s]."""
+    """Yaw rate, gamma in the paper [rad/s]."""
     steer: float
     """Front-wheel angle of the bicycle's virtual wheel, left positive [rad]."""
     pedal: float
@@ -66,9 +68,9 @@ class Truth(NamedTuple):
     rear_y: float
     """R, north [m]."""
     antenna: tuple[float, float, float]
-    """GNSS antenna, ENU [m]."""
+    """Position of the GNSS antenna, ENU [m]."""
     antenna_velocity: tuple[float, float, float]
-    """GNSS antenna, ENU [m/s]."""
+    """Velocity of the GNSS antenna, ENU [m/s]."""
     steer_samples: Array
     """Steering angle after each physics step of the last tick, oldest first, shape (n,) [rad]."""
     pedal_samples: Array
@@ -79,13 +81,13 @@ class Fix(NamedTuple):
     """One GNSS solution at the antenna."""
 
     x: float
-    """East [m]."""
+    """Position, east [m]."""
     y: float
-    """North [m]."""
+    """Position, north [m]."""
     vx: float
-    """East velocity [m/s]."""
+    """Velocity, east [m/s]."""
     vy: float
-    """North velocity [m/s]."""
+    """Velocity, north [m/s]."""
 
 
 class Quality:
@@ -100,44 +102,44 @@ class PointMass(NamedTuple):
     """A mass on the chassis."""
 
     kg: float
-    """Negative for ballast taken away [kg]."""
+    """Mass, negative for ballast taken away [kg]."""
     ahead: float
-    """Of R, the point on the ground below the rear axle [m]."""
+    """Distance ahead of R, the point on the ground below the rear axle [m]."""
     left: float
-    """Of R [m]."""
+    """Distance to the left of R [m]."""
     up: float
-    """Above R [m]."""
+    """Height above R [m]."""
 
 
 class Conditions(NamedTuple):
-    """What befalls the tractor in one tick; the defaults are those of a good day."""
+    """Faults and disturbances acting in one tick; by default none."""
 
     gnss_quality: int = Quality.FIX
-    """Of the solution at the antenna, one of `Quality`."""
+    """Quality of the solution at the antenna, one of `Quality`."""
     gnss_latency_s: float = 0.0
-    """On top of the receiver's own, whole ticks [s]."""
+    """Latency on top of the receiver's own, whole ticks [s]."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
-    """Added to the solution's position, east and north [m]."""
+    """Offset of the solution's position, east and north [m]."""
     steer_pot_bias: float = 0.0
-    """Added to the steering potentiometer's reading [rad]."""
+    """Offset of the steering potentiometer's reading [rad]."""
     steer_pot_stuck: bool = False
-    """The steering potentiometer goes on telling its last reading."""
+    """Whether the steering potentiometer repeats its last reading."""
     valve_gain: float = 1.0
-    """Share of the steering valve's flow that is left [-]."""
+    """Remaining share of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
-    """Added to the steering valve's dead band, either side [V]."""
+    """Increase of the steering valve's dead band, either side [V]."""
     payload: tuple[PointMass, ...] = ()
     """Masses rigidly added to the chassis."""
     drawbar: float = 0.0
     """Pull of an implement at the hitch, against the motion [N]."""
     side_force: float = 0.0
-    """On the centre of mass, horizontally, to the left of the heading [N]."""
+    """Horizontal force on the centre of mass, to the left of the heading [N]."""
     grip: float = 1.0
     """Scale of the ground's friction under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Share of the vertical and slip stiffness that is left of the tyres fl, fr, rl, rr [-]."""
+    """Remaining share of the vertical and slip stiffness of the tyres fl, fr, rl, rr [-]."""
     tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Rolling resistance of the tyres fl, fr, rl, rr over that of sound ones [-]."""
+    """Rolling resistance of the tyres fl, fr, rl, rr over that of healthy ones [-]."""
 
 
 NOMINAL = Conditions()
@@ -149,19 +151,21 @@ class Measurement(NamedTuple):
     t: float
     """Time since the start [s]."""
     fix: Fix | None
-    """The GNSS solution, or None when there is none."""
+    """GNSS solution delivered in this tick; None without one."""
     quality: int
-    """One of `Quality`."""
+    """Quality of that solution, one of `Quality`."""
     steer: float
-    """Steering potentiometer after its filter [rad]."""
+    """Steering angle from the potentiometer after its filter, left positive [rad]."""
     pedal: float
-    """Pedal potentiometer after its filter [-]."""
+    """Pedal position from the potentiometer after its filter [-]."""
     gyro: float
-    """Yaw rate from the optional gyro [rad/s]."""
+    """Yaw rate from the gyro; NaN without one [rad/s]."""
     roll: float = nan
-    """Left side up positive, from the optional IMU [rad]."""
+    """Roll from the inertial unit, left side up positive; NaN without one [rad]."""
     pitch: float = nan
-    """Nose down positive, from the optional IMU [rad]."""
+    """Pitch from the inertial unit, nose down positive; NaN without one [rad]."""
+    readings: Mapping[str, Any] = MappingProxyType({})
+    """Readings of all sensors, by their names in `[sensors]`."""
 
 
 class Estimate(NamedTuple):
@@ -172,17 +176,17 @@ class Estimate(NamedTuple):
     y: float
     """CG, north [m]."""
     yaw: float
-    """Wrapped to (-pi, pi] [rad]."""
+    """Heading, wrapped to (-pi, pi] [rad]."""
     speed: float
-    """Along the heading [m/s]."""
+    """Velocity along the heading [m/s]."""
     yaw_rate: float
-    """From the source that `estimator.yaw_rate_source` names [rad/s]."""
+    """Yaw rate from the source that `estimator.yaw_rate_source` names [rad/s]."""
     rear_x: float
     """R, east [m]."""
     rear_y: float
     """R, north [m]."""
     covariance: Array
-    """Of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
+    """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
     """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
     steer_bias: float = nan

@@ -1,20 +1,20 @@
-"""What every estimator shares: velocity filter, then pose filter, then what the controllers believe about the CG.
+"""Base of the estimators: velocity filter, then pose filter, then what the controllers believe about the CG.
 
 Measurement in, `Estimate` out; SI units and radians, ENU. As in the paper the antenna is taken to stand straight
-above R, so that roll on a slope is an error that the estimator does not know of; with `terrain_compensation` the
-measured roll and pitch move the fix from the antenna down to R first, and lean the CG. Speed is the filtered
-velocity along the estimated heading: signed, and unbiased at standstill where its magnitude would not be. A kind
-of estimator is a pose filter with its keys.
+above R, so that roll on a slope is an unmodelled error; with `terrain_compensation` the measured roll and pitch move
+the fix from the antenna down to R first, and lean the CG. Speed is the filtered velocity along the estimated heading:
+signed, and unbiased at standstill where its magnitude would not be. A kind of estimator is a pose filter with its
+keys.
 """
 
 from functools import lru_cache
-from math import cos, exp, radians, sin, tan
-from typing import Any, Literal, NamedTuple, Protocol
+from math import cos, exp, nan, radians, sin, tan
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.core.signals import Array, Column, Estimate, Fix, Measurement, Quality
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
@@ -22,43 +22,44 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class PoseFilter(Protocol):
-    """A filter whose state begins with x, y and yaw at R; it remembers nothing itself."""
+    """A filter whose state begins with x, y and yaw at R; `step` is a function of its arguments."""
 
     wheelbase: float
-    """L [m]."""
-    nis: float
-    """Normalised innovation squared of the last step, NaN without a fix [-]."""
+    """Wheelbase L [m]."""
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array]:
-        """Mean (n,) and covariance (n, n) after a tick, given the fix at its end, of standard deviation `sigma` [m].
+    ) -> tuple[Array, Array, float]:
+        """Mean (n,), covariance (n, n) and NIS after a tick, given the fix at its end.
 
-        `inputs` are speed [m/s], steer [rad] and dt [s].
+        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
+        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
         """
 
 
 class EstimatorState(NamedTuple):
-    """Beliefs after a tick, the filters, which remember nothing themselves, and the tractor's lever arms."""
+    """Beliefs after a tick, and what `init` prepares once: the filters, which are workspaces, and the lever arms."""
 
     velocity_kf: VelocityKf
+    """Filter of the antenna's motion; keeps nothing between ticks."""
     pose_filter: PoseFilter
+    """Filter of the pose; keeps nothing between ticks."""
     cg: tuple[float, float, float]
     """CG from R in vehicle axes: l_r, 0, height [m]."""
     antenna: tuple[float, float, float]
     """Antenna from R in vehicle axes [m]."""
     motion: Array
-    """x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
+    """Mean x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
     motion_covariance: Array
-    """Shape (4, 4)."""
+    """Covariance of `motion`, shape (4, 4)."""
     pose: Array
-    """x, y, yaw at R, yaw not wrapped, and what else the pose filter estimates, shape (n,) [m, rad, ...]."""
+    """Mean x, y, yaw at R, yaw not wrapped, and the pose filter's further states, shape (n,) [m, rad, ...]."""
     pose_covariance: Array
-    """Shape (n, n)."""
+    """Covariance of `pose`, shape (n, n)."""
     yaw_rate: float
     """Low-passed difference of the estimated yaw [rad/s]."""
     lever: Lever | None = None
-    """How the antenna leans; None before the first tick, and without compensation."""
+    """Lean of the antenna; None before the first tick, and without compensation."""
 
 
 class PoseEstimator(Spec):
@@ -78,7 +79,7 @@ class PoseEstimator(Spec):
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """The same for a float solution [m]. Estimate."""
+    """Believed error of a float solution, per axis [m]. Estimate."""
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Believed error of the GNSS velocity, per axis [m/s]. Estimate."""
     velocity_walk_m_s_rt_s: Positive = 0.1
@@ -88,11 +89,11 @@ class PoseEstimator(Spec):
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw: slip and steering error [deg/sqrt(s)]. Estimate."""
     initial_position_sigma_m: Positive = 0.05
-    """Of the position given to `init` [m]. Estimate."""
+    """Standard deviation of the position given to `init` [m]. Estimate."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Of standing still at the start [m/s]. Estimate."""
+    """Standard deviation of the velocity at the start, which is taken as none [m/s]. Estimate."""
     initial_yaw_sigma_deg: Positive = 5.0
-    """Of the yaw given to `init` [deg]. Estimate."""
+    """Standard deviation of the yaw given to `init` [deg]. Estimate."""
 
     @property
     def needs_gyro(self) -> bool:
@@ -104,6 +105,15 @@ class PoseEstimator(Spec):
         """Whether the scenario must enable the IMU."""
         return self.terrain_compensation
 
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns that the estimator adds to the log."""
+        return ()
+
+    def report(self, state: EstimatorState) -> tuple[float, ...]:
+        """Values of `columns` after a tick."""
+        return ()
+
     def pose_filter(self, tractor: TractorParameters) -> PoseFilter:
         """The filter of x, y, yaw and what else this kind estimates."""
         raise NotImplementedError
@@ -113,7 +123,7 @@ class PoseEstimator(Spec):
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:
-        """What the steering angle reads too much [rad], None if this kind does not estimate it."""
+        """Steering bias [rad], None if this kind does not estimate it."""
         return None
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
@@ -147,7 +157,7 @@ class PoseEstimator(Spec):
             motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
         motion, motion_covariance = state.velocity_kf.step(motion, motion_covariance, fix, noise, dt)
         inputs = (_along(state.pose[2], motion), measurement.steer, dt)
-        pose, pose_covariance = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
+        pose, pose_covariance, nis = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
         keep = exp(-dt / self.yaw_rate_filter_s) if self.yaw_rate_filter_s > 0.0 else 0.0
         yaw_rate = keep * state.yaw_rate + (1.0 - keep) * float(pose[2] - state.pose[2]) / dt
         state = state._replace(
@@ -158,25 +168,25 @@ class PoseEstimator(Spec):
             yaw_rate=yaw_rate,
             lever=lever,
         )
-        return state, self._estimate(state, measurement)
+        return state, self._estimate(state, measurement, nis)
 
     def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
-        """By how much the yaw turns in `dt` [s] at a measured steering angle [rad]."""
+        """Turn of the yaw in `dt` [s] at a measured steering angle [rad]."""
         delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
         return u * tan(delta) / state.pose_filter.wheelbase * dt
 
     def _attitude(self, measurement: Measurement) -> tuple[float, float]:
-        """Roll and pitch as far as this estimator knows of them [rad]."""
+        """Roll and pitch, zero without compensation [rad]."""
         return (measurement.roll, measurement.pitch) if self.terrain_compensation else (0.0, 0.0)
 
     def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
-        """The lean of the antenna at the end of a tick, if it is to be known."""
+        """Lean of the antenna at the end of a tick, with compensation."""
         if not self.terrain_compensation:
             return None
         now = offset(state.antenna, measurement.roll, measurement.pitch, state.pose[2])
         return state.lever.after(now, dt, self.swing_filter_s) if state.lever else Lever(now)
 
-    def _estimate(self, state: EstimatorState, measurement: Measurement) -> Estimate:
+    def _estimate(self, state: EstimatorState, measurement: Measurement, nis: float) -> Estimate:
         x, y, psi = state.pose[:3].tolist()
         bias, u = self.steer_bias(state.pose), _along(psi, state.motion)
         match self.yaw_rate_source:
@@ -188,7 +198,6 @@ class PoseEstimator(Spec):
             case "gyro":
                 gamma = measurement.gyro
         east, north = offset(state.cg, *self._attitude(measurement), psi)
-        told: dict[str, Any] = {} if bias is None else {"steer_bias": bias}
         return Estimate(
             x=x + east,
             y=y + north,
@@ -198,8 +207,8 @@ class PoseEstimator(Spec):
             rear_x=x,
             rear_y=y,
             covariance=state.pose_covariance[:3, :3],
-            nis=state.pose_filter.nis,
-            **told,
+            nis=nis,
+            steer_bias=nan if bias is None else bias,
         )
 
 

@@ -1,8 +1,8 @@
 """The paper's estimator: velocity KF and pose EKF.
 
-The steering angle is believed: whatever turns the tractor besides it - sideslip on a slope, a potentiometer off its
-zero - is met by the yaw's random walk alone, and leaves the heading at a constant offset. The correlated part of
-the GNSS error passes for motion, and the stated uncertainty covers the white part alone.
+The steering angle is taken as exact: whatever else turns the tractor - sideslip on a slope, a potentiometer off its
+zero - is left to the yaw's random walk, which leaves the heading at a constant offset. The correlated part of the
+GNSS error is taken for motion, and the stated uncertainty covers the white part alone.
 
 Extended Kalman filter of the pose (x, y, yaw) at R, the point below the centre of the rear axle.
 
@@ -59,10 +59,10 @@ class PoseEkf(FixEkf):
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array]:
-        """Mean (3,) and covariance (3, 3) after a tick, given the fix at its end, of standard deviation `sigma` [m].
+    ) -> tuple[Array, Array, float]:
+        """Mean (3,), covariance (3, 3) and NIS after a tick, given the fix at its end.
 
-        `inputs` are speed [m/s], steer [rad] and dt [s].
+        `inputs` are speed [m/s], steer [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
         """
         return self.tick((mean, covariance), inputs, fix, (_jacobian_of_h, _h), _noise(sigma))
 

@@ -1,11 +1,11 @@
-"""Disturbance-aware estimator: velocity KF, and an EKF that also learns a steering bias and the slow GNSS error.
+"""Disturbance-aware estimator: velocity KF, and an EKF that also estimates a steering bias and the slow GNSS error.
 
-A turned potentiometer, and on a side slope the steering that merely holds the course, both show as a steering angle
-without a turn. The paper's EKF spreads them over its heading; here they have a state. What is called yaw is really
-the course of R, the direction in which the rear axle moves: without a sensor of the heading itself only the sum of
-heading and sideslip is observable, whatever the path, since adding to the one what is taken from the other changes
-no measurement. On level ground the two differ by the slip of the rear tyres, in a bend of 10 m by a few tenths of a
-degree; on a side slope by the crab.
+An offset of the potentiometer, and on a side slope the steering that merely holds the course, both show as a steering
+angle without a turn. The paper's EKF spreads them over its heading; here they have a state. The yaw is really the
+course of R, the direction in which the rear axle moves: with these sensors only the sum of heading and sideslip is
+observable, whatever the path, since moving a constant from one to the other changes no measurement. On level ground
+the two differ by the slip of the rear tyres, in a bend of 10 m by a few tenths of a degree; on a side slope by the
+crab.
 
 Extended Kalman filter of position and course at R, steering bias, and correlated GNSS error.
 
@@ -38,22 +38,22 @@ BIAS = 3
 
 
 class Levels(NamedTuple):
-    """What moves the states by itself, and how the error of a fix splits."""
+    """Process noise, and how the error of a fix splits."""
 
     position_walk: float
-    """[m/sqrt(s)]."""
+    """Random walk of the position [m/sqrt(s)]."""
     yaw_walk: float
-    """[rad/sqrt(s)]."""
+    """Random walk of the course [rad/sqrt(s)]."""
     bias_walk: float
-    """[rad/sqrt(s)]."""
+    """Random walk of the steering bias [rad/sqrt(s)]."""
     correlated_share: float
-    """Of the standard deviation of a fix [-]."""
+    """Correlated part in the standard deviation of a fix [-]."""
     correlation_time: float
-    """[s]."""
+    """Correlation time of that part [s]."""
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
-    """State (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is what is left of g [-]."""
+    """State (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g [-]."""
     (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))
@@ -69,7 +69,7 @@ def jacobian(state: Array, speed: float, steer: float, wheelbase: float, dt: flo
 
 
 class BiasEkf(FixEkf):
-    """The filter for one wheelbase [m] and one set of levels."""
+    """The filter for one wheelbase [m] and one set of noise levels."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
         super().__init__(6)
@@ -84,10 +84,10 @@ class BiasEkf(FixEkf):
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array]:
-        """Mean (6,) and covariance (6, 6) after a tick, given the fix at its end, of standard deviation `sigma` [m].
+    ) -> tuple[Array, Array, float]:
+        """Mean (6,), covariance (6, 6) and NIS after a tick, given the fix at its end.
 
-        `inputs` are speed [m/s], steer [rad] and dt [s].
+        `inputs` are speed [m/s], steer [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
         """
         H, R = _measuring(self.levels.correlated_share, sigma)
         return self.tick((mean, covariance), inputs, fix, (lambda x: H, lambda x: H @ x), R)
@@ -95,7 +95,7 @@ class BiasEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
-    """What is left of g after `dt` [s], and the covariance (6, 6) of the states' own motion in it."""
+    """Decay of g over `dt` [s], and the covariance (6, 6) of the process noise in it."""
     phi = exp(-dt / levels.correlation_time)
     p, yaw, b, g = levels.position_walk, levels.yaw_walk, levels.bias_walk, sqrt((1.0 - phi * phi) / dt)
     return phi, dt * np.diag(np.square((p, p, yaw, b, g, g)))
@@ -117,7 +117,7 @@ class EkfBias(PoseEstimator):
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
-    """Of no bias at the start [deg]. Estimate: the potentiometer's resolution."""
+    """Standard deviation of the bias at the start [deg]. Estimate: the potentiometer's resolution."""
     gnss_correlated_fraction: Fraction = 0.3
     """Believed share of the correlated part in the variance of a fix [-]. Estimate, the receiver's."""
     gnss_correlation_time_s: Positive = 30.0
@@ -135,7 +135,7 @@ class EkfBias(PoseEstimator):
         return BiasEkf(tractor.wheelbase_m, levels)
 
     def beliefs(self) -> tuple[Array, Array]:
-        """No bias, give or take its initial sigma; the slow error in its stationary distribution."""
+        """No bias, with its initial sigma; the slow error in its stationary distribution."""
         return np.zeros(3), np.array((radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0))
 
     def steer_bias(self, pose: Array) -> float:

@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import Fix
 
 
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    """East and north of a point of the body, seen from R [m]."""
+    """East and north offset of a point of the body from R [m]."""
     x, y, z = arm
     forward = cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z)
     left = cos(roll) * y - sin(roll) * z
@@ -19,10 +19,10 @@ def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: floa
 
 
 class Lever(NamedTuple):
-    """The antenna's place and motion about R."""
+    """Lever arm of the antenna about R."""
 
     offset: tuple[float, float]
-    """East and north of R [m]."""
+    """Offset from R, east and north [m]."""
     swing: tuple[float, float] = (0.0, 0.0)
     """Rate of the offset [m/s]."""
 

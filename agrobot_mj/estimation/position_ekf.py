@@ -1,4 +1,4 @@
-"""What both pose filters share: a tick of filterpy's extended Kalman filter that corrects by the position of a fix.
+"""What the pose filters share: a tick of filterpy's extended Kalman filter that corrects by the position of a fix.
 
 filterpy's object is a workspace only: `tick` is a function of its arguments, and a missing fix is `update(None)`.
 """
@@ -16,13 +16,12 @@ class FixEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """The filter; a kind overrides `predict_x`, filterpy's hook."""
 
     x: Array
+    """Mean, shape (n,)."""
     P: Array
-    nis: float
-    """Normalised innovation squared of the last tick, NaN without a fix [-]."""
+    """Covariance, shape (n, n)."""
 
     def __init__(self, states: int) -> None:
         super().__init__(dim_x=states, dim_z=2)
-        self.nis = nan
 
     def tick(
         self,
@@ -31,15 +30,15 @@ class FixEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         fix: Fix | None,
         sees: tuple[Callable[[Array], Array], Callable[[Array], Array]],
         noise: Array,
-    ) -> tuple[Array, Array]:
-        """Mean (n,) and covariance (n, n) after a tick from those before it, given the fix at its end.
+    ) -> tuple[Array, Array, float]:
+        """Mean (n,), covariance (n, n) and NIS after a tick, from the belief before it and the fix at its end.
 
-        `inputs` are speed [m/s], steer [rad] and dt [s]; `sees` are the Jacobian (2, n) of the measurement and the
-        measurement (2,) of a state; `noise` (2, 2) is the covariance of the fix [m2].
+        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
+        [rad] and dt [s]; `sees` are the Jacobian (2, n) of the measurement and the measurement (2,) of a state; `noise`
+        (2, 2) is the covariance of the fix [m2].
         """
         self.x, self.P = belief
         self.predict(inputs)
         z = None if fix is None else np.array((fix.x, fix.y))
         self.update(z, *sees, R=noise)
-        self.nis = nan if z is None else float(self.y @ self.SI @ self.y)
-        return self.x, self.P
+        return self.x, self.P, nan if z is None else float(self.y @ self.SI @ self.y)

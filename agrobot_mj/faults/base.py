@@ -1,4 +1,4 @@
-"""What every fault is: something that changes the `Conditions` of the tractor from one time to another."""
+"""Base of all faults: a change of the tractor's `Conditions` in a window of time."""
 
 from math import inf
 from typing import Any, ClassVar
@@ -10,7 +10,7 @@ from agrobot_mj.core.signals import Conditions
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 ROUNDING_S = 1e-6
-"""Far above the rounding of a time, far below a tick [s]."""
+"""Tolerance on times, far above their rounding and far below a tick [s]."""
 
 
 class Scripted(Spec):
@@ -21,9 +21,9 @@ class Scripted(Spec):
 
     kind: str
     start_s: NonNegative = 0.0
-    """Begin [s]."""
+    """Begin of the window [s]."""
     end_s: Positive | None = None
-    """End, the run's own when left out [s]."""
+    """End of the window, that of the run when left out [s]."""
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> "Scripted":
@@ -33,12 +33,12 @@ class Scripted(Spec):
 
     @property
     def subject(self) -> str:
-        """What it acts on: two faults with the same subject must not overlap."""
+        """Part that it acts on: two faults with the same subject must not overlap."""
         return self.kind
 
     @property
     def last_s(self) -> float:
-        """End of the window, infinite for that of the run [s]."""
+        """End of the window, infinite where it is that of the run [s]."""
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
@@ -54,7 +54,7 @@ class Scripted(Spec):
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """What it remembers between ticks; all its randomness comes from `generator`."""
+        """State before the first tick; all its randomness comes from `generator`."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:

@@ -1,4 +1,4 @@
-"""An implement at the hitch: plough, cultivator, trailer. It resists every motion with its pull."""
+"""Implement at the hitch: plough, cultivator, trailer. Its pull resists every motion."""
 
 from math import exp, log1p, sqrt
 from typing import Annotated, Literal
@@ -29,7 +29,7 @@ class Drawbar(Scripted):
     """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""
 
     def init(self, generator: Generator) -> Noise:
-        """The unevenness."""
+        """Unevenness, from its steady state on."""
         return noise(generator)
 
     def apply(self, state: Noise, conditions: Conditions, t: float, dt: float) -> tuple[Noise, Conditions]:

@@ -1,4 +1,4 @@
-"""The ground's friction changes everywhere: rain begins, dew dries."""
+"""Change of the ground's friction everywhere: rain begins, dew dries."""
 
 from typing import Literal
 
@@ -14,7 +14,7 @@ class Friction(Scripted):
 
     kind: Literal["friction"] = "friction"
     scale: Scale = 0.6
-    """Friction over that of a good day [-]. Estimate: wet grass over dry (0.5-0.7)."""
+    """Friction over the nominal one [-]. Estimate: wet grass over dry (0.5-0.7)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the grip."""

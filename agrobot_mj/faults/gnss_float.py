@@ -15,21 +15,22 @@ from agrobot_mj.core.spec import HUGE
 from agrobot_mj.faults.base import Scripted
 
 Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]
-"""A tick or longer [s]."""
+"""Time of at least one tick [s]."""
 
 
 class FloatState(NamedTuple):
-    """What the fault remembers; the generator advances in place."""
+    """The fault between two ticks."""
 
     generator: Generator
+    """Random stream; advances in place."""
     floating: bool
     """Whether the ambiguities float now; they always do without a flicker."""
     turns_s: float
-    """When the flicker turns next [s]."""
+    """Time of the flicker's next change [s]."""
     jumps_s: float
-    """When the offset jumps next [s]."""
+    """Time of the offset's next jump [s]."""
     offset: tuple[float, float]
-    """East and north [m]."""
+    """Offset east and north [m]."""
 
 
 class GnssFloat(Scripted):
@@ -37,13 +38,13 @@ class GnssFloat(Scripted):
 
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Of the offset that each new set of ambiguities brings, per axis, on top of the receiver's float error [m].
+    """Standard deviation of the offset that each new set of ambiguities brings, per axis, beside the float error [m].
     Estimate (0.1-0.3: a few wavelengths of 0.19 m, shared out between satellites)."""
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Estimate (5-60)."""
     flicker_s: Interval | None = None
-    """Mean dwell in float, and in fix, of a receiver that loses its fix again and again beside trees [s]. It floats all
-    the time when left out. Estimate where it is set (0.5-10)."""
+    """Mean dwell in float, and in fix, of a receiver that keeps losing its fix beside trees [s]. It floats all the time
+    when left out. Estimate where it is set (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:
         """Floating from the start, with a first offset."""
@@ -51,7 +52,7 @@ class GnssFloat(Scripted):
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Float, unless the flicker has a fix or something worse befalls the receiver."""
+        """Degrade the solution to float, unless the flicker has a fix or another fault is worse."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)
@@ -65,7 +66,7 @@ class GnssFloat(Scripted):
         return state, conditions._replace(gnss_quality=quality, gnss_offset=(x + dx, y + dy))
 
     def _jump(self, state: FloatState, t: float) -> FloatState:
-        """Other ambiguities from `t` [s] on."""
+        """New ambiguities from `t` [s] on."""
         east, north = (self.jump_sigma_m * state.generator.standard_normal(2)).tolist()
         jumps = t + state.generator.exponential(self.jump_interval_s)
         return state._replace(jumps_s=jumps, offset=(east, north))

@@ -15,7 +15,7 @@ class GnssLatency(Scripted):
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """On top of the receiver's own, whole ticks [s]. Estimate (0.1-0.5 over a radio link)."""
+    """Latency on top of the receiver's own, whole ticks [s]. Estimate (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay what is delivered."""

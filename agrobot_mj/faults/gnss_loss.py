@@ -12,5 +12,5 @@ class GnssLoss(Scripted):
     kind: Literal["gnss_loss"] = "gnss_loss"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """No solution."""
+        """Withhold the solution."""
         return None, conditions._replace(gnss_quality=min(conditions.gnss_quality, Quality.NONE))

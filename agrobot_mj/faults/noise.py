@@ -8,18 +8,19 @@ from agrobot_mj.core.randomness import gauss_markov
 
 
 class Noise(NamedTuple):
-    """The process; `generator` moves on with every step."""
+    """The process between two ticks."""
 
     generator: Generator
+    """Random stream; advances in place."""
     value: float
-    """[-]."""
+    """Value, of unit variance [-]."""
 
     def step(self, dt: float, correlation: float) -> "Noise":
-        """After `dt`, where the correlation falls to 37 % over `correlation`, both in the same unit."""
+        """The process after `dt`; its correlation falls to 37 % over `correlation`, in the unit of `dt`."""
         white = float(self.generator.normal())
         return self._replace(value=gauss_markov(self.value, white, dt, correlation))
 
 
 def noise(generator: Generator) -> Noise:
-    """A process of its own, somewhere in its steady state."""
+    """A process drawn from its steady state."""
     return Noise(generator, float(generator.normal()))

@@ -1,4 +1,4 @@
-"""A payload on the chassis: sprayer tank, crate, weights; or ballast taken away."""
+"""Payload on the chassis: sprayer tank, crate, weights; or ballast taken away."""
 
 from typing import Annotated, Literal
 
@@ -18,13 +18,13 @@ class Payload(Scripted):
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Negative for ballast taken away [kg]. Estimate: a tank or a crate on a compact tractor (50-300)."""
+    """Mass, negative for ballast taken away [kg]. Estimate: a tank or a crate on a compact tractor (50-300)."""
     ahead_m: Metres = -0.6
-    """Ahead of the rear axle [m]. Estimate: on the three-point linkage."""
+    """Distance ahead of the rear axle [m]. Estimate: on the three-point linkage."""
     left_m: Metres = 0.0
-    """To the left of the middle [m]."""
+    """Distance to the left of the middle [m]."""
     up_m: NonNegative = 0.7
-    """Above the ground [m]. Estimate: on the three-point linkage (0.5-1)."""
+    """Height above the ground [m]. Estimate: on the three-point linkage (0.5-1)."""
 
     @property
     def subject(self) -> str:
@@ -33,7 +33,7 @@ class Payload(Scripted):
 
     @property
     def load(self) -> PointMass:
-        """What it puts on the chassis."""
+        """Point mass on the chassis."""
         return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:

@@ -25,7 +25,7 @@ class SideForce(Scripted):
     """Correlation time of the gusts [s]. Estimate."""
 
     def init(self, generator: Generator) -> Noise:
-        """The gusts."""
+        """Gusts, from their steady state on."""
         return noise(generator)
 
     def apply(self, state: Noise, conditions: Conditions, t: float, dt: float) -> tuple[Noise, Conditions]:

@@ -16,11 +16,11 @@ class SoftTyre(Scripted):
 
     kind: Literal["soft_tyre"] = "soft_tyre"
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
-    """Front or rear, left or right."""
+    """Wheel: front or rear, left or right."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
-    """What is left of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
+    """Remaining share of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
     rolling_share: Scale = 1.6
-    """Rolling resistance over that of the sound tyre [-]. Estimate: inversely as the root of the pressure."""
+    """Rolling resistance over that of the healthy tyre [-]. Estimate: inversely as the root of the pressure."""
 
     @property
     def subject(self) -> str:

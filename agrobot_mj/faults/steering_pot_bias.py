@@ -1,4 +1,4 @@
-"""The steering potentiometer reads wrong by an angle: a slipped clamp, a bent linkage, a drifting supply."""
+"""Offset of the steering potentiometer: a slipped clamp, a bent linkage, a drifting supply."""
 
 from math import radians
 from typing import Annotated, Literal
@@ -15,9 +15,9 @@ class SteeringPotBias(Scripted):
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
-    """Added to the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
+    """Offset of the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
     ramp_s: NonNegative = 0.0
-    """Time in which it grows evenly from nothing, 0 for at once [s]."""
+    """Time in which it grows linearly from zero, 0 for at once [s]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Shift the reading."""

@@ -1,4 +1,4 @@
-"""The steering potentiometer goes on telling its last reading: a frozen bus message, a sheared shaft."""
+"""Steering potentiometer that repeats its last reading: a frozen bus message, a sheared shaft."""
 
 from typing import Literal
 

@@ -14,11 +14,11 @@ class ValveWear(Scripted):
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Share that is left of the flow, at any voltage and at most [-]. Estimate (0.5-0.9: leakage past the spool)."""
+    """Remaining share of the flow, at any voltage [-]. Estimate (0.5-0.9: leakage past the spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
-    """Added to the half width of the dead band [V]. Estimate (0.2-0.8: 2-7 % of the range)."""
+    """Increase of the dead band's half width [V]. Estimate (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
-    """Time in which both grow evenly from nothing, 0 for at once [s]."""
+    """Time in which both grow linearly from zero, 0 for at once [s]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Wear the valve."""

@@ -1,24 +1,20 @@
-"""The sensors: truth in, measurement out, once a tick."""
+"""The sensors: truth in, measurement out, once per tick."""
 
-from agrobot_mj.sensors.imu import Imu, ImuState
-from agrobot_mj.sensors.suite import (
-    Gnss,
-    GnssState,
-    Gyro,
-    PedalPotentiometer,
-    Potentiometer,
-    Sensors,
-    SensorState,
-)
+from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.gnss import Gnss
+from agrobot_mj.sensors.gyro import Gyro
+from agrobot_mj.sensors.imu import Imu
+from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
+from agrobot_mj.sensors.suite import Sensors, SensorState
 
 __all__ = [
     "Gnss",
-    "GnssState",
     "Gyro",
     "Imu",
-    "ImuState",
     "PedalPotentiometer",
     "Potentiometer",
+    "Sensor",
     "SensorState",
     "Sensors",
+    "SteeringPotentiometer",
 ]

@@ -13,7 +13,7 @@ from typing import Any
 from agrobot_mj.control.base import Situation
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
 from agrobot_mj.faults import Script, loadings
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
@@ -29,13 +29,14 @@ SATURATION_MARGIN = radians(0.01)
 class Stages:
     """What the stages on the computer remember between two ticks."""
 
+    faults: Any
+    conditions: Conditions
+    """Faults and disturbances of the present tick."""
     sensors: Any
     estimator: Any
     guidance: Any
     steering: Any
     speed: Any
-    conditions: Conditions = NOMINAL
-    """Faults and disturbances of the present tick."""
 
 
 class Loop:
@@ -47,9 +48,11 @@ class Loop:
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.script = Script(s.fault, s.seed)
-        truth = self.plant.reset(s.path.at(0.0), Script(s.fault, s.seed).conditions(0.0, TICK_S))
-        self.truth = truth
+        faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
+        truth = self.truth = self.plant.reset(s.path.at(0.0), conditions)
         self.stages = Stages(
+            faults=faults,
+            conditions=conditions,
             sensors=s.sensors.init(s.seed),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
@@ -65,8 +68,7 @@ class Loop:
     def sense(self) -> tuple[Measurement, Situation]:
         """What the sensors measure now, and what the guidance may know of it."""
         s, state, truth = self.scenario, self.stages, self.truth
-        state.conditions = self.script.conditions(truth.t, TICK_S)
-        state.sensors, measured = s.sensors.measure(state.sensors, truth, TICK_S, state.conditions)
+        state.sensors, measured = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
         reference = s.path.at(truth.t)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer)
@@ -102,18 +104,26 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> Truth:
-        """Let the plant take its steps."""
-        self.truth = self.plant.advance(drive, self.stages.conditions)
+        """Let the plant take its steps, and the faults act on what follows."""
+        state = self.stages
+        self.truth = self.plant.advance(drive, state.conditions)
+        state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
         return self.truth
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Signals that the stages report beyond those of every log."""
-        return self.guidance.columns
+        s = self.scenario
+        return (*self.guidance.columns, *s.estimator.columns, *s.sensors.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
-        return self.guidance.report(self.stages.guidance)
+        s, state = self.scenario, self.stages
+        return (
+            *self.guidance.report(state.guidance),
+            *s.estimator.report(state.estimator),
+            *s.sensors.report(state.sensors),
+        )
 
 
 def build_plant(scenario: Scenario) -> RunningPlant:

@@ -61,7 +61,7 @@ def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
         true_pose = f(true_pose, u, delta, WHEELBASE, DT)
         z = true_pose[:2] + 0.02 * rng.standard_normal(2)
         fix = None if k % 600 in range(300, 400) or rng.random() < 0.1 else Fix(*z, 0.0, 0.0)
-        ours = filter_.step(*ours, (u, delta, DT), fix, SIGMA)
+        *ours, _ = filter_.step(*ours, (u, delta, DT), fix, SIGMA)
 
         dx, dy = DT * u * np.cos(psi), DT * u * np.sin(psi)
         F = np.array([[1, 0, -dy], [0, 1, dx], [0, 0, 1]])
@@ -86,7 +86,7 @@ def test_where_the_yaw_is_known_it_is_a_linear_kalman_filter():
     axes, p = np.zeros(2), 0.01
     for k in range(400):
         z = np.array([np.cos(yaw), np.sin(yaw)]) * u * DT * (k + 1) + 0.02 * rng.standard_normal(2)
-        mean, covariance = filter_.step(mean, covariance, (u, 0.0, DT), Fix(*z, 0.0, 0.0), SIGMA)
+        mean, covariance, _ = filter_.step(mean, covariance, (u, 0.0, DT), Fix(*z, 0.0, 0.0), SIGMA)
         p += Q[0, 0]
         gain = p / (p + NOISE[0, 0])
         prior = axes + u * DT * np.array([np.cos(yaw), np.sin(yaw)])
@@ -107,9 +107,10 @@ def walk(ticks, seed):
         u, delta = inputs(k)
         true_pose = f(true_pose, u, delta, WHEELBASE, DT) + np.sqrt(np.diag(Q)) * rng.standard_normal(3)
         fix = Fix(*(true_pose[:2] + 0.02 * rng.standard_normal(2)), 0.0, 0.0)
-        mean, covariance = filter_.step(mean, covariance, (u, delta, DT), fix, SIGMA)
+        mean, covariance, nis = filter_.step(mean, covariance, (u, delta, DT), fix, SIGMA)
         innovation = filter_.y
-        yield true_pose, mean, covariance, innovation @ np.linalg.solve(filter_.S, innovation)
+        assert nis == pytest.approx(innovation @ np.linalg.solve(filter_.S, innovation), rel=1e-9)
+        yield true_pose, mean, covariance, nis
 
 
 def test_innovations_are_as_large_as_the_filter_says():
@@ -133,8 +134,9 @@ def test_the_yaw_does_not_wrap_inside():
     filter_ = ekf()
     belief = (np.array([0.0, 0.0, 3.1]), 1e-4 * np.eye(3))
     for _ in range(200):
-        mean, covariance = filter_.step(*belief, (1.2, 0.4, DT), None, SIGMA)
+        mean, covariance, nis = filter_.step(*belief, (1.2, 0.4, DT), None, SIGMA)
         assert 0 < mean[2] - belief[0][2] < 0.05
+        assert np.isnan(nis)
         belief = mean, covariance
     assert belief[0][2] > 6.0
 
@@ -146,4 +148,5 @@ def test_a_step_depends_on_its_arguments_alone():
     again = filter_.step(*start, (1.2, 0.1, DT), fix, SIGMA)
     assert np.array_equal(first[0], again[0])
     assert np.array_equal(first[1], again[1])
+    assert first[2] == again[2]
     assert np.array_equal(start[0], np.zeros(3))

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scripted import scripted
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality
 from agrobot_mj.core.spec import every
-from agrobot_mj.faults import Fault, Script
+from agrobot_mj.faults import Fault
 from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.sensors import Gyro, Sensors
 from agrobot_mj.simulation.loop import Loop
@@ -26,8 +27,7 @@ def faults(*tables):
 
 
 def conditions(*tables, seed=1, seconds=60.0):
-    script = Script(faults(*tables), seed)
-    return [script.conditions(k * TICK_S, TICK_S) for k in range(round(seconds / TICK_S))]
+    return scripted(faults(*tables), round(seconds / TICK_S), seed)
 
 
 def refused(*tables, **overrides):
@@ -103,10 +103,10 @@ def drive():
 
 
 def sensed(truths, *tables):
-    sensors, script = Sensors(gyro=Gyro(enabled=True)), Script(faults(*tables), 1)
+    sensors, days = Sensors(gyro=Gyro(enabled=True)), scripted(faults(*tables), len(truths))
     state, measurements = sensors.init(1), []
-    for truth in truths:
-        state, measurement = sensors.measure(state, truth, TICK_S, script.conditions(truth.t, TICK_S))
+    for truth, day in zip(truths, days, strict=True):
+        state, measurement = sensors.measure(state, truth, day, TICK_S)
         measurements.append(measurement)
     return measurements
 

@@ -5,9 +5,10 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from scripted import scripted
 
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality, Truth
-from agrobot_mj.faults import GnssFloat, GnssLatency, Script
+from agrobot_mj.faults import GnssFloat, GnssLatency
 from agrobot_mj.sensors import Gnss
 
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -21,15 +22,14 @@ def truth(t):
 
 
 def days(fault, ticks, seed=1):
-    script = Script((fault,), seed)
-    return [script.conditions(k * TICK_S, TICK_S) for k in range(ticks)]
+    return scripted((fault,), ticks, seed)
 
 
 def delivered(gnss, conditions, seed=1):
     """Fix and quality of each tick."""
     state, found = gnss.init(seed), []
     for k, day in enumerate(conditions):
-        state, fix, quality = gnss.measure(state, truth(k * TICK_S), TICK_S, day)
+        state, (fix, quality) = gnss.measure(state, truth(k * TICK_S), day, TICK_S)
         found.append((fix, quality))
     return found
 
@@ -147,7 +147,7 @@ def test_what_is_under_way_is_forgotten_once_it_is_overtaken():
     gnss = Gnss(latency_s=5.0)
     state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):
-        state, _, _ = gnss.measure(state, truth(k * TICK_S), TICK_S, late)
+        state, _ = gnss.measure(state, truth(k * TICK_S), late, TICK_S)
     assert len(state.pending) == 200
-    state, _, _ = gnss.measure(state, truth(20.0), TICK_S)
+    state, _ = gnss.measure(state, truth(20.0), NOMINAL, TICK_S)
     assert len(state.pending) == 100

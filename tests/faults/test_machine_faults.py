@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
+from scripted import scripted
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NOMINAL, TICK_S, PointMass
-from agrobot_mj.faults import Drawbar, Payload, Script, SideForce, SoftTyre, loadings
+from agrobot_mj.faults import Drawbar, Payload, SideForce, SoftTyre, loadings
 from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.simulation.loop import Loop, build_plant
 
 
 def days(*faults, seconds=10.0, seed=1):
-    script = Script(faults, seed)
-    return [script.conditions(k * TICK_S, TICK_S) for k in range(round(seconds / TICK_S))]
+    return scripted(faults, round(seconds / TICK_S), seed)
 
 
 def correlation_time(x):

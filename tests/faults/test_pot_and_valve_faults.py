@@ -13,7 +13,7 @@ from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE, Valve, static_flow, 
 
 def day(fault, t):
     script = Script((fault,), 1)
-    return script.conditions(t, TICK_S)
+    return script.update(script.init(), t, TICK_S)[1]
 
 
 def driven(*tables, name="circle", seconds=20.0, **overrides):

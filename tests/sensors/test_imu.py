@@ -5,7 +5,7 @@ from math import exp, isnan, radians, sqrt
 import numpy as np
 import pytest
 
-from agrobot_mj.core.signals import Truth
+from agrobot_mj.core.signals import NOMINAL, Truth
 from agrobot_mj.sensors import Imu, Sensors
 
 DT = 0.05
@@ -24,21 +24,21 @@ def truth(roll=0.0, pitch=0.0):
 def readings(imu, ticks, seed=1, roll=0.0, pitch=0.0):
     state, found = imu.init(seed), []
     for _ in range(ticks):
-        state, *measured = imu.measure(state, roll, pitch, DT)
+        state, measured = imu.measure(state, truth(roll, pitch), NOMINAL, DT)
         found.append(measured)
     return np.degrees(found)
 
 
 def test_without_one_roll_and_pitch_are_not_known():
     sensors = Sensors()
-    _, measurement = sensors.measure(sensors.init(1), truth(), DT)
+    _, measurement = sensors.measure(sensors.init(1), truth(), NOMINAL, DT)
     assert isnan(measurement.roll)
     assert isnan(measurement.pitch)
 
 
 def test_a_perfect_unit_tells_the_truth():
     sensors = Sensors(imu=Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.0))
-    _, measurement = sensors.measure(sensors.init(1), truth(roll=0.17, pitch=-0.05), DT)
+    _, measurement = sensors.measure(sensors.init(1), truth(roll=0.17, pitch=-0.05), NOMINAL, DT)
     assert (measurement.roll, measurement.pitch) == (0.17, -0.05)
 
 
@@ -67,7 +67,7 @@ def test_it_shifts_no_other_stream():
     with_it, without = Sensors(imu=Imu(enabled=True)), Sensors()
     states = [sensors.init(1) for sensors in (with_it, without)]
     for _ in range(20):
-        states[0], one = with_it.measure(states[0], truth(), DT)
-        states[1], other = without.measure(states[1], truth(), DT)
+        states[0], one = with_it.measure(states[0], truth(), NOMINAL, DT)
+        states[1], other = without.measure(states[1], truth(), NOMINAL, DT)
         assert one[:6] == other[:6]
         assert not isnan(one.roll)

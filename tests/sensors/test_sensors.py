@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Quality, Truth
-from agrobot_mj.sensors import Gnss, Gyro, PedalPotentiometer, Potentiometer, Sensors
+from agrobot_mj.sensors import Gnss, Gyro, PedalPotentiometer, Potentiometer, Sensors, SteeringPotentiometer
 
 DT = 0.05
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -27,7 +27,7 @@ def truth(t=0.0, x=10.0, y=-5.0, steer=0.1, pedal=0.5, yaw_rate=0.0, n=25):
 def record(sensors, ticks, seed=1, quality=lambda k: Quality.FIX, state_of=lambda k: truth(k * DT)):
     state, measurements = sensors.init(seed), []
     for k in range(ticks):
-        state, measurement = sensors.measure(state, state_of(k), DT, NOMINAL._replace(gnss_quality=quality(k)))
+        state, measurement = sensors.measure(state, state_of(k), NOMINAL._replace(gnss_quality=quality(k)), DT)
         measurements.append(measurement)
     return measurements
 
@@ -100,7 +100,7 @@ def errors(gnss, ticks, quality=Quality.FIX):
     """Of x, y (m) and vx, vy (m/s), shape (ticks, 4)."""
     state, now, fixes = gnss.init(5), truth(), []
     for _ in range(ticks):
-        state, fix, _ = gnss.measure(state, now, DT, NOMINAL._replace(gnss_quality=quality))
+        state, (fix, _) = gnss.measure(state, now, NOMINAL._replace(gnss_quality=quality), DT)
         fixes.append(fix)
     return np.array(fixes) - [*now.antenna[:2], *now.antenna_velocity[:2]]
 
@@ -145,7 +145,7 @@ def test_a_float_solution_scatters_with_its_own_sigma():
 
 def test_the_error_starts_in_its_stationary_distribution():
     gnss, n = Gnss(correlated_fraction=1.0), 2000
-    first = [gnss.measure(gnss.init(seed), truth(), DT)[1].x - 10.0 for seed in range(n)]
+    first = [gnss.measure(gnss.init(seed), truth(), NOMINAL, DT)[1].fix.x - 10.0 for seed in range(n)]
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 
@@ -223,7 +223,7 @@ def test_no_two_channels_share_their_noise():
         Sensors(gyro=Gyro(enabled=True)),
         Sensors(pedal_pot=PedalPotentiometer(samples=40, noise_sigma_deg=2.0)),
         Sensors(gnss=Gnss(sigma_m=0.5, latency_s=0.1)),
-        Sensors(steering_pot=Potentiometer(samples=50)),
+        Sensors(steering_pot=SteeringPotentiometer(samples=50)),
     ],
 )
 def test_a_changed_sensor_shifts_no_other_stream(changed):

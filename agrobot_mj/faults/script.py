@@ -1,0 +1,66 @@
+"""The faults of a run as one object, and what may be wrong between them."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import NOMINAL, Conditions, PointMass
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.faults.payload import Payload
+
+ScriptState = tuple[Any, ...]
+"""State of each fault, in the order of the script."""
+
+
+class Script(NamedTuple):
+    """The faults of a scenario; `init` and `update` like every other stage."""
+
+    faults: Sequence[Scripted]
+    """Faults in the order of the file, in which they act."""
+    seed: int
+    """Seed of the run."""
+
+    def init(self) -> ScriptState:
+        """State of each fault, with a random stream of its own."""
+        return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
+
+    def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
+        """Conditions of the tick of length `dt` [s] that begins at `t` [s]; called once per tick, in order."""
+        states, found = list(state), NOMINAL
+        for k, fault in enumerate(self.faults):
+            if fault.active(t):
+                states[k], found = fault.apply(states[k], found, t, dt)
+        return tuple(states), found
+
+    def active(self, t: float) -> int:
+        """How many faults act at `t` [s]."""
+        return sum(fault.active(t) for fault in self.faults)
+
+
+def clashes(faults: Sequence[Scripted]) -> list[str]:
+    """What is wrong between the faults of a scenario, each beginning with the key of the later one."""
+    found = []
+    earlier: dict[str, list[int]] = {}
+    for k, fault in enumerate(faults):
+        alike = earlier.setdefault(fault.subject, [])
+        if (first := next((i for i in alike if fault.overlaps(faults[i])), None)) is not None:
+            found.append(
+                f"fault[{k}]: overlaps fault[{first}], both {fault.kind} "
+                f"({_window(fault)} and {_window(faults[first])}); let one end before the other begins"
+            )
+        alike.append(k)
+    return found
+
+
+def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
+    """Every set of payloads carried in the run, each with the index of the fault whose begin or end brings it about."""
+    found = []
+    for k, fault in enumerate(faults):
+        if isinstance(fault, Payload):
+            times = (fault.start_s,) if fault.end_s is None else (fault.start_s, fault.end_s)
+            found += [(k, tuple(f.load for f in faults if isinstance(f, Payload) and f.active(t))) for t in times]
+    return found
+
+
+def _window(fault: Scripted) -> str:
+    return f"{fault.start_s:g} to {'the end' if fault.end_s is None else f'{fault.end_s:g} s'}"

@@ -1,0 +1,33 @@
+"""What every sensor fills: truth in, reading out, once per tick.
+
+A sensor is frozen data with its keys under `[sensors.<name>]`. `init(seed) -> state` and `measure(state, truth,
+conditions, dt) -> (state, reading)`; the reading is a float or a NamedTuple, in SI units and radians. Randomness comes
+from `randomness.stream` under a name of the sensor's own, and each tick draws the same number of variates whatever
+the conditions, so that no sensor ever shifts another's noise. `columns` and `report` log a reading.
+"""
+
+from typing import Any
+
+from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.spec import Spec
+
+
+class Sensor(Spec):
+    """Base of all sensors; a sensor overrides `init` and `measure`, and the other two to be logged."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns that the sensor adds to the log."""
+        return ()
+
+    def init(self, seed: int) -> Any:
+        """State before the first tick of the run with this `seed`."""
+        raise NotImplementedError
+
+    def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
+        """State and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
+        raise NotImplementedError
+
+    def report(self, reading: Any) -> tuple[float, ...]:
+        """Values of `columns` for one reading."""
+        return ()

@@ -1,0 +1,129 @@
+"""Potentiometers on the steering and on the pedal, sampled many times per tick.
+
+Each sample has noise and is rounded to the resolution, then Savitzky-Golay [Savitzky1964] and mean, as in the paper's
+section V-B. That chain is linear: one vector of weights. Radians or pedal positions outside, degrees inside; a tick
+has any number of physics steps.
+"""
+
+from functools import lru_cache
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from pydantic import Field, model_validator
+from scipy.signal import savgol_filter
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array, Conditions, Truth
+from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.sensors.base import Sensor
+
+
+class Potentiometer(Sensor):
+    """Angle sensor; a potentiometer at a place overrides `init` and `measure`."""
+
+    resolution_deg: Positive = 1.0
+    """Rounding of each sample [deg]. Paper, section V-B."""
+    noise_sigma_deg: NonNegative = 0.5
+    """White noise of each sample before rounding; it dithers the rounding away [deg]. Estimate."""
+    samples: int = Field(100, ge=1, le=1000)
+    """Samples per tick, evenly spaced, the last one at the tick [-]. Paper, section V-B."""
+    savgol_window: int = Field(21, ge=1)
+    """Window of the Savitzky-Golay filter, odd [samples]. Estimate."""
+    savgol_polyorder: int = Field(3, ge=0)
+    """Order of the polynomial that the Savitzky-Golay filter fits [-]. Estimate."""
+
+    @model_validator(mode="after")
+    def _filter_fits(self) -> "Potentiometer":
+        if self.savgol_window % 2 == 0:
+            raise ValueError(f"savgol_window: must be odd, got {self.savgol_window}; try {self.savgol_window + 1}")
+        if self.savgol_window > self.samples:
+            raise ValueError(f"savgol_window: must not exceed samples ({self.samples}), got {self.savgol_window}")
+        if self.savgol_polyorder >= self.savgol_window:
+            raise ValueError(f"savgol_polyorder: must be below savgol_window, got {self.savgol_polyorder}")
+        return self
+
+    @property
+    def weights(self) -> Array:
+        """Savitzky-Golay and mean in one: the reading is `weights @ samples`, shape (samples,), sum 1 [-]."""
+        return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
+
+    @property
+    def degrees_per_unit(self) -> float:
+        """Potentiometer angle for one unit of the measured signal [deg/rad]."""
+        return 180.0 / pi
+
+    def read(self, history: Array, generator: Generator) -> float:
+        """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
+        counts = self.degrees_per_unit / self.resolution_deg
+        raw = _resampling(len(history), self.samples) @ history
+        raw *= counts
+        raw += (self.noise_sigma_deg / self.resolution_deg) * generator.standard_normal(self.samples)
+        return float(self.weights @ np.rint(raw, out=raw)) / counts
+
+
+class SteeringPotState(NamedTuple):
+    """The steering potentiometer between two ticks."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    last: float | None = None
+    """Last reading, None before the first [rad]."""
+
+
+class SteeringPotentiometer(Potentiometer):
+    """On the front axle, at the angle of the bicycle's virtual wheel; `[sensors.steering_pot]`."""
+
+    def init(self, seed: int) -> SteeringPotState:
+        """No reading yet."""
+        return SteeringPotState(stream(seed, "steering_pot"))
+
+    def measure(
+        self, state: SteeringPotState, truth: Truth, conditions: Conditions, dt: float
+    ) -> tuple[SteeringPotState, float]:
+        """Steering angle, left positive [rad]."""
+        reading = self.read(truth.steer_samples, state.generator) + conditions.steer_pot_bias
+        if conditions.steer_pot_stuck and state.last is not None:
+            reading = state.last
+        return SteeringPotState(state.generator, reading), reading
+
+
+class PedalPotentiometer(Potentiometer):
+    """The same sensor on the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
+
+    travel_deg: Positive = 25.0
+    """Potentiometer angle at full pedal, either way [deg]. Estimate."""
+
+    @property
+    def degrees_per_unit(self) -> float:
+        """Potentiometer angle for one unit of the measured signal, full pedal [deg]."""
+        return self.travel_deg
+
+    def init(self, seed: int) -> Generator:
+        """Its random stream, which advances in place."""
+        return stream(seed, "pedal_pot")
+
+    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
+        """Pedal position, -1 to 1 [-]."""
+        return state, self.read(truth.pedal_samples, state)
+
+
+@lru_cache(maxsize=16)
+def _resampling(n: int, samples: int) -> Array:
+    """Linear interpolation (samples, n) between even samplings of a tick, held before the first value."""
+    given, wanted = np.arange(1, n + 1) / n, np.arange(1, samples + 1) / samples
+    return _frozen(np.transpose([np.interp(wanted, given, row) for row in np.eye(n)]))
+
+
+@lru_cache(maxsize=16)
+def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
+    """Response of the mean of the filtered samples to each sample, shape (samples,): the chain is linear."""
+    return _frozen(savgol_filter(np.eye(samples), window, polyorder, axis=0).mean(axis=0))
+
+
+def _frozen(array: Array) -> Array:
+    """A contiguous read-only copy, since caches hand it out more than once."""
+    array = np.array(array, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,123 @@
+"""The suite: every sensor keeps one protocol, and a new one is its class and a field."""
+
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.random import Generator
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import NOMINAL, Quality, Truth
+from agrobot_mj.sensors import Gyro, Imu, Sensor, Sensors
+
+DT = 0.05
+ALL_ON = Sensors.model_validate(
+    {name: {"enabled": True} for name, sensor in Sensors().all.items() if "enabled" in type(sensor).model_fields}
+)
+ILL = NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_bias=0.1, steer_pot_stuck=True)
+
+
+def truth(k):
+    return Truth(
+        *(k * DT, k * 0.06, 0.0, 0.5, 0.3, 0.01, -0.02, 1.2, 0.0, 0.1, 0.1, 0.5, k * 0.06 - 0.6, 0.0),
+        antenna=(k * 0.06 - 0.6, 0.0, 2.0),
+        antenna_velocity=(1.2, 0.0, 0.0),
+        steer_samples=np.full(25, 0.1),
+        pedal_samples=np.full(25, 0.5),
+    )
+
+
+class Bearing(NamedTuple):
+    """Reading of the compass."""
+
+    yaw: float
+
+
+class Compass(Sensor):
+    """GNSS compass, as a newcomer would write it."""
+
+    sigma_rad: float = 0.003
+
+    @property
+    def columns(self):
+        return (("compass_yaw", "rad", "heading from two antennas"),)
+
+    def init(self, seed: int) -> Generator:
+        return stream(seed, "compass")
+
+    def measure(self, state, truth, conditions, dt):
+        yaw = truth.yaw + self.sigma_rad * state.standard_normal()
+        return state, Bearing(yaw if conditions.gnss_quality == Quality.FIX else nan)
+
+    def report(self, reading):
+        return reading
+
+
+class WithCompass(Sensors):
+    """The tractor's sensors and one more."""
+
+    compass: Compass = Compass()
+
+
+def drive(sensors, ticks=40, conditions=NOMINAL, seed=1):
+    """State and measurement of each tick."""
+    state, found = sensors.init(seed), []
+    for k in range(ticks):
+        state, measurement = sensors.measure(state, truth(k), conditions, DT)
+        found.append((state, measurement))
+    return found
+
+
+def test_a_new_sensor_is_a_class_and_a_field():
+    steps = drive(WithCompass())
+    errors = np.array([m.readings["compass"].yaw for _, m in steps]) - 0.3
+    assert 0.001 < errors.std() < 0.006
+    assert WithCompass().columns[-1] == ("compass_yaw", "rad", "heading from two antennas")
+    state, measurement = steps[-1]
+    assert WithCompass().report(state)[-1] == measurement.readings["compass"].yaw
+
+
+def test_a_new_sensor_shifts_no_other():
+    for (_, new), (_, old) in zip(drive(WithCompass()), drive(Sensors()), strict=True):
+        assert {name: new.readings[name] for name in old.readings} == old.readings
+
+
+@pytest.mark.parametrize("name", Sensors().all)
+def test_every_sensor_keeps_the_protocol(name):
+    sensor = ALL_ON.all[name]
+    assert isinstance(sensor, Sensor)
+    state = sensor.init(3)
+    for k in range(10):
+        state, reading = sensor.measure(state, truth(k), NOMINAL, DT)
+        values = sensor.report(reading)
+        assert len(values) == len(sensor.columns)
+        assert all(isinstance(value, float) for value in values)
+
+
+@pytest.mark.parametrize("name", Sensors().all)
+def test_faults_shift_no_noise(name):
+    """After a fault the readings are those of a run without it."""
+    sensor, readings = ALL_ON.all[name], []
+    for conditions in (NOMINAL, ILL):
+        state = sensor.init(3)
+        for k in range(30):
+            state, reading = sensor.measure(state, truth(k), conditions if 5 <= k < 15 else NOMINAL, DT)
+        readings.append(reading)
+    assert readings[0] == readings[1]
+
+
+def test_columns_have_distinct_names_and_say_what_they_are():
+    columns = ALL_ON.columns
+    assert len({name for name, _, _ in columns}) == len(columns) > 0
+    assert all(name.isidentifier() and unit and description for name, unit, description in columns)
+    state, _ = drive(ALL_ON, ticks=1)[-1]
+    assert len(ALL_ON.report(state)) == len(columns)
+
+
+def test_what_is_off_has_no_column():
+    names = {name for name, _, _ in Sensors().columns}
+    assert names.isdisjoint({"gyro", "imu_roll", "imu_pitch"})
+    assert {"gyro", "imu_roll"} <= {
+        name for name, _, _ in Sensors(gyro=Gyro(enabled=True), imu=Imu(enabled=True)).columns
+    }
