@@ -4,25 +4,28 @@
 >>> log = run(load_scenario("figure_eight", {"seed": 3}))
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from agrobot_mj.core.version import __version__
 
-__all__ = ["__version__", "load_scenario", "run"]
+__all__ = ["Simulation", "__version__", "load_scenario", "run"]
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.run import run
+    from agrobot_mj.simulation.stepping import Simulation
+
+_HOMES = {
+    "Simulation": "agrobot_mj.simulation.stepping",
+    "load_scenario": "agrobot_mj.scenario.loading",
+    "run": "agrobot_mj.simulation.run",
+}
+"""Module of each name of the API, imported on first use."""
 
 
 def __getattr__(name: str) -> Any:
     """The API on first use, so that a part of the package can be imported without the whole."""
-    if name == "load_scenario":
-        from agrobot_mj.scenario.loading import load_scenario
-
-        return load_scenario
-    if name == "run":
-        from agrobot_mj.simulation.run import run
-
-        return run
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,7 @@ of its own family, `[controller]`; other laws need none. Both keep their state o
 """
 
 from math import nan
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference
@@ -68,6 +68,11 @@ class Guidance(Reporting):
         """State and command after a tick of `dt` [s]."""
         raise NotImplementedError
 
+    @property
+    def follows_path(self) -> bool:
+        """Whether the law steers for the path at all; the supervisor watches only those that do."""
+        return True
+
     def using(self, controller: "YawController") -> "Guidance":
         """The law with the yaw controller of the scenario inside; itself where it needs none."""
         return self
@@ -100,6 +105,8 @@ class YawController(Reporting):
     """Base of every yaw controller, `[controller] kind`: yaw-rate error to steering angle."""
 
     kind: str
+    closed_loop: ClassVar[bool] = True
+    """Whether it heeds the yaw rate."""
 
     def init(self) -> Any:
         """State before the first tick."""

@@ -72,6 +72,11 @@ class Cascade(Guidance):
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead), Command(steer, speed_ref)
 
     @property
+    def follows_path(self) -> bool:
+        """Whether the yaw controller closes the loop."""
+        return self.controller.closed_loop
+
+    @property
     def columns(self) -> tuple[Column, ...]:
         """The paper's signals, those of the law and those of the controller."""
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns)

@@ -1,7 +1,7 @@
 """A steering step that does not listen to the yaw rate: for tests of the plant."""
 
 from math import radians
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -14,6 +14,8 @@ class OpenLoop(YawController):
     """A step of the steering angle."""
 
     kind: Literal["open_loop"] = "open_loop"
+    closed_loop: ClassVar[bool] = False
+    """It does not heed the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
     """Angle of the step, left positive [deg]. Estimate."""
     at_s: NonNegative = 1.0

@@ -115,10 +115,16 @@ class SpeedLoop(Spec):
         """Pedal reference in [-1, 1] and pedal valve voltage [V] from speeds [m/s] and pedal position [-]."""
         ahead = self.feedforward_s_m * speed_ref
         outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
+        return self.hold(state._replace(outer=outer), pedal_ref, pedal, dt)
+
+    def hold(
+        self, state: SpeedState, pedal_ref: float, pedal: float, dt: float
+    ) -> tuple[SpeedState, tuple[float, float]]:
+        """The inner loop alone: pedal reference as it is, and pedal valve voltage [V]."""
         error = pedal_ref - pedal
         jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
         inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
-        return SpeedState(outer, inner), (pedal_ref, NEUTRAL_V + voltage)
+        return SpeedState(state.outer, inner), (pedal_ref, NEUTRAL_V + voltage)
 
 
 class SteeringState(NamedTuple):

@@ -20,7 +20,7 @@ NEUTRAL_V = 6.0
 WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels everywhere: front and rear, left and right."""
 
-Outcome = Literal["completed", "rolled_over", "diverged", "left_terrain", "stuck", "aborted"]
+Outcome = Literal["completed", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "aborted"]
 """How a run can end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
@@ -191,6 +191,8 @@ class Estimate(NamedTuple):
     """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
     steer_bias: float = nan
     """What the steering angle reads beyond what the motion shows, left positive; NaN if not estimated [rad]."""
+    aligned: bool = True
+    """Whether the heading is known; False while a filter that starts without one still seeks it."""
 
 
 class Reference(NamedTuple):
@@ -240,6 +242,8 @@ class Command(NamedTuple):
     """Velocity along the heading, negative in reverse [m/s]."""
     steer_voltage: float | None = None
     """Steering valve voltage of a law that drives the valve itself, bypassing the angle loop [V]."""
+    pedal: float | None = None
+    """Pedal position, -1 to 1, that bypasses the speed loop: a stop without a known speed [-]."""
 
 
 class Drive(NamedTuple):

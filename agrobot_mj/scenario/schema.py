@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.errors import ScenarioError, explain
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec
@@ -73,6 +74,8 @@ class Scenario(Spec):
     """Scripted faults and disturbances, `[[fault]]`."""
     guidance: Guidance = Kinematic()
     """Guidance law: from estimate and path to steering angle and speed."""
+    supervisor: Supervisor = Supervisor()
+    """Limits of autonomous driving, and a controlled stop."""
     speed: SpeedLoop = SpeedLoop()
     """Cascade from speed to pedal voltage."""
     steering: Steering = Steering()

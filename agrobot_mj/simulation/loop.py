@@ -1,7 +1,7 @@
 """One tick of the experiment, from top to bottom on one page, and the stages that it calls.
 
 One tick (20 Hz): plant truth -> sensors -> estimator -> guidance (kinematic law and yaw controller, or another law) ->
-steering and speed loops -> valve voltages. Then the plant takes its steps. Scripted faults change the
+supervisor -> steering and speed loops -> valve voltages. Then the plant takes its steps. Scripted faults change the
 `Conditions` under which sensors measure and the plant moves.
 """
 
@@ -11,6 +11,7 @@ from math import radians
 from typing import Any
 
 from agrobot_mj.control.base import Situation
+from agrobot_mj.control.supervisor import Supervisor, SupervisorState
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
@@ -35,6 +36,7 @@ class Stages:
     sensors: Any
     estimator: Any
     guidance: Any
+    supervisor: SupervisorState
     steering: Any
     speed: Any
 
@@ -47,6 +49,7 @@ class Loop:
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
+        self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script = Script(s.fault, s.seed)
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(s.path.at(0.0), conditions)
@@ -56,6 +59,7 @@ class Loop:
             sensors=s.sensors.init(s.seed),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
+            supervisor=self.supervisor.init(),
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
         )
@@ -63,7 +67,7 @@ class Loop:
     def tick(self) -> Tick:
         """One tick under the scenario's own guidance, without the plant's steps."""
         measured, situation = self.sense()
-        return self.act(measured, situation, self.decide(situation))
+        return self.act(measured, situation, self.decide(measured, situation))
 
     def sense(self) -> tuple[Measurement, Situation]:
         """What the sensors measure now, and what the guidance may know of it."""
@@ -73,17 +77,22 @@ class Loop:
         reference = s.path.at(truth.t)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer)
 
-    def decide(self, situation: Situation) -> Command:
-        """The command of the scenario's guidance law."""
-        self.stages.guidance, command = self.guidance.update(self.stages.guidance, situation, TICK_S)
+    def decide(self, measured: Measurement, situation: Situation) -> Command:
+        """The command of the scenario's guidance law, as far as the supervisor lets it pass."""
+        state = self.stages
+        state.guidance, command = self.guidance.update(state.guidance, situation, TICK_S)
+        state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
         """Steering and speed loops: from the command to valve voltages; returns all messages of the tick."""
         s, state, reference = self.scenario, self.stages, situation.reference
-        state.speed, (pedal_ref, pedal_voltage) = s.speed.update(
-            state.speed, command.speed, situation.estimate.speed, measured.pedal, TICK_S
-        )
+        if command.pedal is None:
+            state.speed, (pedal_ref, pedal_voltage) = s.speed.update(
+                state.speed, command.speed, situation.estimate.speed, measured.pedal, TICK_S
+            )
+        else:
+            state.speed, (pedal_ref, pedal_voltage) = s.speed.hold(state.speed, command.pedal, measured.pedal, TICK_S)
         state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
         if command.steer_voltage is not None:
             steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
@@ -111,16 +120,23 @@ class Loop:
         return self.truth
 
     @property
+    def stop_reason(self) -> str:
+        """Why the supervisor has stopped the tractor; empty while it has not."""
+        state = self.stages.supervisor
+        return state.reason if self.supervisor.stopped(state) else ""
+
+    @property
     def columns(self) -> tuple[Column, ...]:
         """Signals that the stages report beyond those of every log."""
         s = self.scenario
-        return (*self.guidance.columns, *s.estimator.columns, *s.sensors.columns)
+        return (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
         s, state = self.scenario, self.stages
         return (
             *self.guidance.report(state.guidance),
+            *self.supervisor.report(state.supervisor),
             *s.estimator.report(state.estimator),
             *s.sensors.report(state.sensors),
         )

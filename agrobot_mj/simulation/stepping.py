@@ -47,7 +47,7 @@ class Simulation:
     def _begin(self) -> None:
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._watch, self.outcome = Watch(plant, loop.truth), ""
+        self._watch, self.outcome, self.reason = Watch(plant, loop.truth), "", ""
         self._sensed: tuple[Measurement, Situation] | None = None
 
     def reset(self) -> Measurement:
@@ -70,18 +70,21 @@ class Simulation:
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6],
         all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, beside
-        a steering command, the reference's where it is left out. Raises `CommandError` for a command that is
+        a steering command, the reference's where it is left out. The supervisor watches the scenario's own guidance
+        alone. Raises `CommandError` for a command that is
         not finite or not one, and for a step after the end.
         """
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
         measured, situation = self._sensed or (self._sense(), self.situation)
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
-        command = self._command(situation, {k: v for k, v in wanted.items() if v is not None}, speed)
+        command = self._command(measured, situation, {k: v for k, v in wanted.items() if v is not None}, speed)
         self._finish_tick(self.loop.act(measured, situation, command))
         return self.measurement
 
-    def _command(self, situation: Situation, given: dict[str, float], speed: float | None) -> Command:
+    def _command(
+        self, measured: Measurement, situation: Situation, given: dict[str, float], speed: float | None
+    ) -> Command:
         """The command that the arguments of `step` stand for."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
@@ -90,7 +93,7 @@ class Simulation:
         if len(given) > 1:
             raise CommandError(f"{' and '.join(given)}: give one of them")
         if not given:
-            own = self.loop.decide(situation)
+            own = self.loop.decide(measured, situation)
             return own if speed is None else own._replace(speed=float(speed))
         r, ((kind, value),) = situation.reference, given.items()
         along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)
@@ -110,6 +113,9 @@ class Simulation:
         r, t = tick.reference, tick.truth
         self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y)) or ""
         if self.outcome:
+            return
+        if loop.stop_reason:
+            self.outcome, self.reason = "stopped", loop.stop_reason
             return
         if rows.filled == self.scenario.ticks:
             self.outcome = "completed"
@@ -172,6 +178,7 @@ class Simulation:
         log = Log(self.scenario, self.rows, plant.scene, outcome, wall_s)
         numbers = {
             "outcome": outcome,
+            **({"stop_reason": self.reason} if self.reason else {}),
             **metrics(log),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),

@@ -1,0 +1,122 @@
+"""The supervisor: passes commands while all is well, and ends a run in a controlled stop where it is not."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.supervisor import Mode, Supervisor
+from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.paths import Line
+from agrobot_mj.paths.route import SampledRoute
+
+TICK = 0.05
+ROUTE = SampledRoute(Line())
+FIX = Fix(0.0, 0.0, 0.0, 0.0)
+
+
+def seen(y=0.0, sigma=0.02, steer=0.0, nis=2.0, aligned=True):
+    covariance = np.diag([sigma**2, sigma**2, 1e-4])
+    estimate = Estimate(1.0, y, 0.0, 1.2, 0.0, 0.5, y, covariance, nis, aligned=aligned)
+    return Situation(1.0, estimate, Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0), ROUTE, TractorParameters(), steer)
+
+
+def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
+    """State and commands after these situations, the pedal following its reference at once."""
+    state, commands = supervisor.init(), []
+    for situation in situations:
+        measured = Measurement(situation.t, fix, Quality.FIX if fix else Quality.NONE, situation.steer, pedal, 0.0)
+        state, out = supervisor.update(state, situation, measured, command or Command(0.0, 1.2), TICK)
+        pedal = pedal if out.pedal is None else out.pedal
+        commands.append(out)
+    return state, commands
+
+
+def test_while_all_is_well_commands_pass_untouched():
+    state, commands = drive(Supervisor(), [seen(y=0.5)] * 100)
+    assert state.mode is Mode.TRACKING
+    assert set(commands) == {Command(0.0, 1.2)}
+
+
+@pytest.mark.parametrize(
+    ("bad", "fix", "word"),
+    [
+        ({"y": 2.5}, FIX, "off the path"),
+        ({"sigma": 1.5}, FIX, "position known"),
+        ({"nis": 1e4}, FIX, "contradict"),
+        ({"steer": 0.5}, FIX, "steering command"),
+        ({}, None, "no GNSS fix"),
+        ({"aligned": False}, FIX, "heading unknown"),
+    ],
+)
+def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word):
+    supervisor = Supervisor()
+    state, commands = drive(supervisor, [seen()] * 5 + [seen(**bad)] * 800, fix)
+    assert state.mode is Mode.STOPPING
+    assert word in state.reason
+    pedals = [c.pedal for c in commands if c.pedal is not None]
+    assert (np.abs(np.diff(pedals)) <= supervisor.stopping_pedal_rate_per_s * TICK + 1e-12).all()
+    assert pedals[-1] == 0.0
+    assert supervisor.stopped(state)
+
+
+def test_a_stop_is_final_even_if_all_is_well_again():
+    state, _ = drive(Supervisor(), [seen(), seen(y=3.0)] + [seen()] * 50)
+    assert state.mode is Mode.STOPPING
+
+
+def test_lost_fixes_are_coasting_first():
+    state, commands = drive(Supervisor(), [seen()] * 20, fix=None)
+    assert state.mode is Mode.COASTING
+    assert commands[0] == Command(0.0, 1.2)
+    assert commands[-1] == Command(0.0, 1.2, pedal=0.24)
+
+
+def test_until_the_heading_is_known_it_drives_straight_on_slowly():
+    state, commands = drive(Supervisor(), [seen(aligned=False)] * 5, command=Command(0.4, 1.2))
+    assert state.mode is Mode.ALIGNING
+    assert commands[-1] == Command(0.0, Supervisor().aligning_speed_m_s)
+
+
+def test_switched_off_it_says_and_does_nothing():
+    supervisor = Supervisor(enabled=False)
+    _, commands = drive(supervisor, [seen(y=9.0)] * 100)
+    assert set(commands) == {Command(0.0, 1.2)}
+    assert supervisor.columns == supervisor.report(supervisor.init()) == ()
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_without_fixes_the_tractor_really_stops_and_says_so(plant):
+    lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 60.0}
+    log = run(load_scenario("circle", {"plant.kind": plant, "fault": [lost], "duration_s": 60.0}))
+    assert log.outcome == "stopped"
+    assert "no GNSS fix" in log.metrics["stop_reason"]
+    crawl = 2 * log.scenario.speed.tolerance * log.scenario.driveline.full_speed_m_s  # pedal error left alone
+    assert abs(log.column("speed")[-1]) < crawl
+    age, state = log.column("fix_age"), log.column("supervisor_state")
+    assert age[state == Mode.STOPPING].min() == pytest.approx(Supervisor().max_fix_age_s, abs=0.11)
+    assert np.hypot(np.diff(log.column("x")), np.diff(log.column("y")))[age[1:] > 0].sum() < 1.3 * 8.0 + 3.0
+
+
+def test_the_speed_holds_while_coasting_in_a_bend():
+    """The paper's filter takes the turning of the velocity for a loss of speed."""
+    lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 18.0}
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 19.0}))
+    assert log.column("speed")[-20:] == pytest.approx(1.2, abs=0.1)
+
+
+def test_a_short_loss_is_coasted_through():
+    lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 15.0}
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 25.0}))
+    assert log.outcome == "completed"
+    assert set(log.column("supervisor_state")) == {Mode.TRACKING, Mode.COASTING}
+
+
+def test_a_stuck_potentiometer_does_not_lead_far_away():
+    stuck = {"kind": "steering_pot_stuck", "start_s": 10.0}
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [stuck], "duration_s": 90.0}))
+    off = np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))
+    assert log.outcome in ("completed", "stopped")
+    if log.outcome == "stopped":
+        assert off.max() < Supervisor().max_cross_track_m + 3.0

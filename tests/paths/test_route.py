@@ -1,0 +1,124 @@
+"""The online nearest point: against geometry, against a brute search, and the same however it is asked."""
+
+from math import atan2, cos, hypot, pi, radians, sin
+
+import numpy as np
+import pytest
+
+from agrobot_mj.control.base import Route
+from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.spec import every
+from agrobot_mj.metrics.crosstrack import track
+from agrobot_mj.paths import Circle, FigureEight, Line, Path
+from agrobot_mj.paths.route import SampledRoute
+
+
+@pytest.mark.parametrize("offset", [-1.5, -0.2, 0.0, 0.3, 2.0])
+@pytest.mark.parametrize("s", [0.013, 4.0, 40.02])
+@pytest.mark.parametrize("path", [Line(heading_deg=30.0), Circle(), Circle(direction="right", radius_m=5.0)], ids=str)
+def test_a_point_beside_the_path_finds_its_foot(path, s, offset):
+    route = SampledRoute(path)
+    foot = route.ahead(s)
+    x, y = foot.x - offset * sin(foot.yaw), foot.y + offset * cos(foot.yaw)
+    found = route.nearest(x, y, s + 0.7, s / path.speed_m_s + 2.0)
+    assert found.offset == pytest.approx(offset, abs=1e-6)
+    assert found.s == pytest.approx(s, abs=2e-3)
+    assert hypot(found.x - foot.x, found.y - foot.y) < 2e-3
+
+
+def test_places_on_a_circle_are_those_of_geometry():
+    route = SampledRoute(Circle(radius_m=10.0))
+    for s in np.linspace(0.0, 60.0, 47):
+        place = route.ahead(float(s))
+        assert (place.x, place.y) == pytest.approx((10 * sin(s / 10), 10 - 10 * cos(s / 10)), abs=2e-3)
+        assert place.curvature == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
+def test_following_a_reference_along_finds_it_at_its_time(kind):
+    path = kind()
+    route, s = SampledRoute(path), 0.0
+    for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):
+        reference = path.at(float(t))
+        place = route.nearest(reference.x, reference.y, s, float(t))
+        assert abs(place.offset) < 2e-3
+        assert hypot(place.x - reference.x, place.y - reference.y) < 5e-3
+        assert place.s >= s - 1e-2
+        s = place.s
+
+
+def test_it_agrees_with_the_metric_on_a_wandering_drive():
+    path = FigureEight()
+    route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
+    t = np.arange(10.0, 150.0, 0.5)
+    left = 0.6 * np.sin(0.2 * t) + rng.normal(0, 0.05, len(t))
+    points = np.array([path.at(u) for u in t.tolist()])
+    x, y = points[:, 0] - left * np.sin(points[:, 4]), points[:, 1] + left * np.cos(points[:, 4])
+    s = route.nearest(x[0], y[0], 1.2 * 8.0, t[0]).s
+    found = []
+    for k in range(len(t)):
+        place = route.nearest(x[k], y[k], s, t[k])
+        s = place.s
+        found.append(place.offset)
+    assert found == pytest.approx(track(path, t, x, y).offset, abs=1e-3)
+
+
+def test_at_the_crossing_of_the_eight_it_stays_on_its_branch():
+    path = FigureEight()
+    route, s, yaws = SampledRoute(path), 0.0, []
+    for t in np.arange(0.0, 240.0, 0.25):
+        r = path.at(float(t))
+        place = route.nearest(r.x + 0.4, r.y - 0.4, s, float(t))
+        s = place.s
+        yaws.append(abs(atan2(sin(place.yaw - r.yaw), cos(place.yaw - r.yaw))))
+    assert max(yaws) < radians(10)
+
+
+def test_asking_changes_no_later_answer():
+    path = FigureEight()
+    lazy, eager = SampledRoute(path), SampledRoute(path)
+    eager.ahead(200.0)
+    for s in (0.0, 7.3, 33.3):
+        assert lazy.ahead(s) == eager.ahead(s)
+
+
+def test_before_the_start_and_beyond_the_end_it_goes_straight_on():
+    route = SampledRoute(Line())
+    assert route.ahead(-3.0)[2:4] == pytest.approx((-3.0, 0.0))
+    behind = route.nearest(-2.0, 0.5, 0.0, 0.0)
+    assert (behind.s, behind.offset) == pytest.approx((-2.0, 0.5))
+
+
+class ThereAndBack:
+    """Ten metres ahead, a stop, and back in reverse along a left-hand arc; the heading never jumps."""
+
+    speed_m_s, duration_s = 1.0, 30.0
+    turns_s = ((0.0, 30.0),)
+
+    def at(self, t):
+        if t < 10.0:
+            return Reference(t, 0.0, 1.0, 0.0, 0.0, 0.0)
+        if t < 12.0:
+            return Reference(10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        angle = -(t - 12.0) / 8.0  # driving back on a circle of 8 m to the left turns the nose to the right
+        yaw = atan2(sin(angle), cos(angle))
+        return Reference(10.0 + 8 * sin(angle), 8 - 8 * cos(angle), -cos(yaw), -sin(yaw), yaw, 1 / 8)
+
+
+def test_a_cusp_divides_the_path_into_legs():
+    route = SampledRoute(ThereAndBack())
+    low, high = route.leg(5.0)
+    assert (low, high) == pytest.approx((0.0, 10.0), abs=0.05)
+    assert route.leg(15.0)[0] == pytest.approx(10.0, abs=0.05)
+    forward = route.nearest(9.0, 0.2, 9.0, 9.0)
+    assert (forward.speed, forward.offset) == pytest.approx((1.0, 0.2), abs=1e-6)
+    back = route.nearest(9.0, 0.2, 10.0, 13.0)
+    assert back.speed < 0
+    assert back.s > 10.5
+    assert back.offset == pytest.approx(8 - hypot(9.0 - 10.0, 0.2 - 8), abs=1e-3)
+
+
+def test_it_fills_the_contract_of_the_guidance():
+    route: Route = SampledRoute(Line())
+    assert route.leg(1.0)[0] == 0.0
+    assert pi > route.ahead(1.0).yaw > -pi

@@ -1,0 +1,113 @@
+"""Stepping from outside: the same run as `run`, commands in their units, messages for what cannot be."""
+
+from math import atan, inf, nan, radians
+
+import numpy as np
+import pytest
+
+from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.core.errors import CommandError, ScenarioError
+
+SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
+
+
+def test_the_own_guidance_drives_as_run_does():
+    scenario = load_scenario("figure_eight", {"duration_s": 6.0})
+    sim = Simulation(scenario)
+    sim.reset()
+    while not sim.done:
+        sim.step()
+    assert sim.outcome == "completed"
+    assert sim.log().signals.equals(run(scenario).signals)
+
+
+def test_a_reset_starts_the_same_run_again():
+    sim = Simulation("circle", SHORT)
+    first = [sim.reset()] + [sim.step() for _ in range(20)]
+    again = [sim.reset()] + [sim.step() for _ in range(20)]
+    assert [m.steer for m in first] == [m.steer for m in again]
+    assert [m.fix for m in first] == [m.fix for m in again]
+
+
+def test_time_goes_on_by_a_tick_per_step_until_the_end():
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    steps = 0
+    while not sim.done:
+        assert sim.truth.t == pytest.approx(0.05 * steps)
+        sim.step()
+        steps += 1
+    assert steps == 60
+    with pytest.raises(CommandError, match=r"ended \(completed\); call reset"):
+        sim.step()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_a_steering_angle_turns_the_tractor_on_its_circle(plant, sign):
+    sim = Simulation("circle", {"duration_s": 25.0, "plant.kind": plant, "supervisor.enabled": False})
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=sign * radians(10), speed=1.0)
+    assert sim.truth.steer == pytest.approx(sign * radians(10), abs=radians(1))
+    assert sim.truth.yaw_rate / sim.truth.speed == pytest.approx(sign * np.tan(radians(10)) / 1.4, rel=0.08)
+
+
+def test_curvature_and_yaw_rate_are_turned_into_the_angle_that_gives_them():
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    sim.step(curvature=0.1, speed=1.0)
+    assert sim.log().column("steer_ref")[0] == pytest.approx(atan(1.4 * 0.1))
+    for _ in range(50):
+        sim.step(yaw_rate=0.1, speed=1.0)
+    wanted = atan(1.4 * 0.1 / sim.log().column("speed_hat")[50])
+    assert sim.log().column("steer_ref")[50] == pytest.approx(wanted)
+
+
+def test_a_valve_voltage_goes_to_the_valve_within_its_range():
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    for volts in (7.5, 99.0):
+        sim.step(steer_voltage=volts)
+    assert sim.log().column("valve_voltage") == pytest.approx([7.5, 12.0])
+
+
+def test_without_a_speed_the_reference_s_is_taken():
+    sim = Simulation("circle", SHORT | {"path.ramp_s": 0.0})
+    sim.reset()
+    for _ in range(3):
+        sim.step(steer=0.1)
+    assert sim.log().column("speed_ref") == pytest.approx([1.2, 1.2, 1.2])
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+@pytest.mark.parametrize("name", ["steer", "speed", "curvature", "yaw_rate", "steer_voltage"])
+def test_a_command_that_is_not_finite_is_refused_by_name(name, value):
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    with pytest.raises(CommandError, match=name):
+        sim.step(**{name: value})
+    sim.step()  # and the run goes on
+
+
+def test_two_steering_commands_at_once_are_refused():
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    with pytest.raises(CommandError, match="steer and curvature: give one of them"):
+        sim.step(steer=0.1, curvature=0.1)
+
+
+def test_bad_scenarios_are_refused_as_everywhere():
+    with pytest.raises(ScenarioError, match="unknown scenario 'circel'; did you mean 'circle'"):
+        Simulation("circel")
+    with pytest.raises(ScenarioError, match=r"terrain\.grade_deg"):
+        Simulation("side_slope", {"terrain.grade_deg": 80})
+
+
+def test_a_run_from_outside_may_leave_the_path_without_being_stopped():
+    sim = Simulation("straight_line", {"duration_s": 12.0, "plant.kind": "bicycle"})
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=0.4, speed=1.0)
+    assert sim.outcome == "completed"
+    assert abs(sim.log().column("e_lateral")[-1]) > 2.0
