@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow check validate bench figures library snapshots lock
+.PHONY: help install demo test slow check validate bench figures library snapshots lock reference
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -54,6 +54,9 @@ library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages agai
 
 snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
 	@$(PY) scripts/make_snapshots.py
+
+reference: $(STAMP) ## Write the reference of columns, docs/columns.md
+	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies anew (needs uv)
 	$(UV) lock

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics.base import RunView
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
@@ -49,6 +50,13 @@ class Passed(NamedTuple):
             "xte_rms": float(np.sqrt((error**2).mean())) if some else None,
             "xte_abs_p95": float(np.percentile(np.abs(error), 95)) if some else None,
         }
+
+
+def passes(view: RunView) -> dict[str, Any]:
+    """`iso_12188_2_style`: the accuracy from pass to pass, where the path has passes."""
+    if not isinstance(view.path, Parallel):
+        return {}
+    return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Reference, Truth
-from agrobot_mj.metrics.summary import metrics
+from agrobot_mj.metrics import metrics
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario

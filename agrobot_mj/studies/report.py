@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.summary import LogLike
+from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
 from agrobot_mj.simulation.storage import whole
 

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agrobot_mj.metrics import errors, metrics
 from agrobot_mj.metrics.crosstrack import cross_track
-from agrobot_mj.metrics.summary import errors, metrics
 from agrobot_mj.paths import Circle, FigureEight, Line
-
-SIGNALS = ("x", "y", "e_lateral", "e_longitudinal", "e_yaw_rate", "tau_c", "tau_n")
-SIGNALS += ("position_nees", "position_nis", "steer_saturated")
+from agrobot_mj.simulation.columns import COLUMNS
 
 
 class FakeLog:
@@ -21,7 +19,7 @@ class FakeLog:
     def __init__(self, path: Any, t: Any, **columns: Any) -> None:
         self.scenario = SimpleNamespace(path=path)
         self.t = np.asarray(t, dtype=float)
-        self.columns = {name: np.zeros(len(self.t)) for name in SIGNALS} | {"t": self.t}
+        self.columns = {name: np.zeros(len(self.t)) for name in COLUMNS} | {"t": self.t}
         self.columns |= {name: np.zeros(len(self.t)) + np.asarray(v) for name, v in columns.items()}
 
     def column(self, name: str) -> Any:

@@ -1,0 +1,43 @@
+"""The reference of columns, docs/columns.md, as the tables of the code have it."""
+
+from collections.abc import Iterable
+
+from agrobot_mj.control import Controller, Guidance
+from agrobot_mj.control.base import YAW_COLUMNS
+from agrobot_mj.control.supervisor import Supervisor
+from agrobot_mj.core.signals import Column
+from agrobot_mj.core.spec import every
+from agrobot_mj.estimation import Estimator
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
+
+HEAD = """# Columns of signals.parquet
+
+One row per tick of 0.05 s, float64, SI units, angles in radians; a value that does not exist in a tick is null. Each field
+of the file carries its `unit` and `description` as metadata. Frames: ENU; yaw from east, counter-clockwise; steering, yaw
+rate and lateral quantities left positive. This page is written by `make reference` from the table of the code,
+`agrobot_mj/simulation/columns.py`; stages add columns of their own.
+"""
+
+
+def reference() -> str:
+    """The page as Markdown."""
+    own = {column.name for column in YAW_COLUMNS}
+    parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
+    parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
+    parts.append(_section("Supervisor", Supervisor().columns))
+    for title, union in (("Guidance", Guidance), ("Yaw controller", Controller), ("Estimator", Estimator)):
+        for spec in every(union):
+            columns = [column for column in spec().columns if column.name not in own]
+            if columns:
+                parts.append(_section(f"{title} `{spec.model_fields['kind'].default}`", columns))
+    for name, sensor in Sensors().all.items():
+        enabled = sensor.model_copy(update={"enabled": True})
+        if enabled.columns:
+            parts.append(_section(f"Sensor `{name}`", enabled.columns))
+    return "\n".join(parts)
+
+
+def _section(title: str, columns: Iterable[Column]) -> str:
+    rows = "\n".join(f"| `{c.name}` | {c.unit} | {c.description.replace('|', chr(92) + '|')} |" for c in columns)
+    return f"## {title}\n\n| column | unit | what |\n|---|---|---|\n{rows}\n"

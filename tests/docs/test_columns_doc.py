@@ -1,0 +1,38 @@
+"""docs/columns.md is the table of columns, and the table says what each column is."""
+
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
+from agrobot_mj.simulation.reference import reference
+from agrobot_mj.simulation.storage import write_log
+
+PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
+UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
+
+
+def test_the_page_is_the_table():
+    assert PAGE.read_text(encoding="utf-8") == reference(), "run `make reference`"
+
+
+def test_every_column_says_its_unit_and_what_it_is():
+    columns = [signal.column for signal in SIGNALS] + list(WHEEL_SIGNALS)
+    assert len({column.name for column in columns}) == len(columns)
+    for column in columns:
+        assert column.unit in UNITS, column
+        assert len(column.description) > 8, column
+        assert not column.description.endswith("."), column
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_the_file_carries_units_and_descriptions(tmp_path, plant):
+    write_log(run(load_scenario("circle", {"plant.kind": plant, "duration_s": 0.2})), tmp_path)
+    schema = pq.read_schema(tmp_path / "signals.parquet")
+    for field in schema:
+        assert field.metadata[b"unit"], field
+        assert field.metadata[b"description"], field
+    assert schema.field("yaw_rate").metadata[b"unit"] == b"rad/s"
+    assert schema.field("c2_1").metadata[b"unit"] == b"rad/s2"
