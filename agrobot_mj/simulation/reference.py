@@ -1,6 +1,7 @@
 """The reference of columns, docs/columns.md, as the tables of the code have it."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from agrobot_mj.control import Controller, Guidance
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -13,10 +14,10 @@ from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 HEAD = """# Columns of signals.parquet
 
-One row per tick of 0.05 s, float64, SI units, angles in radians; a value that does not exist in a tick is null. Each field
-of the file carries its `unit` and `description` as metadata. Frames: ENU; yaw from east, counter-clockwise; steering, yaw
-rate and lateral quantities left positive. This page is written by `make reference` from the table of the code,
-`agrobot_mj/simulation/columns.py`; stages add columns of their own.
+One row per tick of 0.05 s, float64, SI units, angles in radians; a value that does not exist in a tick is null. Each
+field of the file carries its `unit` and `description` as metadata. Frames: ENU; yaw from east, counter-clockwise;
+steering, yaw rate and lateral quantities left positive. This page is written by `make reference` from the table of the
+code, `agrobot_mj/simulation/columns.py`; stages add columns of their own.
 """
 
 
@@ -28,7 +29,8 @@ def reference() -> str:
     parts.append(_section("Supervisor", Supervisor().columns))
     for title, union in (("Guidance", Guidance), ("Yaw controller", Controller), ("Estimator", Estimator)):
         for spec in every(union):
-            columns = [column for column in spec().columns if column.name not in own]
+            part: Any = spec()
+            columns = [column for column in part.columns if column.name not in own]
             if columns:
                 parts.append(_section(f"{title} `{spec.model_fields['kind'].default}`", columns))
     for name, sensor in Sensors().all.items():
