@@ -29,7 +29,7 @@ HEAVY = TractorParameters(
 
 def written(tractor):
     spec = tractor_spec(tractor, Cylinder(), Driveline())
-    return simulation_model(spec, Flat().ground(), 0.002, False, 0.8, 1.0)
+    return simulation_model(spec, Flat().ground(), 0.002, None)
 
 
 def as_shipped(tractor):
