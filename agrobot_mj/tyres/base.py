@@ -2,7 +2,7 @@
 
 A tyre is a `TyreBase` with three steps: `structure` (relaxation, damping, rolling resistance, contact patch),
 `coefficients` (the law's numbers for front and rear, in SI) and `native` (MuJoCo makes the force instead). The
-coefficients are a `Law`: a named tuple of floats whose methods `force` and `drag` are plain scalar functions, compiled
+coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are plain scalar functions, compiled
 for the tick and usable as they stand. A new tyre is one file with both classes, and its name in the union `Tyre`.
 """
 
@@ -51,7 +51,7 @@ class TyreForce(NamedTuple):
     """Share of the grip in use [-]."""
 
 
-class Law(Protocol):
+class TyreLaw(Protocol):
     """Coefficients of one tyre as a named tuple of floats, with its force law."""
 
     def force(self, slip: Slip) -> TyreForce:
@@ -108,6 +108,6 @@ class TyreBase(Spec):
         """Carcass and contact patch."""
         raise NotImplementedError
 
-    def coefficients(self, tractor: TractorParameters) -> tuple[Law, Law]:
+    def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
         """Law of one front and one rear tyre; both of the same class."""
         raise NotImplementedError

@@ -20,7 +20,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector, cross, dot, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
-from agrobot_mj.tyres.base import Footing, Law
+from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
@@ -32,9 +32,9 @@ CREEP_SPEED = 0.02
 class TyreSet(NamedTuple):
     """Four tyres in the order fl, fr, rl, rr, as the compiled kernel takes them."""
 
-    front: Law
+    front: TyreLaw
     """Law of the front tyres, a named tuple: its class decides what is compiled."""
-    rear: Law
+    rear: TyreLaw
     """Law of the rear tyres, of the same class."""
     radius: Array
     """Free radius, shape (4,) [m]."""

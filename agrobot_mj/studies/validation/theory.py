@@ -34,7 +34,7 @@ from agrobot_mj.machine.hydraulics import Cylinder
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
 from agrobot_mj.tyres import Linear
-from agrobot_mj.tyres.base import Footing, Law, Slip
+from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
@@ -124,7 +124,7 @@ class Tractor:
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
-    def slip(self, i: int, x: float, y: float, load: float) -> tuple[Law, Slip]:
+    def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
         """Law of wheel `i`, and its rolling tyre at these slips and load."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
