@@ -2,8 +2,9 @@
 
 A tyre is a `TyreBase` with three steps: `structure` (relaxation, damping, rolling resistance, contact patch),
 `coefficients` (the law's numbers for front and rear, in SI) and `native` (MuJoCo makes the force instead). The
-coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are plain scalar functions, compiled
-for the tick and usable as they stand. A new tyre is one file with both classes, and its name in the union `Tyre`.
+coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are plain scalar functions,
+compiled for the tick and usable as they stand. A new tyre is one file with both classes, and its name in the union
+`Tyre`.
 """
 
 from typing import NamedTuple, Protocol
