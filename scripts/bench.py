@@ -22,6 +22,8 @@ import numpy as np
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.core.signals import Drive
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.recording import Recording
@@ -30,7 +32,7 @@ from agrobot_mj.simulation import loop as simulate
 from agrobot_mj.simulation import stepping
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres import Tyre
 
 AIM_RATIO, AIM_RECORDING = 2.0, 0.15
 """The project's aims: closed loop over bare step, and what recording adds [-]."""
@@ -179,10 +181,12 @@ def rough_ground() -> Ground:
 def tyre_costs(repeats: int) -> dict[str, float]:
     """Physics steps with each tyre's kernel over as many bare steps of the same model, on a 200 x 200 grid [-]."""
     found = {}
-    for tyre in (Linear(), MagicFormula(), Soil()):
+    for tyre in (tyre() for tyre in every(Tyre)):
+        if tyre.native:
+            continue  # no kernel
         s = load_scenario("straight_line")
-        common = (s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, rough_ground(), s.physics_dt_s, 25)
-        plant = MujocoPlant(Mujoco(tyre=tyre), *common)
+        machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
+        plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
         plant.reset(s.path.at(0.0))
         for _ in range(20):
             plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid

@@ -11,12 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import config, njit, typeof
+from numba import config, njit, typeof, types
+from numba.extending import overload_method
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
 KEPT = 8
-"""Caches of as many versions of the package stay on disk."""
+"""Number of versions of the package whose caches stay on disk."""
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "studies")
 """Parts of the package with kernels, and what kernels take constants from."""
 
@@ -54,22 +55,45 @@ def jit(function: F) -> F:
 
 
 def kernel(function: F) -> F:
-    """The same for what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
+    """Compile what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
 
     Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
-    wheel. An array that it did make would never be freed; tests/test_compiled.py watches that there is none.
+    wheel. An array that it did make would never be freed; tests/core/test_kernels.py checks that there is none.
     """
     return _compiled(function, _nrt=False, error_model="numpy")
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """A compiled function for arguments of the types of these, and of no others: a call looks at no types.
+    """Specialise `function` for the types of these arguments and skip numba's type dispatch.
 
-    Looking at them costs a microsecond a named tuple.
+    The dispatch costs about a microsecond per named tuple.
     """
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
     return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))
+
+
+def kernel_method(name: str) -> None:
+    """Let kernels call the method `name` of any named tuple: `record.name(...)`, each class with its own.
+
+    The method stays a plain Python function. A kernel that is given a record is compiled for the record's class, so
+    that the call is a direct one, and the result is cached on disk like that of any other kernel.
+    """
+    if config.DISABLE_JIT:
+        return
+    compiled: dict[type, Callable[..., object]] = {}
+
+    def method(record: Any, *arguments: object) -> Callable[..., object] | None:
+        cls = record.instance_class
+        if not hasattr(cls, name):
+            return None
+        if cls not in compiled:
+            compiled[cls] = kernel(getattr(cls, name))
+        function = compiled[cls]
+        return lambda record, *arguments: function(record, *arguments)
+
+    for shape in (types.NamedTuple, types.NamedUniTuple):
+        overload_method(shape, name, strict=False)(method)
 
 
 def _compiled(function: F, **options: object) -> F:

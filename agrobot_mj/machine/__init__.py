@@ -1,1 +1,23 @@
 """The tractor's numbers and its actuators, shared by all plants."""
+
+from typing import NamedTuple
+
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
+
+
+class Machine(NamedTuple):
+    """The tractor and its actuators: everything that a plant is built from, besides its own model."""
+
+    tractor: TractorParameters = TractorParameters()
+    """Geometry and masses."""
+    valve: Valve = Valve()
+    """Steering valve and its pump."""
+    cylinder: Cylinder = Cylinder()
+    """Steering cylinder."""
+    driveline: Driveline = Driveline()
+    """From the pedal to the rear wheels."""
+
+
+__all__ = ["Cylinder", "Driveline", "Machine", "TractorParameters", "Valve"]

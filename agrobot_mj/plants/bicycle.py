@@ -1,10 +1,13 @@
 """The paper's plant: the linear bicycle, on level ground only.
 
 State v, gamma (equation sondenklem) with the pose of kinematicmodeltractor2, whose yaw rate is gamma and whose
-lateral velocity is v. Over one step of constant speed and steering angle the linear part is exact (closed-form
-exponential of the 2 x 2 matrix) and the position is integrated by Simpson's rule. Below `CRAWL` the model is at its
-steady state at once, since its time constants go with the speed. Valves and drive are those of the MuJoCo plant, with
-a rigid cylinder and no wheel slip.
+lateral velocity is v. A tyre's force opposes the lateral velocity over the rolling speed |u|; that holds for reverse
+too, where the axles change places and an understeering tractor oversteers.
+
+Over one step of constant speed and steering angle the linear part is exact (closed-form exponential of the 2 x 2
+matrix) and the position is integrated by Simpson's rule. Below `CRAWL` the model is at its steady state at once, since
+its time constants scale with the speed. Valves and drive are those of the MuJoCo plant, with a rigid cylinder and no
+wheel slip.
 """
 
 from math import cos, cosh, exp, isfinite, nan, sin, sinh, sqrt
@@ -16,10 +19,9 @@ from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.core.spec import Positive, Spec
-from agrobot_mj.machine.driveline import DriveLaw, Driveline, DriveMemory, drive_law, drive_step, reset_drive
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_law, drive_step, reset_drive
 from agrobot_mj.machine.hydraulics import (
-    Cylinder,
-    Valve,
     ValveLaw,
     ValveMemory,
     reset_valve,
@@ -28,10 +30,11 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
     worn,
 )
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.terrain import Ground
 
+CLOCK = Clock()
 CRAWL = 0.05
 """Below this speed the dynamics count as settled [m/s]."""
 
@@ -72,21 +75,23 @@ class Linear2(NamedTuple):
 
 @kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
-    """A and B of the yaw dynamics at speed `u` [m/s], u not zero."""
+    """A and B of the yaw dynamics at speed `u` [m/s], u not zero; negative in reverse."""
+    # slip angles refer to the rolling speed |u|; the steered wheel's own part, -u delta / |u|, changes its sign
+    rolling, ahead = abs(u), 1.0 if u > 0.0 else -1.0
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
     return Linear2(  # [agrobots: sondenklem]
-        A11=-(p.C_f + p.C_r) / (p.m * u),
-        A12=coupling / (p.m * u) - u,
-        A21=coupling / (p.I_z * u),
-        A22=-(p.l_f**2 * p.C_f + p.l_r**2 * p.C_r) / (p.I_z * u),
-        B1=p.C_f / p.m,
-        B2=p.l_f * p.C_f / p.I_z,
+        A11=-(p.C_f + p.C_r) / (p.m * rolling),
+        A12=coupling / (p.m * rolling) - u,
+        A21=coupling / (p.I_z * rolling),
+        A22=-(p.l_f**2 * p.C_f + p.l_r**2 * p.C_r) / (p.I_z * rolling),
+        B1=ahead * (p.C_f / p.m),
+        B2=ahead * (p.l_f * p.C_f / p.I_z),
     )
 
 
 @kernel
 def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
-    """(v, gamma) at rest under a constant steering angle: the solution of A x = -B delta."""
+    """Steady (v, gamma) under a constant steering angle: the solution of A x = -B delta."""
     det = a.A11 * a.A22 - a.A12 * a.A21
     v = (-a.A22 * a.B1 + a.A12 * a.B2) / det * delta
     gamma = (a.A21 * a.B1 - a.A11 * a.B2) / det * delta
@@ -96,20 +101,24 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
     """Exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
+    # about the steady state the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
+    # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
+    # exponential sums to exp(A t) = exp(s t) (cosh(w t) + sinh(w t) / w (A - s))
     s, det = 0.5 * (a.A11 + a.A22), a.A11 * a.A22 - a.A12 * a.A21
     w2 = s * s - det
     if w2 > 1e-12:
         w = sqrt(w2)
         c, sc = cosh(w * t), sinh(w * t) / w
-    elif w2 < -1e-12:
+    elif w2 < -1e-12:  # a complex pair: cosh and sinh of i w t
         w = sqrt(-w2)
         c, sc = cos(w * t), sin(w * t) / w
-    else:
+    else:  # a double eigenvalue: the limit of both
         c, sc = 1.0, t
     e, dv, dg = exp(s * t), v - v_s, gamma - gamma_s
     v_t = e * (c * dv + sc * ((a.A11 - s) * dv + a.A12 * dg))
     g_t = e * (c * dg + sc * (a.A21 * dv + (a.A22 - s) * dg))
+    # integral of the decaying part of gamma: second row of A^-1 (x(t) - x(0)); the steady part adds gamma_s t
     turned = (a.A11 * (g_t - dg) - a.A21 * (v_t - dv)) / det + gamma_s * t
     return v_t + v_s, g_t + gamma_s, turned
 
@@ -118,19 +127,21 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
 def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
     """Advance `state` = (x, y, yaw, v, gamma) in place by `dt` [s]."""
     yaw, v, gamma = state[2], state[3], state[4]
-    a = lateral_dynamics(p, max(abs(u), CRAWL))
     if abs(u) < CRAWL:
+        a = lateral_dynamics(p, CRAWL)
         share = u / CRAWL
         v_s, gamma_s = steady_state(a, delta)
         v_1, gamma_1 = share * v_s, share * gamma_s
         v_m, turned_m, turned = v_1, 0.5 * gamma_1 * dt, gamma_1 * dt
         v = v_1
     else:
+        a = lateral_dynamics(p, u)
         v_m, _, turned_m = propagate(a, v, gamma, delta, 0.5 * dt)
         v_1, gamma_1, turned = propagate(a, v, gamma, delta, dt)
     dx0, dy0 = planar_velocity(yaw, u, v)
     dxm, dym = planar_velocity(yaw + turned_m, u, v_m)
     dx1, dy1 = planar_velocity(yaw + turned, u, v_1)
+    # Simpson's rule: start, middle and end of the step
     state[0] += dt / 6 * (dx0 + 4 * dxm + dx1)
     state[1] += dt / 6 * (dy0 + 4 * dym + dy1)
     state[2], state[3], state[4] = yaw + turned, v_1, gamma_1
@@ -168,17 +179,8 @@ def run_steps(
 class BicyclePlant:
     """The running bicycle: owns its state and the memories of valve and drive."""
 
-    def __init__(
-        self,
-        spec: Bicycle,
-        tractor: TractorParameters,
-        valve: Valve,
-        cylinder: Cylinder,
-        driveline: Driveline,
-        ground: Ground,
-        physics_dt: float,
-        steps: int,
-    ) -> None:
+    def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
+        tractor = machine.tractor
         self.law = BicycleLaw(
             m=tractor.mass_kg,
             I_z=tractor.yaw_inertia_kg_m2,
@@ -187,15 +189,15 @@ class BicyclePlant:
             C_f=spec.front_cornering_stiffness_n_rad,
             C_r=spec.rear_cornering_stiffness_n_rad,
             steer_limit=tractor.steer_limit,
-            displacement=cylinder.displacement,
+            displacement=machine.cylinder.displacement,
         )
         self.tractor, self.ground = tractor, ground
-        self.nominal_valve, self.valve_memory = valve_law(valve, physics_dt)
+        self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         self.valve = self.nominal_valve
-        self.drive, self.drive_memory = drive_law(driveline, physics_dt)
+        self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.state = np.zeros(7)
-        self.samples = np.zeros((2, steps))
-        self.ticks, self.tick_s = 0, steps * physics_dt
+        self.samples = np.zeros((2, clock.steps))
+        self.ticks, self.tick_s = 0, clock.tick_s
         self.ghost = Ghost(tractor)
         self.scene = self.ghost.scene
 

@@ -16,8 +16,9 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
 from agrobot_mj.faults import Script, loadings
+from agrobot_mj.machine import Machine
 from agrobot_mj.paths.route import SampledRoute
-from agrobot_mj.plants import Bicycle, BicyclePlant, MujocoPlant, RunningPlant
+from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.terrain import height_and_gradient
@@ -145,19 +146,12 @@ class Loop:
 def build_plant(scenario: Scenario) -> RunningPlant:
     """The running plant of a scenario. Raises `ScenarioError` when its numbers make no tractor."""
     s = scenario
-    common = (
-        s.tractor,
-        s.steering.valve,
-        s.steering.cylinder,
-        s.driveline,
-        s.terrain.ground(),
-        s.physics_dt_s,
-        s.steps_per_tick,
-    )
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
+    ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
-            return BicyclePlant(s.plant, *common)
-        plant = MujocoPlant(s.plant, *common)
+            return BicyclePlant(s.plant, machine, ground, clock)
+        plant = MujocoPlant(s.plant, machine, ground, clock)
         for k, payload in loadings(s.fault):
             plant.weigh(payload, f"fault[{k}]")
         return plant

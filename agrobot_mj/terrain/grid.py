@@ -6,7 +6,7 @@ heights go on, and `Ground.covers` says whether a point lies on it. The properti
 own, each uniform; outside it the ground is as the tyre's law has it.
 """
 
-from math import ceil, floor, log10
+from math import ceil, floor, log10, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +83,8 @@ class Ground(NamedTuple):
 def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
     """Height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
     rows, columns = ground.heights.shape
+    if x != x or y != y:  # no index can be made of NaN: compiled it would be -2^63, read unchecked
+        return nan, nan, nan
     a = min(max((x - ground.x0) / ground.spacing, 0.0), columns - 1.0)
     b = min(max((y - ground.y0) / ground.spacing, 0.0), rows - 1.0)
     i, j = min(int(a), columns - 2), min(int(b), rows - 2)

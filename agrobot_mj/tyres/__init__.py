@@ -1,9 +1,10 @@
-"""Tyres as connections between wheel and ground: one file a law, the contact patch shared."""
+"""Tyres as connections between wheel and ground: one file per law, the contact patch shared."""
 
 from typing import Annotated
 
 from pydantic import Field
 
+from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.contact import Contact
 from agrobot_mj.tyres.linear import Linear
 from agrobot_mj.tyres.magic_formula import MagicFormula
@@ -11,4 +12,4 @@ from agrobot_mj.tyres.soil import Soil
 
 Tyre = Annotated[Contact | Linear | MagicFormula | Soil, Field(discriminator="kind")]
 
-__all__ = ["Contact", "Linear", "MagicFormula", "Soil", "Tyre"]
+__all__ = ["Contact", "Linear", "MagicFormula", "Soil", "Tyre", "TyreBase"]

@@ -6,10 +6,13 @@ It has no slip law: sliding creeps like a viscous fluid, with a cornering stiffn
 
 from typing import Literal
 
-from agrobot_mj.core.spec import Positive, Spec
+from agrobot_mj.core.spec import Positive
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres.base import NativeContact, Structure, TyreBase
+from agrobot_mj.tyres.linear import LinearLaw
 
 
-class Contact(Spec):
+class Contact(TyreBase):
     """Native wheel contact."""
 
     kind: Literal["contact"] = "contact"
@@ -17,3 +20,16 @@ class Contact(Spec):
     """Sliding friction coefficient [-]. Estimate (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
     """Stiffness of friction over that of the normal contact, see MuJoCo's `option` [-]. MuJoCo's default."""
+
+    @property
+    def native(self) -> NativeContact:
+        """These settings."""
+        return NativeContact(self.friction, self.impratio)
+
+    def structure(self) -> Structure:
+        """No carcass of its own: a relaxation length of one radius, never used."""
+        return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
+
+    def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
+        """A law without force."""
+        return LinearLaw(0.0, 0.0), LinearLaw(0.0, 0.0)

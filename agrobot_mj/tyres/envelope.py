@@ -19,15 +19,15 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 MIDDLE = 11
 """Angles on either side of the way down; odd, so that the way down and the ends are looked at."""
 STEP = radians(5.0)
-"""Between angles [rad]."""
+"""Step between angles [rad]."""
 COS, SIN = (f(STEP * np.arange(-MIDDLE, MIDDLE + 1)) for f in (np.cos, np.sin))
-"""Of the angles: every second one is looked at, the others only beside the deepest."""
+"""Cosines and sines of the angles: every second one is looked at, the others only beside the deepest."""
 BLEND = 0.005
 """Penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
 BASE = 0.5
 """Half the length over which the slope below the wheel is taken, over the radius [-]. Estimate."""
 BASE_WIDTH = 0.25
-"""Likewise across: about half the width of the tyre [-]. Estimate."""
+"""Half the width over which the cross slope is taken, over the radius: about half the tyre's width [-]. Estimate."""
 
 
 @kernel
@@ -68,6 +68,7 @@ def peak_near(
 @kernel
 def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector) -> tuple[float, float]:
     """Angle from the way down, forward positive [rad], and vertical depth [m] of the place the wheel stands on."""
+    # the two deepest local maxima over every second angle; -inf beyond both ends, so that an end can be a maximum
     best = second = -inf
     best_k = second_k = MIDDLE
     before, here = -inf, depth_at(ground, centre, down, forward, radius * COS[1], radius * SIN[1])
@@ -75,16 +76,18 @@ def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward
         after = -inf
         if k + 2 < COS.size:
             after = depth_at(ground, centre, down, forward, radius * COS[k + 2], radius * SIN[k + 2])
-        if here >= before and here > after:
+        if here >= before and here > after:  # of equals on a plateau only the last
             if here > best:
                 second, second_k, best, best_k = best, best_k, here, k
             elif here > second:
                 second, second_k = here, k
         before, here = here, after
     phi, depth = peak_near(ground, radius, centre, down, forward, best_k, best)
+    # so far behind that the few millimetres of a parabola cannot make up for it
     if best - second > 4 * BLEND:
         return phi, depth
     other_phi, other = peak_near(ground, radius, centre, down, forward, second_k, second)
+    # two places that compete, as in a furrow: their angles are blended, so that the normal does not jump
     share = max(0.0, 1.0 - abs(depth - other) / BLEND)
     if other > depth:
         phi, other_phi, depth = other_phi, phi, other

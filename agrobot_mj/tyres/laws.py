@@ -1,4 +1,4 @@
-"""From a tyre's configuration to the compiled kernel, and one wheel's step under any law."""
+"""From a tyre's specification to the four tyres of the compiled kernel, and one wheel's step under any law."""
 
 from math import atan, exp
 
@@ -6,11 +6,9 @@ import numpy as np
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.tyres.linear import Linear, linear_force
-from agrobot_mj.tyres.magic_formula import MagicFormula, magic_force
+from agrobot_mj.tyres.base import Slip, TyreBase
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -19,8 +17,8 @@ from agrobot_mj.tyres.patch import (
     SLIP_ANGLE,
     SLIP_RATIO,
     ContactPatch,
-    Footing,
     TyreSet,
+    WheelMotion,
     add_wrench,
     find_patch,
     footing_of,
@@ -28,10 +26,7 @@ from agrobot_mj.tyres.patch import (
     rolling_torque,
     soft_sign,
 )
-from agrobot_mj.tyres.soil import OWN_LOSS, Soil, drive_slip, resistance, soil_force
 
-LINEAR, MAGIC_FORMULA, SOIL = range(3)
-"""Codes of the laws in the kernel."""
 SLIDE = 0.1
 """Twist at which the patch slides all over [rad]. Estimate."""
 GRIP = 0.75
@@ -44,65 +39,23 @@ STILL = 0.02
 """Soil resistance and pneumatic trail build up over this speed [m/s]."""
 
 
-@kernel
-def force(
-    law: int,
-    coefficients: Array,
-    slip_x: float,
-    slip_y: float,
-    load: float,
-    deflection: float,
-    v_roll: float,
-    footing: Footing,
-) -> tuple[float, float, float, float]:
-    """Forces forward and left [N], share of the bristle that the grip can hold, share of the grip in use; by `law`."""
-    if law == MAGIC_FORMULA:
-        return magic_force(coefficients, slip_x, slip_y, load, v_roll, footing.grip)
-    if law == SOIL:
-        return soil_force(coefficients, slip_x, slip_y, load, deflection, v_roll, footing)
-    return linear_force(coefficients, slip_x, slip_y)
-
-
-@kernel
-def drag(
-    law: int, coefficients: Array, slip_x: float, load: float, deflection: float, v_x: float, footing: Footing
-) -> float:
-    """Force of the ground's own resistance on the wheel's centre, forward [N]: of soil only."""
-    if law == SOIL:
-        share = soft_sign(v_x, STILL)
-        return -share * resistance(coefficients, footing.cone_index, load, deflection, drive_slip(slip_x))
-    return 0.0
-
-
-def tyre_set(tyre: Linear | MagicFormula | Soil, tractor: TractorParameters) -> TyreSet:
+def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     """The four tyres of a tractor."""
     radius = np.array([tractor.front_wheel_radius_m] * 2 + [tractor.rear_wheel_radius_m] * 2)
-    relaxation = tyre.relaxation_radii * radius
-    if isinstance(tyre, Soil):
-        law, coefficients, rolling, half, trail = (
-            SOIL,
-            tyre.coefficients(tractor),
-            OWN_LOSS,
-            tyre.patch_half_length_m,
-            0.0,
-        )
-    elif isinstance(tyre, MagicFormula):
-        law, coefficients, rolling = MAGIC_FORMULA, tyre.coefficients(), tyre.rolling_resistance
-        half, trail = tyre.patch_half_length_m, tyre.trail_m
-    else:
-        law, coefficients, rolling, half, trail = LINEAR, tyre.coefficients(), tyre.rolling_resistance, 0.0, 0.0
+    structure, (front, rear) = tyre.structure(), tyre.coefficients(tractor)
+    relaxation = structure.relaxation_radii * radius
     return TyreSet(
-        law=law,
-        coefficients=coefficients,
+        front=front,
+        rear=rear,
         radius=radius,
         stiffness=np.array([tractor.front_tyre_stiffness_n_m] * 2 + [tractor.rear_tyre_stiffness_n_m] * 2),
         damping=np.array([tractor.front_tyre_damping_n_s_m] * 2 + [tractor.rear_tyre_damping_n_s_m] * 2),
         relaxation=np.stack([relaxation, relaxation], axis=1),
-        bristle_damping=tyre.bristle_damping_s * tyre.relaxation_radii / 1.5,
-        rolling_resistance=rolling,
-        patch_half_length=half,
-        trail=trail,
-        cone_index=1e3 * tyre.cone_index_kpa if isinstance(tyre, Soil) else 0.0,
+        bristle_damping=structure.bristle_damping_s * structure.relaxation_radii / 1.5,
+        rolling_resistance=structure.rolling_resistance,
+        patch_half_length=structure.patch_half_length_m,
+        trail=structure.trail_m,
+        cone_index=structure.cone_index_pa,
         grip=np.ones(4),
         carcass=np.ones((4, 2)),
     )
@@ -133,21 +86,12 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def wheel_step(
-    tyres: TyreSet,
-    i: int,
-    ground: Ground,
-    centre: Vector,
-    axle: Vector,
-    velocity: Vector,
-    rotation: Vector,
-    dt: float,
-    bristle: Array,
-    wrench: Array,
-    report: Array,
+    tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
-    """One wheel over one step: bristle (3,) in place; wrench (6,) about its centre and report (6,) written."""
-    patch = find_patch(ground, tyres.radius[i], centre, axle, velocity, rotation)
+    """Wheel `i` over one step: bristle (3,) in place; wrench (6,) about its centre and report (6,) written."""
+    patch = find_patch(ground, tyres.radius[i], wheel)
     load = tyres.stiffness[i] * patch.penetration + tyres.damping[i] * patch.rate
+    # the ground pushes and never pulls: a wheel that rebounds faster than its damper allows has left the ground
     if patch.penetration <= 0.0 or load <= 0.0:
         bristle[:] = 0.0
         wrench[:] = 0.0
@@ -155,25 +99,29 @@ def wheel_step(
         return
     r_e = tyres.radius[i] - patch.penetration / 3.0
     rim = patch.spin * r_e
+    # a wheel that spins on the spot renews its bristles too, if only from one side: hence half the rim's speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     sigma_x, sigma_y = tyres.relaxation[i, 0], tyres.relaxation[i, 1]
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
+    # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    c, firm = tyres.coefficients[i], tyres.carcass[i, 0]
-    footing = footing_of(tyres, i, ground, centre[0] + patch.arm[0], centre[1] + patch.arm[1])
-    f_x, f_y, held, used = force(tyres.law, c, firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing)
-    bristle[0], bristle[1] = held * z_x, held * z_y
+    footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
+    law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
+    slip = Slip(slip_x, slip_y, load, patch.penetration, v_roll, footing)
+    direction = soft_sign(patch.v_x, STILL)
+    force = law.force(Slip(firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing))
+    push = law.drag(slip, direction)
+    # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up
+    bristle[0], bristle[1] = force.held * z_x, force.held * z_y
+    # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     loaded = tyres.radius[i] - patch.penetration
-    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * f_x
-    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + soft_sign(patch.v_x, STILL) * aligning(
-        tyres, slip_y, f_y
-    )
-    push = drag(tyres.law, c, slip_x, load, patch.penetration, patch.v_x, footing)
-    add_wrench(wrench, patch, axle, (f_x, f_y, load), (push, axle_torque, moment))
-    report[LOAD], report[FORCE_X], report[FORCE_Y] = load, f_x + push, f_y
+    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
+    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + direction * aligning(tyres, slip_y, force.y)
+    add_wrench(wrench, patch, wheel.axle, (force.x, force.y, load), (push, axle_torque, moment))
+    report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, force.y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
     report[SLIP_RATIO] = -z_x / sigma_x
-    report[FRICTION_USE] = used
+    report[FRICTION_USE] = force.used

@@ -1,20 +1,37 @@
 """The paper's tyre: force proportional to slip, without a limit.
 
 Laterally this is equation lateralforces for one tyre; longitudinally the same with a slip stiffness. The slip
-angle enters as its tangent, which is what the bristle yields. Half of the bicycle's axle stiffness a tyre, so that both
-plants agree on level ground.
+angle enters as its tangent, which is what the bristle yields. Each tyre has half of the bicycle's axle stiffness, so
+that both plants agree on level ground.
 """
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
-import numpy as np
-
-from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array
-from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
 
 
-class Linear(Spec):
+class LinearLaw(NamedTuple):
+    """Coefficients of one linear tyre."""
+
+    C_x: float
+    """Slip stiffness [N]."""
+    C_alpha: float
+    """Cornering stiffness [N/rad]."""
+
+    def force(self, slip: Slip) -> TyreForce:
+        """Force against the slip. Grip has no limit: the whole bristle is held, and no share of it is in use."""
+        F_x = -self.C_x * slip.x
+        F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
+        return TyreForce(F_x, F_l, 1.0, 0.0)
+
+    def drag(self, slip: Slip, direction: float) -> float:
+        """None: firm ground."""
+        return 0.0
+
+
+class Linear(TyreBase):
     """Linear tyre with relaxation length."""
 
     kind: Literal["linear"] = "linear"
@@ -33,20 +50,13 @@ class Linear(Spec):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
 
-    def coefficients(self) -> Array:
-        """Slip stiffness and cornering stiffness of fl, fr, rl, rr, shape (4, 2)."""
-        front = (self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad)
-        rear = (self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad)
-        return np.array([front, front, rear, rear])
+    def structure(self) -> Structure:
+        """Carcass without a contact patch."""
+        return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
-
-@kernel
-def linear_force(coefficients: Array, slip_x: float, slip_y: float) -> tuple[float, float, float, float]:
-    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
-
-    Grip has no limit here: the whole bristle is held, and no share of it is ever in use.
-    """
-    C_x, C_alpha = coefficients[0], coefficients[1]
-    F_x = -C_x * slip_x
-    F_l = -C_alpha * slip_y  # [agrobots: lateralforces]
-    return F_x, F_l, 1.0, 0.0
+    def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
+        """Law of one front and one rear tyre."""
+        return (
+            LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
+            LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),
+        )

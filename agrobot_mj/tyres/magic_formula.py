@@ -10,20 +10,81 @@ opposes its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
 """
 
 from math import atan, pi, sin, sqrt, tan
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SPEED = 0.1
 """Rolling faster than this the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 LEAST_SHARE = 0.2
 """Grip and stiffness keep at least this share of their value at the reference load [-]. Estimate."""
+
+
+class CurveLaw(NamedTuple):
+    """One direction of the Magic Formula, as a `Curve` has it."""
+
+    mu: float
+    mu_load: float
+    k: float
+    k_load: float
+    C: float
+    E: float
+
+
+@kernel
+def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, float]:
+    """D [N] and K [N per unit slip]."""
+    D = F_z * curve.mu * max(1.0 + curve.mu_load * df, LEAST_SHARE)
+    K = F_z * curve.k * max(1.0 + curve.k_load * df, LEAST_SHARE)
+    return D, K
+
+
+@kernel
+def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
+    """F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
+    x = K / (C * D) * s
+    return D * sin(C * atan(x - E * (x - atan(x))))
+
+
+class MagicLaw(NamedTuple):
+    """Coefficients of one tyre."""
+
+    F_z0: float
+    """Reference load [N]."""
+    along: CurveLaw
+    """Longitudinal curve."""
+    across: CurveLaw
+    """Lateral curve."""
+    rho_peak: float
+    """Normalised slip at the nearer peak of both curves [-]."""
+
+    def force(self, slip: Slip) -> TyreForce:
+        """Force against the combined slip; the footing's grip scales mu."""
+        F_z, along, across = slip.load, self.along, self.across
+        df = (F_z - self.F_z0) / self.F_z0
+        D_x, K_x = peak_and_stiffness(F_z, df, along)
+        D_y, K_y = peak_and_stiffness(F_z, df, across)
+        D_x, D_y = slip.footing.grip * D_x, slip.footing.grip * D_y
+        # similarity: one normalised slip vector, whose length goes into both pure curves
+        n_x, n_y = slip.x * K_x / D_x, atan(slip.y) * K_y / D_y
+        rho = sqrt(n_x * n_x + n_y * n_y)
+        if rho < 1e-12:
+            return TyreForce(0.0, 0.0, 1.0, 0.0)
+        F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along.C, along.E)
+        F_y = -n_y / rho * pure_force(rho * D_y / K_y, D_y, K_y, across.C, across.E)
+        # at rest nothing beyond the peak can be held; rolling, the bristle follows the slip past it
+        limit = self.rho_peak * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
+        return TyreForce(F_x, F_y, min(1.0, limit / rho), sqrt((F_x / D_x) ** 2 + (F_y / D_y) ** 2))
+
+    def drag(self, slip: Slip, direction: float) -> float:
+        """None: firm ground."""
+        return 0.0
 
 
 class Curve(Spec):
@@ -51,9 +112,9 @@ class Curve(Spec):
         goal = tan(pi / (2 * C))
         return C * float(brentq(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4))
 
-    def row(self) -> list[float]:
-        """As the kernel takes it."""
-        return [self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature]
+    def law(self) -> CurveLaw:
+        """The curve as the law takes it."""
+        return CurveLaw(self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature)
 
 
 class AxleTyre(Spec):
@@ -66,13 +127,13 @@ class AxleTyre(Spec):
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Over the slip ratio [-]."""
 
-    def row(self) -> list[float]:
-        """Coefficients of one tyre, shape (14,)."""
+    def law(self) -> MagicLaw:
+        """Coefficients of one tyre."""
         peak = min(self.lateral.peak, self.longitudinal.peak)
-        return [self.reference_load_n, *self.longitudinal.row(), *self.lateral.row(), peak]
+        return MagicLaw(self.reference_load_n, self.longitudinal.law(), self.lateral.law(), peak)
 
 
-class MagicFormula(Spec):
+class MagicFormula(TyreBase):
     """The default tyre: a small agricultural tyre on firm ground."""
 
     kind: Literal["magic_formula"] = "magic_formula"
@@ -91,45 +152,16 @@ class MagicFormula(Spec):
     trail_m: NonNegative = 0.03
     """Pneumatic trail at small slip, lever of the aligning moment; 0 leaves it out [m]. Estimate."""
 
-    def coefficients(self) -> Array:
-        """Of fl, fr, rl, rr, shape (4, 14)."""
-        front, rear = self.front.row(), self.rear.row()
-        return np.array([front, front, rear, rear])
+    def structure(self) -> Structure:
+        """Carcass and contact patch."""
+        return Structure(
+            self.relaxation_radii,
+            self.bristle_damping_s,
+            self.rolling_resistance,
+            self.patch_half_length_m,
+            self.trail_m,
+        )
 
-
-@kernel
-def peak_and_stiffness(F_z: float, df: float, curve: Array) -> tuple[float, float]:
-    """D [N] and K [N per unit slip]."""
-    D = F_z * curve[0] * max(1.0 + curve[1] * df, LEAST_SHARE)
-    K = F_z * curve[2] * max(1.0 + curve[3] * df, LEAST_SHARE)
-    return D, K
-
-
-@kernel
-def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
-    """F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
-    x = K / (C * D) * s
-    return D * sin(C * atan(x - E * (x - atan(x))))
-
-
-@kernel
-def magic_force(
-    coefficients: Array, slip_x: float, slip_y: float, load: float, v_roll: float, grip: float = 1.0
-) -> tuple[float, float, float, float]:
-    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
-
-    `grip` scales mu.
-    """
-    df = (load - coefficients[0]) / coefficients[0]
-    along, across = coefficients[1:7], coefficients[7:13]
-    D_x, K_x = peak_and_stiffness(load, df, along)
-    D_y, K_y = peak_and_stiffness(load, df, across)
-    D_x, D_y = grip * D_x, grip * D_y
-    n_x, n_y = slip_x * K_x / D_x, atan(slip_y) * K_y / D_y
-    rho = sqrt(n_x * n_x + n_y * n_y)
-    if rho < 1e-12:
-        return 0.0, 0.0, 1.0, 0.0
-    F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along[4], along[5])
-    F_y = -n_y / rho * pure_force(rho * D_y / K_y, D_y, K_y, across[4], across[5])
-    limit = coefficients[13] * (1.0 + v_roll / BREAKAWAY_SPEED)
-    return F_x, F_y, min(1.0, limit / rho), sqrt((F_x / D_x) ** 2 + (F_y / D_y) ** 2)
+    def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
+        """Law of one front and one rear tyre."""
+        return self.front.law(), self.rear.law()

@@ -20,6 +20,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector, cross, dot, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
+from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
@@ -31,16 +32,16 @@ CREEP_SPEED = 0.02
 class TyreSet(NamedTuple):
     """Four tyres in the order fl, fr, rl, rr, as the compiled kernel takes them."""
 
-    law: int
-    """Code of the law, see `tyres.laws`."""
-    coefficients: Array
-    """Of the law, shape (4, n)."""
+    front: TyreLaw
+    """Law of the front tyres, a named tuple: its class decides what is compiled."""
+    rear: TyreLaw
+    """Law of the rear tyres, of the same class."""
     radius: Array
-    """Free, shape (4,) [m]."""
+    """Free radius, shape (4,) [m]."""
     stiffness: Array
-    """Vertical, shape (4,) [N/m]."""
+    """Vertical stiffness, shape (4,) [N/m]."""
     damping: Array
-    """Vertical, shape (4,) [N s/m]."""
+    """Vertical damping, shape (4,) [N s/m]."""
     relaxation: Array
     """Longitudinal and lateral relaxation length, shape (4, 2) [m]."""
     bristle_damping: float
@@ -48,24 +49,28 @@ class TyreSet(NamedTuple):
     rolling_resistance: float
     """Moment over load and rolling radius [-]."""
     patch_half_length: float
-    """Lever of the scrubbing moment; 0 for none [m]."""
+    """Lever arm of the scrubbing moment; 0 for none [m]."""
     trail: float
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index: float
-    """Of the soil, where the ground does not say; 0 for laws without [Pa]."""
+    """Cone index where the ground does not give one; 0 for laws without [Pa]."""
     grip: Array
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
     """Scales of each wheel's slip stiffness and rolling resistance, written by faults, shape (4, 2) [-]."""
 
 
-class Footing(NamedTuple):
-    """What a wheel stands on."""
+class WheelMotion(NamedTuple):
+    """Where a wheel is and how it moves, world axes."""
 
-    grip: float
-    """Scale of the friction [-]."""
-    cone_index: float
-    """[Pa]."""
+    centre: Vector
+    """Centre [m]."""
+    axle: Vector
+    """Unit vector along the axle, to the left."""
+    velocity: Vector
+    """Velocity of the centre [m/s]."""
+    rotation: Vector
+    """Angular velocity, spin included [rad/s]."""
 
 
 class ContactPatch(NamedTuple):
@@ -74,7 +79,7 @@ class ContactPatch(NamedTuple):
     penetration: float
     """Positive when touching, along n [m]."""
     rate: float
-    """Of the penetration [m/s]."""
+    """Rate of the penetration [m/s]."""
     n: Vector
     """Ground normal, world."""
     f: Vector
@@ -82,7 +87,7 @@ class ContactPatch(NamedTuple):
     l: Vector  # noqa: E741
     """Left in the ground plane, world."""
     arm: Vector
-    """From the wheel's centre to the patch [m]."""
+    """Vector from the wheel's centre to the patch [m]."""
     v_x: float
     """Velocity of the wheel's centre plane over the ground, forward [m/s]."""
     v_y: float
@@ -117,21 +122,16 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 
 @kernel
-def find_patch(
-    ground: Ground,
-    radius: float,
-    centre: Vector,
-    axle: Vector,
-    velocity: Vector,
-    rotation: Vector,
-) -> ContactPatch:
-    """Where and how a wheel touches: `centre` [m], `axle` (unit, left), velocity [m/s] and rotation [rad/s], world."""
-    n, penetration = contact_plane(ground, radius, centre, axle)
+def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
+    """Where and how a wheel of this free radius [m] touches the ground."""
+    axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
+    n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
     left = cross(n, f)
     down = down_in_wheel_plane(n, axle)
     r = radius - penetration
     arm = (r * down[0], r * down[1], r * down[2])
+    # the patch is fixed in the ground's plane, not on the tread: only what carries the axle sweeps it over the ground
     spin = dot(rotation, axle)
     carrier = (rotation[0] - spin * axle[0], rotation[1] - spin * axle[1], rotation[2] - spin * axle[2])
     w = cross(carrier, arm)
@@ -141,7 +141,7 @@ def find_patch(
 
 @kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
-    """The footing of wheel `i` at (x, y) [m]."""
+    """Footing of wheel `i` at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
 
@@ -150,6 +150,7 @@ def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Fo
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
     """The bristle after a step, exact for constant velocities."""
     k = v_roll / sigma
+    # at rest the exact solution divides by zero: there the bristle is a plain spring
     if k * dt < 1e-6:
         return z * (1.0 - k * dt) + v_slip * dt
     decay = exp(-k * dt)

@@ -14,15 +14,14 @@ driving. Under combined slip the forces are scaled back together to the ellipse 
 """
 
 from math import atan, exp, hypot, sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array
-from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.patch import Footing
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SLIP = 0.4
 """At rest the bristles break away at this slip, where 95 % of the grip is used [-]. From the 7.5 above."""
@@ -32,7 +31,70 @@ OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 
 
-class Soil(Spec):
+@kernel
+def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
+    """B_n [-]."""
+    return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
+
+
+@kernel
+def lateral_shape(
+    b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
+) -> tuple[float, float]:
+    """Peak mu [-] and B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
+    M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
+    if radial > 0.5:
+        return 0.8, (2.79 + 0.16 * M) / 0.8
+    mu = 0.61 + 0.69 / M
+    return mu, (2.34 + 0.088 * M) / mu
+
+
+@kernel
+def drive_slip(slip_x: float) -> float:
+    """Slip of the faster of rim and ground, driving positive [-], from the bristle's (sliding over ground speed)."""
+    return -slip_x / (1.0 - slip_x) if slip_x < 0.0 else -slip_x
+
+
+class SoilLaw(NamedTuple):
+    """Sizes and carcass of one tyre."""
+
+    b: float
+    """Section width [m]."""
+    d: float
+    """Diameter [m]."""
+    h: float
+    """Section height [m]."""
+    radial: float
+    """Carcass: 1 radial, 0 bias [-]."""
+
+    def force(self, slip: Slip) -> TyreForce:
+        """Force against the combined slip; the grip scales both peaks and leaves the stiffness at small slip."""
+        W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
+        B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
+        D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
+        mu, B = lateral_shape(self.b, self.d, self.h, self.radial, CI, W, slip.deflection)
+        s, alpha = drive_slip(slip.x), atan(slip.y)
+        n_x = np.sign(s) * (1.0 - exp(-7.5 * abs(s) / grip))
+        n_y = -np.sign(alpha) * (1.0 - exp(-B * abs(alpha) / grip))
+        # back to the ellipse of both peaks, both directions by the same share
+        used = max(1.0, hypot(n_x, n_y))
+        # at rest the bristle breaks away at the slip that uses 95 % of the grip; rolling, it follows the slip past it
+        total = hypot(slip.x, slip.y)
+        limit = BREAKAWAY_SLIP * grip * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
+        n_x, n_y = n_x / used, n_y / used
+        held = 1.0 if total < limit else limit / total
+        return TyreForce(D_x * n_x, mu * grip * W * n_y, held, hypot(n_x, n_y))
+
+    def drag(self, slip: Slip, direction: float) -> float:
+        """Motion resistance of the soil, less the tyre's own loss [N]."""
+        s, W = drive_slip(slip.x), slip.load
+        B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
+        if self.radial > 0.5:
+            return -direction * (W * (0.9 / B_n + 0.0325 - OWN_LOSS + 0.5 * abs(s) / sqrt(B_n)))
+        return -direction * (W * (1.0 / B_n + 0.5 * abs(s) / sqrt(B_n)))
+
+
+class Soil(TyreBase):
     """Tyres on soil."""
 
     kind: Literal["soil"] = "soil"
@@ -49,67 +111,21 @@ class Soil(Spec):
     patch_half_length_m: NonNegative = 0.08
     """Half the contact length, lever of the scrubbing moment; 0 leaves it out [m]. Estimate."""
 
-    def coefficients(self, tractor: TractorParameters) -> Array:
-        """b, d, h and the ply (1 radial) of fl, fr, rl, rr, shape (4, 4)."""
+    def structure(self) -> Structure:
+        """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        return Structure(
+            self.relaxation_radii,
+            self.bristle_damping_s,
+            OWN_LOSS,
+            self.patch_half_length_m,
+            cone_index_pa=1e3 * self.cone_index_kpa,
+        )
+
+    def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
+        """Law of one front and one rear tyre."""
         share, radial = self.section_height_share, float(self.ply == "radial")
-        sizes = (
+        (b_f, d_f), (b_r, d_r) = (
             (tractor.front_wheel_width_m, 2 * tractor.front_wheel_radius_m),
             (tractor.rear_wheel_width_m, 2 * tractor.rear_wheel_radius_m),
         )
-        front, rear = ([b, d, share * b, radial] for b, d in sizes)
-        return np.array([front, front, rear, rear])
-
-
-@kernel
-def mobility_number(coefficients: Array, CI: float, W: float, delta: float) -> float:
-    """B_n [-]."""
-    b, d, h = coefficients[0], coefficients[1], coefficients[2]
-    return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
-
-
-@kernel
-def resistance(coefficients: Array, CI: float, W: float, delta: float, s: float) -> float:
-    """Motion resistance less the tyre's own loss [N], at slip `s` of either sign."""
-    B_n = mobility_number(coefficients, CI, W, delta)
-    if coefficients[3] > 0.5:
-        return W * (0.9 / B_n + 0.0325 - OWN_LOSS + 0.5 * abs(s) / sqrt(B_n))
-    return W * (1.0 / B_n + 0.5 * abs(s) / sqrt(B_n))
-
-
-@kernel
-def lateral_shape(coefficients: Array, CI: float, W: float, delta: float) -> tuple[float, float]:
-    """Peak mu [-] and B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
-    b, d, h = coefficients[0], coefficients[1], coefficients[2]
-    M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
-    if coefficients[3] > 0.5:
-        return 0.8, (2.79 + 0.16 * M) / 0.8
-    mu = 0.61 + 0.69 / M
-    return mu, (2.34 + 0.088 * M) / mu
-
-
-@kernel
-def drive_slip(slip_x: float) -> float:
-    """Slip of the faster of rim and ground, driving positive [-], from the bristle's (sliding over ground speed)."""
-    return -slip_x / (1.0 - slip_x) if slip_x < 0.0 else -slip_x
-
-
-@kernel
-def soil_force(
-    coefficients: Array, slip_x: float, slip_y: float, load: float, deflection: float, v_roll: float, footing: Footing
-) -> tuple[float, float, float, float]:
-    """Forces [N] against the slips [-], the share of the bristle that the grip can hold, and the share of it in use.
-
-    The footing's grip scales both peaks and leaves the stiffness at small slip as it is.
-    """
-    grip, CI = footing.grip, footing.cone_index
-    B_n = mobility_number(coefficients, CI, load, deflection)
-    D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * load
-    mu, B = lateral_shape(coefficients, CI, load, deflection)
-    s, alpha = drive_slip(slip_x), atan(slip_y)
-    n_x = np.sign(s) * (1.0 - exp(-7.5 * abs(s) / grip))
-    n_y = -np.sign(alpha) * (1.0 - exp(-B * abs(alpha) / grip))
-    used = max(1.0, hypot(n_x, n_y))
-    slip = hypot(slip_x, slip_y)
-    limit = BREAKAWAY_SLIP * grip * (1.0 + v_roll / BREAKAWAY_SPEED)
-    n_x, n_y = n_x / used, n_y / used
-    return D_x * n_x, mu * grip * load * n_y, 1.0 if slip < limit else limit / slip, hypot(n_x, n_y)
+        return SoilLaw(b_f, d_f, share * b_f, radial), SoilLaw(b_r, d_r, share * b_r, radial)

@@ -8,10 +8,12 @@ from numba.core.runtime import _nrt_python, rtsys
 from agrobot_mj import load_scenario
 from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.signals import NOMINAL, Drive
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
 from agrobot_mj.terrain import Rough
 from agrobot_mj.terrain.grid import height_and_gradient, plane
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres import Tyre
 
 compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -34,20 +36,20 @@ def arrays_made(work):
 
 
 @compiled
-@pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("tyre", [tyre() for tyre in every(Tyre)], ids=lambda tyre: tyre.kind)
 def test_kernels_make_no_arrays(tyre):
     """They would never free them. Both grounds, every tyre, all loads; the count sees an array where there is one."""
     making = jit(doubled)
     assert making(1.0) == 4.0
     assert arrays_made(lambda: making(1.0)) == 1
     s = load_scenario("straight_line")
-    common = s.tractor, s.steering.valve, s.steering.cylinder, s.driveline
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
     day = NOMINAL._replace(drawbar=300.0, side_force=200.0)
     for ground in (s.terrain.ground(), Rough(half_size_m=20.0).ground()):
-        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), *common, ground, s.physics_dt_s, 25)
+        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), machine, ground)
         plant.reset(s.path.at(0.0))
         assert arrays_made(lambda plant=plant: [plant.advance(Drive(7.0, 8.0), day) for _ in range(20)]) == 0
-    bicycle = BicyclePlant(Bicycle(), *common, s.terrain.ground(), s.physics_dt_s, 25)
+    bicycle = BicyclePlant(Bicycle(), machine, s.terrain.ground())
     bicycle.reset(s.path.at(0.0))
     assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
 

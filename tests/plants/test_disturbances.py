@@ -8,21 +8,22 @@ import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.core.spec import every
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
-from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, GIVE
 from agrobot_mj.studies.validation.driver import Driver, track_course
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
-from agrobot_mj.tyres.laws import force, tyre_set
-from agrobot_mj.tyres.patch import FORCE_X, LOAD, SLIP_RATIO, Footing
+from agrobot_mj.tyres import Linear, MagicFormula, Soil, Tyre
+from agrobot_mj.tyres.base import Footing, Slip
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.patch import FORCE_X, LOAD, SLIP_RATIO
 
 TRACTOR, REST = TractorParameters(), Drive(NEUTRAL_V, NEUTRAL_V)
 L, L_R, T = TRACTOR.wheelbase_m, TRACTOR.cg_to_rear_axle, TRACTOR.track_m
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-FORCE_TYRES = [tyre for tyre in every(Tyre) if tyre is not Contact]
+FORCE_TYRES = [tyre for tyre in every(Tyre) if tyre().judged]
 TANK = PointMass(150.0, -0.6, 0.2, 0.9)
 SOFT_LEFT = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 1), tyre_rolling=(1, 1, 1.6, 1))
 
@@ -31,10 +32,11 @@ class Under:
     """A plant under constant conditions, as a `Driver` takes it."""
 
     def __init__(self, conditions=NOMINAL, tyre=None, terrain=Flat(), settled=None, dt=0.002, **driveline):
-        steps = round(0.05 / dt)
         self.plant = MujocoPlant(
             Mujoco(tyre=tyre or MagicFormula()),
-            *(TRACTOR, Valve(), Cylinder(), Driveline(**driveline), terrain.ground(), dt, steps),
+            Machine(driveline=Driveline(**driveline)),
+            terrain.ground(),
+            Clock.of(dt),
         )
         self.conditions = conditions
         self.truth = self.plant.reset(ORIGIN, conditions if settled is None else settled)
@@ -168,7 +170,7 @@ def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
 
     tyres = tyre_set(tyre, TRACTOR)
     footing = Footing(1.0, tyres.cone_index)
-    gross, *_ = force(tyres.law, tyres.coefficients[2], -slip[2], 0.0, load[2], sunk, 1.2, footing)
+    gross = tyres.rear.force(Slip(-slip[2], 0.0, load[2], sunk, 1.2, footing)).x
     if not isinstance(tyre, Soil):  # whose motion resistance is in the report, but not in the curve
         assert forward[2] == pytest.approx(gross, rel=0.02)
     r_e = TRACTOR.rear_wheel_radius_m - sunk / 3

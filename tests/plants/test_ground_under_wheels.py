@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Drive, Reference
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.studies.validation.driver import Driver
@@ -24,7 +24,7 @@ GRIPPING = [MagicFormula(), Soil(), Contact()]
 
 def build(ground, tyre=None, start=ORIGIN, settle_s=3.0, **driveline):
     spec = Mujoco(tyre=tyre or MagicFormula(), settle_s=settle_s)
-    plant = MujocoPlant(spec, TRACTOR, Valve(), Cylinder(), Driveline(**driveline), ground, 0.002, 25)
+    plant = MujocoPlant(spec, Machine(driveline=Driveline(**driveline)), ground)
     return plant, plant.reset(start)
 
 

@@ -29,7 +29,7 @@ HEAVY = TractorParameters(
 
 def written(tractor):
     spec = tractor_spec(tractor, Cylinder(), Driveline())
-    return simulation_model(spec, Flat().ground(), 0.002, False, 0.8, 1.0)
+    return simulation_model(spec, Flat().ground(), 0.002, None)
 
 
 def as_shipped(tractor):
@@ -127,3 +127,14 @@ def test_the_scene_drives_from_its_sliders():
     yaw_rate = data.qvel[5]
     assert yaw_rate == pytest.approx(1.2 * np.tan(steer) / 1.4, rel=0.1)
     assert not any(warning.number for warning in data.warning)
+
+
+def test_the_scene_has_cameras_a_pose_to_start_from_and_room_for_a_picture():
+    model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
+    assert {model.camera(i).name for i in range(model.ncam)} == {"three_quarter", "side", "rear", "above"}
+    assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (1920, 1080)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("ready").id)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, 1000)
+    assert data.qpos == pytest.approx(start, abs=1e-3)  # it stands at rest

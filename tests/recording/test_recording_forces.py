@@ -4,7 +4,7 @@ from recorded import replay
 
 from agrobot_mj.recording.world.wheels import contacts
 from agrobot_mj.terrain.grid import plane
-from agrobot_mj.tyres.patch import find_patch
+from agrobot_mj.tyres.patch import WheelMotion, find_patch
 
 WHEELS = ("fl", "fr", "rl", "rr")
 CALM, HARD = 0x4DF08AFF, 0xE02010FF
@@ -34,7 +34,7 @@ def test_patches_and_frames_are_those_of_the_tyres():
         for i in range(4):
             w, x, y, z = poses[k, i, 3:]
             axle = 2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)
-            patch = find_patch(ground, radii[i], tuple(poses[k, i, :3]), axle, still, still)
+            patch = find_patch(ground, radii[i], WheelMotion(tuple(poses[k, i, :3]), axle, still, still))
             np.testing.assert_allclose(found.forward[k, i], patch.f, atol=1e-9)
             np.testing.assert_allclose(found.left[k, i], patch.l, atol=1e-9)
             np.testing.assert_allclose(found.normal[k, i], patch.n, atol=1e-9)

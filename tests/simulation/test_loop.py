@@ -114,7 +114,7 @@ def test_a_tractor_far_from_its_reference_has_diverged():
 
 
 def test_physics_that_blow_up_end_the_run_before_anything_senses_them(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
     advance, calls = MujocoPlant.advance, iter(range(1000))
 
@@ -129,6 +129,7 @@ def test_physics_that_blow_up_end_the_run_before_anything_senses_them(tmp_path, 
     assert log.column("t")[-1] == pytest.approx(1.0)
     assert np.isfinite(log.column("x")).all()
     assert log.metrics["physics_warnings"] > 0
+    assert not list(tmp_path.iterdir()), "MuJoCo's log in the working directory"
 
 
 def test_asking_to_stop_aborts_and_keeps_the_rows():

@@ -7,9 +7,7 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import TICK_S, Reference
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, Valve
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.simulation.outcomes import LOST_M, STUCK_PEDAL, STUCK_S, Watch
 from agrobot_mj.studies.validation.driver import Driver
@@ -112,8 +110,7 @@ def test_a_bump_below_the_upper_wheels_turns_it_over_on_a_slope_that_it_can_stan
     x, y = np.meshgrid(nodes, nodes)
     bump = height * np.exp(-(((x - 4.0) / 0.4) ** 2)) * (y > 0.1)
     ground = Ground(-15.0, -15.0, 0.1, np.tan(np.radians(26)) * y + bump)
-    common = (TractorParameters(), Valve(), Cylinder(), Driveline(), ground, 0.002, 25)
-    plant = MujocoPlant(Mujoco(), *common)
+    plant = MujocoPlant(Mujoco(), Machine(), ground)
     driver = Driver(plant, plant.reset(Reference(0, 0, 0, 0, 0, 0)), 1.5)
     while plant.trouble() is None and driver.truth.x < 7.0:
         driver.go(TICK_S, lambda truth: 0.25 - 1.5 * truth.yaw)

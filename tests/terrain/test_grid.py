@@ -111,3 +111,15 @@ def test_only_an_untwisted_cell_is_a_plane():
 
 def test_level_ground_is_level():
     assert not Flat().ground().heights.any()
+
+
+@pytest.mark.parametrize("point", [(np.nan, 1.0), (1.0, np.nan), (np.nan, np.nan)])
+@pytest.mark.parametrize("read", [height_and_gradient, getattr(height_and_gradient, "py_func", height_and_gradient)])
+def test_nowhere_has_no_height(read, point):
+    """Compiled, the index of NaN would be -2^63 and the read unchecked; plain Python would raise."""
+    assert np.isnan(read(ROUGH, *point)).all()
+
+
+@pytest.mark.parametrize("far", [np.inf, -np.inf, 1e300, -1e300])
+def test_beyond_all_bounds_lies_the_border(far):
+    assert np.isfinite(height_and_gradient(ROUGH, far, 1.0)).all()

@@ -1,13 +1,17 @@
 """Furrows and bumps: what the grid holds, and what wheels that roll over it see."""
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from agrobot_mj.studies.validation.base import mujoco_plant, warnings
+from agrobot_mj.core.signals import NEUTRAL_V, Drive
+from agrobot_mj.studies.validation.base import ORIGIN, force_tyres, mujoco_plant, warnings
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Bumps, Ridges, Rough, height_and_gradient
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres import MagicFormula
+
+DT = 0.002
 
 
 def height(ground, x, y):
@@ -104,32 +108,101 @@ def test_a_bump_under_the_right_wheels_lifts_them_alone():
     assert seen[np.argmax(seen[:, 1, 2]), 1, 0] == pytest.approx(4.0, abs=0.1)
 
 
-@pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize(
-    ("terrain", "speed", "in_the_air", "ripple"),
+    ("terrain", "speed", "ripple"),
     [
-        (Rough(iso_class="E", half_size_m=30.0), 1.5, 0.02, 0.6),
-        (Rough(iso_class="E", half_size_m=30.0, node_m=0.25), 1.5, 0.02, 0.6),
-        (Ridges(depth_m=0.2, spacing_m=3.0, half_size_m=30.0), 1.0, 0.02, 0.5),
-        (Ridges(depth_m=0.2, half_size_m=30.0), 1.5, 0.4, 3.0),
-        (Ridges(depth_m=0.2, half_size_m=30.0, profile="flat"), 1.5, 0.4, 3.0),
+        (Rough(iso_class="E", half_size_m=30.0), 1.5, 0.6),
+        (Rough(iso_class="E", half_size_m=30.0, node_m=0.25), 1.5, 0.6),
+        (Ridges(depth_m=0.2, spacing_m=3.0, half_size_m=30.0), 1.0, 0.5),
     ],
-    ids=["E", "E coarse", "ridges", "steep furrows", "beds"],
+    ids=["E", "E coarse", "ridges"],
 )
-def test_tyres_do_not_blow_up_on_harsh_ground(tyre, terrain, speed, in_the_air, ripple):
-    """Loads stay near the static ones; steep furrows may hold the tractor but must not toss it."""
-    if ripple > 1.0 and isinstance(tyre, Linear):
-        pytest.skip("without a limit of grip it climbs everything and jumps")
+def test_tyres_do_not_blow_up_on_harsh_ground(tyre, terrain, speed, ripple):
+    """Loads stay near the static ones, and the tractor keeps its speed."""
     plant, truth = mujoco_plant(tyre, terrain)
     trace = Driver(plant, truth, speed).go(10.0)
     loads = trace.wheels[60:, 0]
     assert plant.trouble() is None
     assert warnings([plant]) == 0
-    assert (loads <= 0).mean() <= in_the_air
+    assert (loads <= 0).mean() <= 0.02
     assert (loads.std(axis=0) / loads.mean(axis=0)).max() < ripple
     assert loads.max() < 8 * 2300
     assert np.abs(trace["roll"]).max() < 0.5
     assert np.abs(trace["pitch"]).max() < 0.5
-    if ripple <= 0.6:
-        assert trace["speed"][-100:].mean() == pytest.approx(speed, rel=0.1)
-        assert loads.sum(axis=1).mean() == pytest.approx(plant.tractor.mass_kg * 9.81, rel=0.05)
+    assert trace["speed"][-100:].mean() == pytest.approx(speed, rel=0.1)
+    assert loads.sum(axis=1).mean() == pytest.approx(plant.tractor.mass_kg * 9.81, rel=0.05)
+
+
+STEEP = {profile: Ridges(depth_m=0.2, half_size_m=30.0, profile=profile) for profile in ("sine", "flat")}
+"""Furrows with flanks of 40 degrees, too narrow for the wheels: about what the grip can climb."""
+STARTS = (0.0, 0.05, 0.1, 0.15, -0.05, -0.1, -0.15)
+"""Where the tractor starts across them [m]: how it fares in steep furrows is chaotic, so a median is judged."""
+
+
+class Pedal:
+    """A pedal held still: the rims turn at a constant speed, whatever the tractor does."""
+
+    def __init__(self, speed):
+        self.position = speed / 5.0
+
+    def drive(self, truth):
+        off = self.position - truth.pedal
+        return Drive(NEUTRAL_V, NEUTRAL_V + 10.0 * off + 0.3 * np.sign(off))
+
+
+@pytest.mark.parametrize("tyre", [tyre for tyre in force_tyres() if tyre.kind != "linear"], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("profile", STEEP)
+def test_steep_furrows_may_hold_the_tractor_but_do_not_toss_it(tyre, profile):
+    """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
+    ground, found = STEEP[profile].ground(), []
+    for x in STARTS:
+        plant, truth = mujoco_plant(tyre, ground, start=ORIGIN._replace(x=x))
+        pedal, seen = Pedal(1.5), []
+        for _ in range(200):
+            truth = plant.advance(pedal.drive(truth))
+            seen.append([*plant.wheels()[:4], truth.roll, truth.pitch])
+        assert plant.trouble() is None
+        assert warnings([plant]) == 0
+        loads, lean = np.array(seen)[60:, :4], np.abs(np.array(seen)[:, 4:]).max()
+        found.append(((loads <= 0).mean(), (loads.std(axis=0) / loads.mean(axis=0)).max(), loads.max(), lean))
+    in_the_air, ripple, largest, lean = np.median(found, axis=0)
+    assert in_the_air <= 0.4
+    assert ripple < 3.0
+    assert largest < 8 * 2300
+    assert lean < 0.5
+
+
+def energy_beyond_the_engines_work(plant, truth, speed, seconds):
+    """Largest surplus of the tractor's energy over what it began with and the actuators put in [J]."""
+    model, data, pedal = plant.model, plant.data, Pedal(speed)
+
+    def mechanical():
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+        return float(data.energy.sum())
+
+    springs = float((plant.wheels()[:4] ** 2 / (2 * plant.tyred.tyres.stiffness)).sum())
+    start, work, surplus = mechanical() + springs, 0.0, -np.inf
+    for _ in range(round(seconds / DT)):
+        before = data.qvel.copy()
+        truth = plant.advance(pedal.drive(truth))
+        work += DT * float(data.qfrc_actuator @ (before + data.qvel) / 2)
+        surplus = max(surplus, mechanical() - start - work)
+    return surplus
+
+
+@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("profile", STEEP)
+@pytest.mark.parametrize("speed", [1.5, 5.0])
+def test_the_ground_does_no_work(tyre, profile, speed):
+    """However wildly the tractor jumps at full pedal, all the energy comes from its engine: tyres only take it."""
+    for x in (0.0, 0.1):
+        plant, truth = mujoco_plant(tyre, STEEP[profile], start=ORIGIN._replace(x=x), tick_s=DT)
+        assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
+
+
+def test_ground_that_does_work_is_noticed():
+    plant, truth = mujoco_plant(MagicFormula(), STEEP["sine"], tick_s=DT)
+    plant.tyred.tyres.damping[:] *= -1
+    assert energy_beyond_the_engines_work(plant, truth, 1.5, 4.0) > 10.0

@@ -9,9 +9,8 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.studies.validation.base import STOCK
+from agrobot_mj.studies.validation.base import STOCK, force_tyres
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 GRADE_DEG = 10.0
 START = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -42,7 +41,7 @@ def frame(ground):
 
 def _plant(tyre, terrain, driveline):
     machine = STOCK._replace(driveline=driveline)
-    return MujocoPlant(Mujoco(tyre=tyre, settle_s=4.0), *machine, terrain.ground(), 0.002, 25)
+    return MujocoPlant(Mujoco(tyre=tyre, settle_s=4.0), machine, terrain.ground())
 
 
 def in_the_plane(plant):
@@ -56,7 +55,7 @@ def settled(make, tyre, uphill_deg, driveline):
     return plant
 
 
-@pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 180.0, 35.0])
 def test_wheel_loads_are_those_under_tilted_gravity(tyre, uphill_deg):
     loads = [settled(m, tyre, uphill_deg, Driveline()).wheels()[:4] for m in (on_slope, under_tilted_gravity)]
@@ -64,7 +63,7 @@ def test_wheel_loads_are_those_under_tilted_gravity(tyre, uphill_deg):
     assert np.ptp(loads[0]) > 250.0
 
 
-@pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [180.0, 90.0, 125.0])
 def test_a_coasting_tractor_rolls_and_drifts_as_under_tilted_gravity(tyre, uphill_deg):
     """In neutral, launched at 1 m/s: distance down the slope and drift across it after 4 s agree within 1 %."""

@@ -7,11 +7,11 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.patches import RectanglePatch
-from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil, Tyre
+from agrobot_mj.tyres import Linear, MagicFormula, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, WheelMotion
 
-LAWS = [law for law in every(Tyre) if law is not Contact]
+LAWS = [law for law in every(Tyre) if law().judged]
 REAR, SUNK, SPEED = 2, 0.0144, 1.5
 RADIUS = TractorParameters().rear_wheel_radius_m
 
@@ -28,8 +28,9 @@ def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
     bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
     centre, velocity = (x, 0.0, RADIUS - SUNK), (SPEED, SPEED * slip_y, 0.0)
     rotation = (0.0, SPEED * (1 + slip_x) / (RADIUS - SUNK / 3), 0.0)
+    motion = WheelMotion(centre, (0.0, 1.0, 0.0), velocity, rotation)
     for _ in range(3000):
-        wheel_step(tyres, REAR, on, centre, (0.0, 1.0, 0.0), velocity, rotation, 0.002, bristle, wrench, report)
+        wheel_step(tyres, REAR, on, motion, 0.002, bristle, wrench, report)
     return report
 
 

@@ -9,9 +9,10 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
+from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.linear import linear_force
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y
+from agrobot_mj.tyres.linear import LinearLaw
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
 
 TRACTOR, FLAT = TractorParameters(), Flat().ground()
 
@@ -21,21 +22,11 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
     tyres = tyre_set(tyre, TRACTOR)
     radius = float(tyres.radius[wheel])
     spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)
+    velocity, rotation = (speed, side_slip * speed, 0.0), (0.0, spin, 0.0)
+    motion = WheelMotion((0.0, 0.0, radius - 0.01), (0.0, 1.0, 0.0), velocity, rotation)
     bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
     for _ in range(5):
-        wheel_step(
-            tyres,
-            wheel,
-            FLAT,
-            (0.0, 0.0, radius - 0.01),
-            (0.0, 1.0, 0.0),
-            (speed, side_slip * speed, 0.0),
-            (0.0, spin, 0.0),
-            100.0,
-            bristle,
-            wrench,
-            report,
-        )
+        wheel_step(tyres, wheel, FLAT, motion, 100.0, bristle, wrench, report)
     return report[FORCE_X], report[FORCE_Y]
 
 
@@ -56,17 +47,17 @@ def test_a_wheel_that_turns_faster_than_it_travels_pushes_forward(wheel, stiffne
 
 
 def test_the_force_has_no_limit_and_the_directions_do_not_mix():
-    coefficients = np.array([2.0, 3.0])
-    assert linear_force(coefficients, 0.5, -4.0)[:3] == (-1.0, 12.0, 1.0)
-    big, small = (linear_force(coefficients, s, s) for s in (1e6, 1.0))
+    law, rest = LinearLaw(2.0, 3.0), (1000.0, 0.01, 1.0, Footing(1.0, 0.0))
+    assert law.force(Slip(0.5, -4.0, *rest))[:3] == (-1.0, 12.0, 1.0)
+    big, small = (law.force(Slip(s, s, *rest)) for s in (1e6, 1.0))
     assert big[:2] == pytest.approx(tuple(1e6 * f for f in small[:2]))
 
 
 def test_the_four_tyres_are_the_bicycles_two_axles():
-    C = Linear().coefficients()[:, 1]
+    front, rear = Linear().coefficients(TRACTOR)
     bicycle = Bicycle()
-    assert C[:2].sum() == pytest.approx(bicycle.front_cornering_stiffness_n_rad)
-    assert C[2:].sum() == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
+    assert 2 * front.C_alpha == pytest.approx(bicycle.front_cornering_stiffness_n_rad)
+    assert 2 * rear.C_alpha == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
 
 
 def test_tyres_have_the_tractors_sizes():

@@ -13,11 +13,12 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting, load_specimen
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula
+from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.magic_formula import AxleTyre, Curve, magic_force
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD
+from agrobot_mj.tyres.magic_formula import AxleTyre, Curve
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
-TRACTOR, DEFAULT = TractorParameters(), MagicFormula()
+TRACTOR, DEFAULT, DRY = TractorParameters(), MagicFormula(), Footing(1.0, 0.0)
 PUBLISHED = """
 kind = "magic_formula"
 [front]
@@ -38,7 +39,7 @@ LOADS = np.geomspace(60, 12_000, 10)
 
 def force(alpha, kappa, load, tyre=DEFAULT, wheel=FRONT):
     """(forward, left) of the law itself while rolling."""
-    return magic_force(tyre.coefficients()[wheel], -kappa, tan(alpha), load, 1.0)[:2]
+    return tyre.coefficients(TRACTOR)[wheel // 2].force(Slip(-kappa, tan(alpha), load, 0.01, 1.0, DRY))[:2]
 
 
 def written_out(s, load, reference, mu, mu_load, k, k_load, C, E):
@@ -144,7 +145,7 @@ def test_the_force_is_continuous(alpha, kappa, load, way):
 
 def test_no_slip_no_force():
     assert force(0.0, 0.0, 1400.0) == (0.0, 0.0)
-    assert magic_force(DEFAULT.coefficients()[0], 0.0, 0.0, 1400.0, 0.0)[2] == 1.0
+    assert DEFAULT.coefficients(TRACTOR)[0].force(Slip(0.0, 0.0, 1400.0, 0.01, 0.0, DRY)).held == 1.0
 
 
 def test_driving_takes_from_the_lateral_force():
@@ -173,7 +174,8 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
     for _ in range(5000):
         centre = (0.0, 0.0, tyres.radius[0] - penetration)
         still = (0.0, 0.0, 0.0)
-        wheel_step(tyres, 0, Flat().ground(), centre, (0.0, 1.0, 0.0), velocity, still, 0.002, bristle, wrench, report)
+        motion = WheelMotion(centre, (0.0, 1.0, 0.0), velocity, still)
+        wheel_step(tyres, 0, Flat().ground(), motion, 0.002, bristle, wrench, report)
         load = report[LOAD]
         used.append(hypot(report[FORCE_X] / (0.8 * load), report[FORCE_Y] / (0.75 * load)))
     assert max(used) <= 1.003  # the grip is a little higher at 1440 N than at the reference

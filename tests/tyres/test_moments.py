@@ -10,7 +10,7 @@ from agrobot_mj.studies.rig import FRONT, Rig, Setting
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import LOAD
+from agrobot_mj.tyres.patch import LOAD, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 SCRUBBING = [MagicFormula(), Soil()]
@@ -32,9 +32,8 @@ class Turning:
     def step(self, turn, v):
         centre, axle = (0.0, 0.0, 0.268), (0.0, 1.0, 0.0)
         rotation = (0.0, v / (0.28 - 0.012 / 3), turn)
-        wheel_step(
-            self.tyres, 0, GROUND, centre, axle, (v, 0.0, 0.0), rotation, DT, self.bristle, self.wrench, self.report
-        )
+        motion = WheelMotion(centre, axle, (v, 0.0, 0.0), rotation)
+        wheel_step(self.tyres, 0, GROUND, motion, DT, self.bristle, self.wrench, self.report)
         return float(self.wrench[5])
 
 
@@ -43,7 +42,7 @@ def yawed(tyre, v, slip):
     wheel = Turning(tyre)
     motion = ((0, 0, 0.268), (0.0, 1.0, 0.0), (v, v * slip if v > 0 else -v * slip, 0.0), (0.0, v / 0.276, 0.0))
     for _ in range(3000):
-        wheel_step(wheel.tyres, 0, GROUND, *motion, DT, wheel.bristle, wheel.wrench, wheel.report)
+        wheel_step(wheel.tyres, 0, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     return float(wheel.wrench[5])
 
 
@@ -130,6 +129,6 @@ def test_a_wheel_in_the_air_has_no_moment():
     wheel = Turning(MagicFormula())
     wheel.moments([1.0] * 50)
     motion = ((0, 0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    wheel_step(wheel.tyres, FRONT, GROUND, *motion, DT, wheel.bristle, wheel.wrench, wheel.report)
+    wheel_step(wheel.tyres, FRONT, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     assert not wheel.wrench.any()
     assert not wheel.bristle.any()

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tyres import Contact, Linear, Soil, Tyre
+from agrobot_mj.tyres import Linear, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO, find_patch, relax
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO, WheelMotion, find_patch, relax
 
 FLAT, R, DT = Flat().ground(), 0.42, 0.002
-LAWS = [law for law in every(Tyre) if law is not Contact]
+LAWS = [law for law in every(Tyre) if law().judged]
 REAR = 2
 """Index of the left rear tyre, whose free radius is R."""
 UP = (0.0, 0.0, 1.0)
@@ -45,19 +45,8 @@ class Wheel:
 
     def step(self, centre, axle, velocity, rotation, steps=1, dt=DT):
         for _ in range(steps):
-            wheel_step(
-                self.tyres,
-                self.i,
-                self.ground,
-                centre,
-                axle,
-                velocity,
-                rotation,
-                dt,
-                self.bristle,
-                self.wrench,
-                self.report,
-            )
+            motion = WheelMotion(centre, axle, velocity, rotation)
+            wheel_step(self.tyres, self.i, self.ground, motion, dt, self.bristle, self.wrench, self.report)
         return self.report.copy()
 
 
@@ -70,7 +59,7 @@ def r_e(penetration):
 
 
 def test_an_upright_wheel_at_rest():
-    patch = find_patch(FLAT, R, (3.0, -2.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL)
+    patch = find_patch(FLAT, R, WheelMotion((3.0, -2.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL))
     assert patch.penetration == pytest.approx(0.02)
     assert patch.n == pytest.approx(UP)
     assert patch.f == pytest.approx((1.0, 0.0, 0.0))
@@ -84,7 +73,7 @@ def test_a_yawed_wheel_splits_its_velocity_into_forward_and_left(yaw_deg):
     forward, axle = turned(radians(yaw_deg))
     left = (-forward[1], forward[0], 0.0)
     velocity = tuple(1.5 * f + 0.3 * s for f, s in zip(forward, left, strict=True))
-    patch = find_patch(FLAT, R, (1.0, 2.0, 0.41), axle, (*velocity[:2], -0.05), times(3.0, axle))
+    patch = find_patch(FLAT, R, WheelMotion((1.0, 2.0, 0.41), axle, (*velocity[:2], -0.05), times(3.0, axle)))
     assert patch.f == pytest.approx(forward)
     assert patch.l == pytest.approx(left)
     assert (patch.v_x, patch.v_y, patch.spin) == pytest.approx((1.5, 0.3, 3.0))
@@ -105,7 +94,7 @@ def test_on_a_slope_the_patch_lies_in_the_ground(direction_deg, yaw_deg):
     foot = np.array([5.0, -3.0, tan(radians(grade)) * (5.0 * cos(rise) - 3.0 * sin(rise))])
     centre = foot + (R - 0.03) * np.array(n)
     velocity = 1.2 * f - 0.4 * axle - 0.1 * np.array(n)
-    patch = find_patch(ground, R, tuple(centre), tuple(axle), tuple(velocity), times(2.0, tuple(axle)))
+    patch = find_patch(ground, R, WheelMotion(tuple(centre), tuple(axle), tuple(velocity), times(2.0, tuple(axle))))
     assert patch.penetration == pytest.approx(0.03)
     assert patch.n == pytest.approx(n)
     assert patch.f == pytest.approx(tuple(f))
@@ -116,14 +105,14 @@ def test_on_a_slope_the_patch_lies_in_the_ground(direction_deg, yaw_deg):
 def test_a_leaning_wheel_touches_at_its_lowest_point():
     camber = radians(12)
     _, axle = turned(0.0, camber)
-    patch = find_patch(FLAT, R, (0.0, 0.0, 0.40), axle, STILL, STILL)
+    patch = find_patch(FLAT, R, WheelMotion((0.0, 0.0, 0.40), axle, STILL, STILL))
     assert patch.penetration == pytest.approx(R * cos(camber) - 0.40)
     assert patch.arm[1] == pytest.approx((R - patch.penetration) * sin(camber))
 
 
 def test_rotation_of_the_carrier_moves_the_patch_but_spin_does_not():
     axle = (0.0, 1.0, 0.0)
-    rolling = find_patch(FLAT, R, (0.0, 0.0, 0.40), axle, STILL, (0.5, 4.0, 0.7))
+    rolling = find_patch(FLAT, R, WheelMotion((0.0, 0.0, 0.40), axle, STILL, (0.5, 4.0, 0.7)))
     assert rolling.spin == pytest.approx(4.0)
     assert rolling.v_x == pytest.approx(0.0)
     assert rolling.v_y == pytest.approx(0.5 * 0.40)  # roll to the right carries the patch to the left
@@ -225,7 +214,7 @@ def test_the_wrench_acts_at_the_patch():
     centre = np.array([1.0, 2.0, 0.41 + tan(radians(12)) * (cos(radians(130)) + 2 * sin(radians(130)))])
     wheel = Wheel(ground=ground)
     wheel.step(tuple(centre), axle, (0.8, 0.9, 0.0), times(3.0, axle), 300)
-    patch = find_patch(ground, R, tuple(centre), axle, (0.8, 0.9, 0.0), times(3.0, axle))
+    patch = find_patch(ground, R, WheelMotion(tuple(centre), axle, (0.8, 0.9, 0.0), times(3.0, axle)))
     force, torque = wheel.wrench[:3], wheel.wrench[3:]
     about_patch = torque - np.cross(patch.arm, force)
     assert np.cross(about_patch, axle) == pytest.approx(np.zeros(3), abs=1e-9)

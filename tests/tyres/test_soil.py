@@ -11,7 +11,7 @@ from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
 TRACTOR = TractorParameters()
 SIZES = {FRONT: (0.16, 0.56, 0.28, 1.2e5), REAR: (0.24, 0.84, 0.42, 1.6e5)}
@@ -102,9 +102,9 @@ def test_motion_resistance_is_against_the_motion_either_way():
     pushes = []
     for v in (1.0, -1.0):
         bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
-        motion = ((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
+        motion = WheelMotion((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
         for _ in range(10):
-            wheel_step(tyres, 0, ground, *motion, 1.0, bristle, wrench, report)
+            wheel_step(tyres, 0, ground, motion, 1.0, bristle, wrench, report)
         pushes.append(wrench[0])
     assert pushes[0] == pytest.approx(longitudinal(Soil(), FRONT, 1200.0, 0.0), rel=1e-6)
     assert pushes[1] == pytest.approx(-pushes[0])
@@ -145,21 +145,10 @@ def test_braking_mirrors_driving_in_the_slip_of_the_faster():
 
 def test_a_standing_wheel_that_is_dragged_slides_at_its_grip():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
+    dragged = WheelMotion((0.0, 0.0, 0.268), (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
     bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
-        wheel_step(
-            tyres,
-            0,
-            ground,
-            (0, 0, 0.268),
-            (0.0, 1.0, 0.0),
-            (0.0, 0.1, 0.0),
-            (0.0, 0.0, 0.0),
-            0.002,
-            bristle,
-            wrench,
-            report,
-        )
+        wheel_step(tyres, 0, ground, dragged, 0.002, bristle, wrench, report)
         forces.append(report[FORCE_Y])
     mu, B = lateral_shape(Soil(), FRONT, report[LOAD])
     grip = mu * report[LOAD] * (1 - exp(-B * atan(0.4)))

@@ -1,4 +1,4 @@
-"""What pulls at the chassis besides the tyres: an implement at the hitch, and a side force.
+"""What acts on the chassis besides the tyres: an implement at the hitch, and a side force.
 
 The side force acts on the tractor's centre of mass, horizontally, to the left of the heading. The implement resists
 every motion of the hitch along the ground, that is in the chassis' own x-y plane, ahead, back or sideways. It works the
@@ -16,7 +16,7 @@ import numpy as np
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import cross
+from agrobot_mj.core.vectors import Vector, cross
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
@@ -31,7 +31,7 @@ of mass in its frame [m]. All in one array, since each argument of the compiled 
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """The loads (9,) of a good day, with the hitch `behind` the rear axle and `height` above the ground [m]."""
+    """Loads (9,) without any disturbance, with the hitch `behind` the rear axle and `height` above the ground [m]."""
     loads = np.zeros(9)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads
@@ -43,12 +43,15 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
     wrench = v.xfrc[CHASSIS]
     wrench[:] = 0.0
     R = v.xmat[CHASSIS]
+    # an implement that is lifted forgets its deflection: it works the soil up anew when lowered
     if loads[PULL] > 0.0:
         pull_back(v, loads, dt, wrench)
     else:
         loads[AHEAD], loads[LEFT] = 0.0, 0.0
     if loads[SIDE] != 0.0:
+        # horizontal whatever the roll and pitch: a quarter turn from the heading, made a unit vector on the ground
         level = loads[SIDE] / hypot(R[0], R[3])
+        # on the whole tractor's centre of mass, so that the force alone does not turn it
         place = (v.root_com[0] - v.qpos[0], v.root_com[1] - v.qpos[1], v.root_com[2] - v.qpos[2])
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
@@ -57,6 +60,7 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
 def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
     """Add the implement's resistance to the wrench (6,)."""
     R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
+    # velocity of the hitch in the chassis' frame: R^T v + omega x r, where qvel has omega in that frame already
     ahead = R[0] * w[0] + R[3] * w[1] + R[6] * w[2] + w[4] * z
     left = R[1] * w[0] + R[4] * w[1] + R[7] * w[2] + w[5] * x - w[3] * z
     wiping = hypot(ahead, left) + GIVE / EASE
@@ -68,10 +72,9 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
 
 
 @kernel
-def push(
-    R: Array, loads: Array, place: tuple[float, float, float], force: tuple[float, float, float], wrench: Array
-) -> None:
+def push(R: Array, loads: Array, place: Vector, force: Vector, wrench: Array) -> None:
     """Add a force [N] at a place relative to the chassis' origin [m] to the wrench (6,), all in the world's axes."""
+    # xfrc_applied acts at the chassis' own centre of mass, which a payload moves
     c = loads[CENTRE:]
     torque = cross(
         (

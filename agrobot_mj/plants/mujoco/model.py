@@ -16,6 +16,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Ground
+from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
 """Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Estimate: half the
@@ -192,17 +193,18 @@ def is_physical_inertia(inertia: Array) -> bool:
 
 
 def simulation_model(
-    spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native_contact: bool, friction: float, impratio: float
+    spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None
 ) -> mujoco.MjModel:
-    """The tractor on its ground, compiled. Without `native_contact` the wheels touch nothing: the tyres do."""
+    """The tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do."""
+    contact = native or NativeContact()
     spec.option.timestep = physics_dt
-    spec.option.impratio = impratio
+    spec.option.impratio = contact.impratio
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a blown-up run must not start anew
     for wheel in WHEELS:
         tyre = spec.geom(f"tyre_{wheel}")
-        tyre.contype = tyre.conaffinity = int(native_contact)
-        tyre.friction[0] = friction
-        if native_contact:
+        tyre.contype = tyre.conaffinity = int(native is not None)
+        tyre.friction[0] = contact.friction
+        if native is not None:
             spec.add_sensor(
                 name=f"contact_{wheel}",
                 type=mujoco.mjtSensor.mjSENS_CONTACT,

@@ -8,6 +8,7 @@ import numpy as np
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import surface_at
+from agrobot_mj.tyres.base import NativeContact
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, SLIP_ANGLE, SLIP_RATIO, TyreSet
 
 
@@ -15,9 +16,9 @@ class NativeContacts:
     """The four wheels of one model in MuJoCo's contact."""
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, ground: Ground, tyres: TyreSet, friction: float
+        self, model: mujoco.MjModel, data: mujoco.MjData, ground: Ground, tyres: TyreSet, native: NativeContact
     ) -> None:
-        self.model, self.data, self.ground, self.tyres, self.friction = model, data, ground, tyres, friction
+        self.model, self.data, self.ground, self.tyres, self.friction = model, data, ground, tyres, native.friction
         self.bodies = [model.body(f"wheel_{wheel}").id for wheel in WHEELS]
         self.geoms = [model.geom(f"tyre_{wheel}").id for wheel in WHEELS]
         self.velocity = np.zeros(6)

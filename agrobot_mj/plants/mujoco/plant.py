@@ -11,25 +11,25 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Conditions, Drive, PointMass, Reference, Truth
 from agrobot_mj.core.spec import Spec
-from agrobot_mj.machine.driveline import Driveline, drive_law, reset_drive
-from agrobot_mj.machine.hydraulics import Cylinder, Valve, reset_valve, static_flow, valve_law, worn
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import drive_law, reset_drive
+from agrobot_mj.machine.hydraulics import reset_valve, static_flow, valve_law, worn
+from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
 from agrobot_mj.plants.mujoco.placement import pose_on
-from agrobot_mj.plants.mujoco.stepping import Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.mujoco.stepping import Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
-from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
+from agrobot_mj.tyres import MagicFormula, Tyre
 from agrobot_mj.tyres.laws import tyre_set
 
+CLOCK = Clock()
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
-
-
 DIVERGED_SPEED = 100.0
 """A tractor faster than this has blown up [m/s]. Estimate."""
 
@@ -44,58 +44,47 @@ class Mujoco(Spec):
     """Time to come to rest on the tyres before the run starts [s]."""
 
 
+def oil_of(machine: Machine) -> Oil:
+    """Steering cylinder and hydrostat of a machine."""
+    cylinder, driveline = machine.cylinder, machine.driveline
+    return Oil(
+        displacement=cylinder.displacement,
+        steer_limit=machine.tractor.steer_limit,
+        steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
+        steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        drive_radius=machine.tractor.rear_wheel_radius_m,
+        drive_torque=driveline.torque_limit_n_m,
+        drive_power=1e3 * driveline.power_limit_kw,
+        drive_stiffness=driveline.stiffness_n_m_rad,
+        drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+    )
+
+
 class MujocoPlant:
     """The running tractor."""
 
-    def __init__(
-        self,
-        spec: Mujoco,
-        tractor: TractorParameters,
-        valve: Valve,
-        cylinder: Cylinder,
-        driveline: Driveline,
-        ground: Ground,
-        physics_dt: float,
-        steps: int,
-    ) -> None:
-        self.spec, self.tractor, self.ground = spec, tractor, ground
-        native = isinstance(spec.tyre, Contact)
-        contact = spec.tyre if isinstance(spec.tyre, Contact) else Contact()
+    def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
+        self.spec, self.tractor, self.ground = spec, machine.tractor, ground
+        native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
         self.model = simulation_model(
-            tractor_spec(tractor, cylinder, driveline),
-            ground,
-            physics_dt,
-            native,
-            contact.friction,
-            contact.impratio,
+            tractor_spec(machine.tractor, machine.cylinder, machine.driveline), ground, clock.dt, native
         )
         self.data = mujoco.MjData(self.model)
-        law = tyre_set(Linear() if isinstance(spec.tyre, Contact) else spec.tyre, tractor)
-        self.tyred = Tyred(native, law, ground, np.zeros((4, 3)), np.zeros((4, 6)))
-        self.oil = Oil(
-            displacement=cylinder.displacement,
-            steer_limit=tractor.steer_limit,
-            steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
-            steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
-            drive_radius=tractor.rear_wheel_radius_m,
-            drive_torque=driveline.torque_limit_n_m,
-            drive_power=1e3 * driveline.power_limit_kw,
-            drive_stiffness=driveline.stiffness_n_m_rad,
-            drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
-        )
-        self.nominal_valve, self.valve_memory = valve_law(valve, physics_dt)
-        self.valve, self.conditions = self.nominal_valve, NOMINAL
-        self.drive, self.drive_memory = drive_law(driveline, physics_dt)
         self.views = views_of(self.model, self.data)
-        self.contacts = NativeContacts(self.model, self.data, ground, law, contact.friction)
-        self.loads = no_loads(tractor.hitch_behind_m, tractor.hitch_height_m)
-        self.chassis, self.vertical = Chassis(self.model), law.stiffness.copy()
-        self.samples = np.zeros((2, steps))
-        self.settle_ticks = round(spec.settle_s / (steps * physics_dt))
-        self.tick_s, self.ticks = steps * physics_dt, 0
+        self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
+        self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
+        self.vertical = tyres.stiffness.copy()
+        self.oil = oil_of(machine)
+        self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
+        self.valve, self.conditions = self.nominal_valve, NOMINAL
+        self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
+        self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
+        self.chassis = Chassis(self.model)
+        self.samples, self.motion = np.zeros((2, clock.steps)), np.zeros(18)
+        self.settle_ticks = round(spec.settle_s / clock.tick_s)
+        self.tick_s, self.ticks = clock.tick_s, 0
         self.scene = scene_of(self.model)
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
-        self.motion = np.zeros(18)
         self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
         self._observe = bound(observe, self.views, *self.sites, self.motion)
 
@@ -128,24 +117,14 @@ class MujocoPlant:
 
     def step_through(self, drive: Drive) -> None:
         """The physics steps of one tick under constant voltages, without looking at the outcome."""
-        if self.tyred.native:
+        if self.contacts:
             self.contacts.set_friction()
         self._run(*self._arguments((drive.steer_voltage, drive.pedal_voltage)))
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        """Of `run_steps`."""
-        return (
-            self.views,
-            self.tyred,
-            self.loads,
-            self.oil,
-            self.valve,
-            self.valve_memory,
-            self.drive,
-            self.drive_memory,
-            voltages,
-            self.samples,
-        )
+        """Arguments of `run_steps`."""
+        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory)
+        return self.views, self.tyred, self.loads, actuators, voltages, self.samples
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -156,7 +135,7 @@ class MujocoPlant:
         return self.tractor.mass_kg + added
 
     def _apply_conditions(self, conditions: Conditions) -> None:
-        """Put the machine under these conditions. Raises ValueError for a payload that cannot be."""
+        """Apply faults and disturbances. Raises ValueError for a payload that leaves no possible chassis."""
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
         self.valve = worn(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
@@ -201,7 +180,7 @@ class MujocoPlant:
 
     def wheels(self) -> Array:
         """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
-        if self.tyred.native:
+        if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
 

@@ -13,7 +13,7 @@ from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
-from agrobot_mj.tyres.patch import TyreSet
+from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
@@ -23,9 +23,9 @@ class Oil(NamedTuple):
     """How flow becomes motion, and how far the oil columns wind up before their relief valves open."""
 
     displacement: float
-    """Of the steering cylinder [m3/rad]."""
+    """Displacement of the steering cylinder [m3/rad]."""
     steer_limit: float
-    """[rad]."""
+    """Stops of the steering, either way [rad]."""
     steer_windup: float
     """Relief torque over stiffness [rad]."""
     steer_lead: float
@@ -37,9 +37,19 @@ class Oil(NamedTuple):
     drive_power: float
     """Power limit, driving [W]."""
     drive_stiffness: float
-    """[N m/rad]."""
+    """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
     """Damping over stiffness [s]."""
+
+
+class Actuators(NamedTuple):
+    """Valve, drive and the oil between them and the wheels; memories are written in place."""
+
+    oil: Oil
+    valve: ValveLaw
+    valve_memory: ValveMemory
+    drive: DriveLaw
+    drive_memory: DriveMemory
 
 
 class Tyred(NamedTuple):
@@ -64,25 +74,15 @@ def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
         centre = (v.xpos[b, 0], v.xpos[b, 1], v.xpos[b, 2])
         axle = (v.xmat[b, 1], v.xmat[b, 4], v.xmat[b, 7])
         w = (v.cvel[b, 0], v.cvel[b, 1], v.cvel[b, 2])
+        # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the wheel
         d = (centre[0] - c[0], centre[1] - c[1], centre[2] - c[2])
         velocity = (
             v.cvel[b, 3] + w[1] * d[2] - w[2] * d[1],
             v.cvel[b, 4] + w[2] * d[0] - w[0] * d[2],
             v.cvel[b, 5] + w[0] * d[1] - w[1] * d[0],
         )
-        wheel_step(
-            tyred.tyres,
-            i,
-            tyred.ground,
-            centre,
-            axle,
-            velocity,
-            w,
-            dt,
-            tyred.bristles[i],
-            v.xfrc[b],
-            tyred.report[i],
-        )
+        motion = WheelMotion(centre, axle, velocity, w)
+        wheel_step(tyred.tyres, i, tyred.ground, motion, dt, tyred.bristles[i], v.xfrc[b], tyred.report[i])
 
 
 @kernel
@@ -102,24 +102,16 @@ def relieve(v: Views, oil: Oil) -> None:
 
 @kernel
 def run_steps(
-    v: Views,
-    tyred: Tyred,
-    loads: Array,
-    oil: Oil,
-    valve: ValveLaw,
-    valve_memory: ValveMemory,
-    drive: DriveLaw,
-    drive_memory: DriveMemory,
-    voltages: tuple[float, float],
-    samples: Array,
+    v: Views, tyred: Tyred, loads: Array, actuators: Actuators, voltages: tuple[float, float], samples: Array
 ) -> None:
     """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
+    oil, valve, valve_memory, drive, drive_memory = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
     for i in range(samples.shape[1]):
         v.ctrl[STEERING] = valve_step(valve, valve_memory, voltages[0]) / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
         relieve(v, oil)
-        step1(v.model, v.data)
+        step1(v.model, v.data)  # positions and velocities are known now, forces are not yet
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
@@ -127,6 +119,7 @@ def run_steps(
         step2(v.model, v.data)
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]
+    # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
     kinematics(v.model, v.data)
 
 

@@ -20,7 +20,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig.towed import Towed
 from agrobot_mj.studies.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench
-from agrobot_mj.tyres import Contact, Tyre
+from agrobot_mj.tyres import Tyre, TyreBase
+from agrobot_mj.tyres.base import NativeContact
 
 SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
 """[m/s]."""
@@ -49,9 +50,9 @@ COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
 Row = tuple[str | float | None, ...]
 
 
-def bench(tyre: Tyre, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
+def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
     """The rig that suits a tyre."""
-    return Towed(tyre, tractor, wheel) if isinstance(tyre, Contact) else Rig(tyre, tractor, wheel)
+    return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
 def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
@@ -61,7 +62,7 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
         static = static_load(tractor, wheel)
         tests = _tests(bench(tyre, tractor, wheel), static)
         rows += [(test, tyre.kind, axle, *numbers) for test, *numbers in tests]
-    contact = tyre if isinstance(tyre, Contact) else Contact()
+    contact = tyre.native or NativeContact()
     creep = lateral(SPEEDS_M_S, [static_load(tractor, FRONT)], CREEP_DEG)
     rows += [("contact", "contact", "front", *numbers) for numbers in _steady(Towed(contact, tractor), creep)]
     columns = [pa.array(list(column)) for column in zip(*rows, strict=True)]

@@ -19,7 +19,7 @@ from agrobot_mj.machine.hydraulics import Cylinder
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.studies.rig.wheel import DT_S, FRONT, Reading, Setting
-from agrobot_mj.tyres import Contact
+from agrobot_mj.tyres.base import NativeContact
 
 RIGID = 1e9
 """Gain that imposes a velocity [N s/m, N m s/rad]: a thousandfold the contact's own."""
@@ -37,8 +37,10 @@ class Towed:
     relaxation = 0.0
     """It has none; how fast the force builds up here is a matter of how the sled is held [m]."""
 
-    def __init__(self, tyre: Contact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S) -> None:
-        self.tyre, self.tractor, self.wheel, self.dt = tyre, tractor, wheel, dt
+    def __init__(
+        self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
+    ) -> None:
+        self.contact, self.tractor, self.wheel, self.dt = contact, tractor, wheel, dt
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
@@ -63,7 +65,7 @@ class Towed:
         """Put `load` [N] on the sled and let it settle."""
         if load == self.load:
             return
-        self.load, self.model = load, _model(self.tyre, self.tractor, WHEELS[self.wheel], load, self.dt)
+        self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load, self.dt)
         self.data = mujoco.MjData(self.model)
         joints = ("x", "y", f"{PREFIX}spin_{WHEELS[self.wheel]}")
         self.imposed = [int(self.model.joint(name).dofadr[0]) for name in joints]
@@ -84,23 +86,25 @@ class Towed:
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
-def _model(tyre: Contact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
+def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
     """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have their velocity imposed."""
     whole = tractor_spec(tractor, Cylinder(), Driveline())
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):
         setattr(spec.option, name, getattr(whole.option, name))
-    spec.option.timestep, spec.option.impratio = dt, tyre.impratio
+    spec.option.timestep, spec.option.impratio = dt, contact.impratio
     body = whole.body(f"wheel_{wheel}")
     mass, radius = load / GRAVITY - body.mass, float(whole.geom(f"tyre_{wheel}").size[0])
     if mass <= 0:
         raise ValueError(f"load: {load:g} N is less than the wheel's own weight")
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], friction=[tyre.friction, 0.005, 0.0001])
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], friction=[contact.friction, 0.005, 0.0001]
+    )
     sled = spec.worldbody.add_body(name="sled", pos=[0, 0, radius], mass=mass, inertia=[1, 1, 1])
     for name, axis in zip("xyz", np.eye(3), strict=True):
         sled.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     sled.add_frame().attach_body(body, PREFIX, "").pos = [0, 0, 0]
-    spec.geom(f"{PREFIX}tyre_{wheel}").friction[0] = tyre.friction
+    spec.geom(f"{PREFIX}tyre_{wheel}").friction[0] = contact.friction
     for joint in ("x", "y", f"{PREFIX}spin_{wheel}"):
         spec.add_actuator(target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(kv=RIGID)
     spec.add_sensor(

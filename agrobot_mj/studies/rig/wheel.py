@@ -13,9 +13,9 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres import TyreBase
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002
 """Step of the rig, the simulator's default [s]."""
@@ -30,26 +30,26 @@ class Setting(NamedTuple):
     """What the rig imposes."""
 
     speed: float
-    """Of the wheel's centre along its own heading [m/s]."""
+    """Speed of the wheel's centre along its own heading [m/s]."""
     slip_angle: float
-    """Between heading and velocity, positive when the wheel slides left [rad]."""
+    """Angle between heading and velocity, positive when the wheel slides left [rad]."""
     slip_ratio: float
     """(rim - v) / v, driving positive [-]."""
     load: float
-    """Vertical [N]."""
+    """Vertical load [N]."""
 
 
 class Reading(NamedTuple):
     """What the rig measures."""
 
     fx: float
-    """Forward [N]."""
+    """Force forward [N]."""
     fy: float
-    """To the left [N]."""
+    """Force to the left [N]."""
     mz: float
-    """About the vertical through the wheel's centre, turning left positive [N m]."""
+    """Moment about the vertical through the wheel's centre, turning left positive [N m]."""
     load: float
-    """Vertical [N]."""
+    """Vertical load [N]."""
     grounded: float
     """Share of the time on the ground [-]."""
 
@@ -76,9 +76,10 @@ def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: fl
     axle = (0.0, 1.0, 0.0)
     velocity = (setting.speed, setting.speed * np.tan(setting.slip_angle), 0.0)
     rotation = (0.0, (1.0 + setting.slip_ratio) * setting.speed / r_e, 0.0)
+    motion = WheelMotion(centre, axle, velocity, rotation)
     bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
     for k in range(out.shape[0]):
-        wheel_step(tyres, i, ground, centre, axle, velocity, rotation, dt, bristle, wrench, report)
+        wheel_step(tyres, i, ground, motion, dt, bristle, wrench, report)
         out[k, 0], out[k, 1], out[k, 2] = report[FORCE_X], report[FORCE_Y], wrench[5]
         out[k, 3], out[k, 4] = report[LOAD], 1.0 if report[LOAD] > 0.0 else 0.0
 
@@ -86,9 +87,7 @@ def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: fl
 class Rig:
     """One tyre of a tractor on the rig."""
 
-    def __init__(
-        self, tyre: Linear | MagicFormula | Soil, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
-    ) -> None:
+    def __init__(self, tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S) -> None:
         self.tyres, self.wheel, self.dt = tyre_set(tyre, tractor), wheel, dt
         self.ground = Flat().ground()
         self.relaxation = float(self.tyres.relaxation[wheel].max())

@@ -10,17 +10,15 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Reference, Truth
-from agrobot_mj.core.spec import every
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, Valve
-from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
+from agrobot_mj.core.spec import every, members
+from agrobot_mj.machine import Machine
+from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
 from agrobot_mj.terrain import Flat, Ground, Terrain
-from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres import Linear, Tyre, TyreBase
 
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BICYCLE = "bicycle"
-"""How checks name the bicycle; a MuJoCo tractor goes by the kind of its tyre."""
+"""Name of the bicycle in checks; a MuJoCo tractor has the kind of its tyre."""
 
 
 class Check(NamedTuple):
@@ -57,7 +55,7 @@ class Check(NamedTuple):
 
 
 class About(NamedTuple):
-    """The head of a check: manoeuvre, quantity, subject and unit."""
+    """Head of a check: manoeuvre, quantity, subject and unit."""
 
     manoeuvre: str
     quantity: str
@@ -85,6 +83,10 @@ class About(NamedTuple):
         """At least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
+    def judged(self, tyre: TyreBase, check: Check) -> Check:
+        """The check where theory predicts the tyre, else its number, reported."""
+        return check if tyre.judged else self.reported(check.measured, check.theory)
+
     def reported(self, measured: float, theory: float | None = None) -> Check:
         """Not judged, but it must be a number."""
         return self._check(measured, theory, -inf, inf, "reported")
@@ -104,28 +106,19 @@ class Findings(NamedTuple):
     """Arrays for the figures, by subject."""
 
 
-def tyres(*without: type) -> list[Any]:
-    """A default instance of every kind of tyre but those `without`."""
-    return [tyre() for tyre in every(Tyre) if tyre not in without]
+def tyres() -> list[Any]:
+    """A default instance of every kind of tyre."""
+    return [tyre() for tyre in every(Tyre)]
 
 
 def tyre_of(kind: str) -> Any:
     """The default instance of a kind of tyre."""
-    return next(tyre for tyre in tyres() if tyre.kind == kind)
+    return members(Tyre)[kind]()
 
 
 def force_tyres() -> list[Any]:
-    """Every tyre that has a law of its own: all but MuJoCo's contact."""
-    return tyres(Contact)
-
-
-class Machine(NamedTuple):
-    """The tractor under test with its actuators."""
-
-    tractor: TractorParameters = TractorParameters()
-    valve: Valve = Valve()
-    cylinder: Cylinder = Cylinder()
-    driveline: Driveline = Driveline()
+    """Every tyre that theory predicts: all with a law of their own."""
+    return [tyre for tyre in tyres() if tyre.judged]
 
 
 STOCK = Machine()
@@ -143,14 +136,13 @@ def mujoco_plant(
 ) -> tuple[MujocoPlant, Truth]:
     """The MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
     ground = terrain if isinstance(terrain, Ground) else terrain.ground()
-    steps = round(tick_s / dt)
-    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), *machine, ground, dt, steps)
+    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
     return plant, plant.reset(start)
 
 
 def bicycle_plant(machine: Machine = STOCK, dt: float = 0.002) -> tuple[BicyclePlant, Truth]:
     """The bicycle at rest at the origin, and its first truth."""
-    plant = BicyclePlant(Bicycle(), *machine, Flat().ground(), dt, round(TICK_S / dt))
+    plant = BicyclePlant(Bicycle(), machine, Flat().ground(), Clock.of(dt))
     return plant, plant.reset(ORIGIN)
 
 

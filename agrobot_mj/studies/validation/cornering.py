@@ -19,7 +19,7 @@ from agrobot_mj.plants import Bicycle
 from agrobot_mj.studies.validation.base import BICYCLE, About, Check, Findings, level_plants, tyre_of, warnings
 from agrobot_mj.studies.validation.driver import Driver, Steer
 from agrobot_mj.studies.validation.theory import Tractor, understeer_gradient
-from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.tyres import Linear
 
 RADIUS_M = 30.0
 SPEEDS_M_S = np.array([1.0, 2.0, 3.0, 4.0])
@@ -70,7 +70,7 @@ def theory(kind: str) -> float | None:
     """K on paper [rad s2/m]; None for MuJoCo's contact."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
-    if kind == Contact().kind:
+    if not tyre_of(kind).judged:
         return None
     return Tractor(tyre=tyre_of(kind)).understeer_gradient(SPEEDS_M_S, RADIUS_M)
 

@@ -20,8 +20,9 @@ from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING
 from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyres, mujoco_plant, warnings
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres.laws import drag
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, Footing
+from agrobot_mj.tyres.base import Footing, Slip
+from agrobot_mj.tyres.laws import STILL
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, soft_sign
 
 SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
@@ -56,7 +57,8 @@ class Wheel:
         carrier = spin - omega * self.axle
         v = velocity + np.cross(carrier, arm)
         load, f_y = report[LOAD], report[FORCE_Y]
-        soil = -float(drag(t.law, t.coefficients[i], -report[SLIP_RATIO], load, sunk, float(v @ forward), self.footing))
+        slip = Slip(-report[SLIP_RATIO], 0.0, load, sunk, abs(float(v @ forward)), self.footing)
+        soil = -float((t.front if i < 2 else t.rear).drag(slip, soft_sign(float(v @ forward), STILL)))
         f_x, r_e = report[FORCE_X] + soil, t.radius[i] - sunk / 3
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
         rolling = t.rolling_resistance * load * r_e * abs(omega) + soil * (velocity @ forward)

@@ -18,7 +18,7 @@ from agrobot_mj.studies.validation.base import BICYCLE, Findings, tyre_of
 from agrobot_mj.studies.validation.cornering import RADIUS_M, paper_gradient
 from agrobot_mj.studies.validation.step_steer import Step
 from agrobot_mj.studies.validation.theory import Tractor
-from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.tyres import Linear
 
 COLOURS = {BICYCLE: "#000000", "linear": "#0072B2", "magic_formula": "#D55E00", "soil": "#009E73", "contact": "#999999"}
 """Of the colour-blind-safe palette of Okabe and Ito."""
@@ -57,7 +57,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
-        if not isinstance(tyre_of(kind), Contact):
+        if tyre_of(kind).judged:
             paper = Tractor(tyre=tyre_of(kind))
             axes.plot(grades, [degrees(paper.side_slope(g).rear_slip) for g in grades], color=_colour(kind))
         axes.plot(*zip(*seen, strict=True), MARKS.get(kind, "d"), color=_colour(kind), markersize=4, label=kind)
@@ -102,7 +102,7 @@ def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
         axes.plot(seen[:, 0], np.degrees(seen[:, 1]), MARKS.get(subject, "d"), **_mark(subject))
         if subject == BICYCLE:
             axes.plot(a, np.degrees(a * paper_gradient(subject)), "--", color=_colour(subject), zorder=3)
-        elif not isinstance(tyre_of(subject), Contact):
+        elif tyre_of(subject).judged:
             states = [Tractor(tyre=tyre_of(subject)).balance(value, curvature=1 / RADIUS_M) for value in a]
             slips = [degrees(state.front_slip - state.rear_slip) for state in states]
             axes.plot(a, slips, color=_colour(subject))

@@ -15,7 +15,6 @@ from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_pl
 from agrobot_mj.studies.validation.parking import FACING, GRADE_DEG, REST
 from agrobot_mj.studies.validation.theory import Tractor
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Contact
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
 BAND = 0.01
@@ -51,8 +50,7 @@ def run(quick: bool = False) -> Findings:
             carried: Array = np.array(reports).mean(axis=0)
             for name, measured, theory in _compare(plant.tractor, facing, carried):
                 about = About("loads", f"{name}, {facing} on {GRADE_DEG:g} deg", tyre.kind, "N")
-                native = isinstance(tyre, Contact)
-                checks.append(about.reported(measured, theory) if native else about.near(measured, theory, BAND))
+                checks.append(about.judged(tyre, about.near(measured, theory, BAND)))
             warned += warnings([plant])
     return Findings(checks, warned)
 

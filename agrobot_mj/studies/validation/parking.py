@@ -11,7 +11,6 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Contact
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
@@ -47,8 +46,7 @@ def run(quick: bool = False) -> Findings:
             where = f"{facing} on {GRADE_DEG:g} deg"
             total = About("parking", f"drift in {seconds:g} s, {where}", tyre.kind, "mm")
             last = About("parking", f"creep at the end, {where}", tyre.kind, "mm/min")
-            native = isinstance(tyre, Contact)
-            checks.append(total.reported(moved) if native else total.below(moved, DRIFT_MM))
-            checks.append(last.reported(creep) if native else last.below(creep, DRIFT_MM / 10))
+            checks.append(total.judged(tyre, total.below(moved, DRIFT_MM)))
+            checks.append(last.judged(tyre, last.below(creep, DRIFT_MM / 10)))
             warned += warnings([plant])
     return Findings(checks, warned)

@@ -29,10 +29,11 @@ from agrobot_mj.studies.validation.base import (
     force_tyres,
     level_plants,
     mujoco_plant,
+    tyre_of,
     warnings,
 )
 from agrobot_mj.studies.validation.driver import Driver, Trace
-from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.laws import GRIP
 
 SPEED_M_S = 1.2
@@ -116,13 +117,13 @@ def identification(subject: str, plant: Any) -> list[Check]:
             ("rate limit", "rad/s", found.rate_limit_rad_s, limit, STATIC_BAND),
             ("time constant", "s", found.time_constant_s, valve.time_constant_s, TIME_BAND),
         ]
-        native = subject == Contact().kind
+        judged = subject == BICYCLE or tyre_of(subject).judged
         for quantity, unit, measured, wanted, band in rows:
             about = About("steering", f"{quantity}, {name}", subject, unit)
-            checks.append(about.reported(measured, wanted) if native else about.near(measured, wanted, band))
+            checks.append(about.near(measured, wanted, band) if judged else about.reported(measured, wanted))
         about, wanted = About("steering", f"delay, {name}", subject, "s"), valve.delay_s + oil_column(subject)
         close = about.close(found.delay_s, wanted, DELAY_BAND_S)
-        checks.append(about.reported(found.delay_s, wanted) if native else close)
+        checks.append(close if judged else about.reported(found.delay_s, wanted))
     return checks
 
 

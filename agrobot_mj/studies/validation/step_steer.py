@@ -28,7 +28,7 @@ from agrobot_mj.studies.validation.base import BICYCLE, About, Check, Findings, 
 from agrobot_mj.studies.validation.cornering import paper_gradient
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.studies.validation.theory import Tractor
-from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.tyres import Linear
 
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
@@ -103,7 +103,7 @@ def theory(kind: str) -> float | None:
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
-    if kind == Contact().kind:
+    if not tyre_of(kind).judged:
         return None
     paper = Tractor(tyre=tyre_of(kind))
 

@@ -34,8 +34,8 @@ from agrobot_mj.machine.hydraulics import Cylinder
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
 from agrobot_mj.tyres import Linear
-from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, drag, force, tyre_set
-from agrobot_mj.tyres.patch import Footing
+from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
+from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
 """Speed at which the laws are read: rolling, clear of all that fades near standstill [m/s]."""
@@ -124,22 +124,27 @@ class Tractor:
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
+    def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
+        """Law of wheel `i`, and its rolling tyre at these slips and load."""
+        t = self.tyres
+        return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
+
     def lateral(self, i: int, slip: float, load: float) -> float:
         """Force of wheel `i` against a slip angle [rad] at a load [N]."""
-        t = self.tyres
-        found = force(t.law, t.coefficients[i], 0.0, -tan(slip), load, load / t.stiffness[i], ROLLING_M_S, self.footing)
-        return float(found[1])
+        law, state = self.slip(i, 0.0, -tan(slip), load)
+        return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
         """rho_i N_i [N]: rolling resistance, and what soil adds at the slip that towing the wheel against it takes."""
-        t, own, deflection = self.tyres, self.tyres.rolling_resistance * load, load / self.tyres.stiffness[i]
-        c = t.coefficients[i]
+        own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
-            return own + float(force(t.law, c, slip, 0.0, load, deflection, ROLLING_M_S, self.footing)[0])
+            law, state = self.slip(i, slip, 0.0, load)
+            return own + float(law.force(state).x)
 
         slip = float(brentq(missing, 0.0, 0.5, xtol=1e-12)) if own > 0 else 0.0
-        return own - float(drag(t.law, c, slip, load, deflection, ROLLING_M_S, self.footing))
+        law, state = self.slip(i, slip, 0.0, load)
+        return own - float(law.drag(state, 1.0))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
         """Slip angle at which two wheels together yield `wanted` [N]; raises ValueError beyond their grip."""

@@ -17,7 +17,6 @@ from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_plant, tyres, warnings
 from agrobot_mj.studies.validation.parking import REST
 from agrobot_mj.studies.validation.theory import Tractor
-from agrobot_mj.tyres import Contact
 
 FROM_DEG, TO_DEG = 22.0, 45.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
@@ -67,9 +66,7 @@ def run(quick: bool = False) -> Findings:
             slides = About("tipping", f"slope at which it slides off to the {side}", tyre.kind, "deg")
             if ended.slid_deg is not None:
                 checks.append(slides.reported(ended.slid_deg))
-            elif isinstance(tyre, Contact):
-                checks.append(tips.reported(ended.lifted_deg, wanted))
             else:
-                checks.append(tips.close(ended.lifted_deg, wanted, BAND_DEG))
+                checks.append(tips.judged(tyre, tips.close(ended.lifted_deg, wanted, BAND_DEG)))
             warned += warnings([plant])
     return Findings(checks, warned)

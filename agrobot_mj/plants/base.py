@@ -1,0 +1,52 @@
+"""The contract of a running plant, and the clock that it keeps."""
+
+from typing import NamedTuple, Protocol
+
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.plants.scene import Scene
+
+
+class Clock(NamedTuple):
+    """Time steps of a plant."""
+
+    dt: float = 0.002
+    """Physics step [s]."""
+    steps: int = 25
+    """Physics steps per tick [-]."""
+
+    @property
+    def tick_s(self) -> float:
+        """Duration of a tick [s]."""
+        return self.steps * self.dt
+
+    @classmethod
+    def of(cls, dt: float, tick_s: float = TICK_S) -> "Clock":
+        """Clock whose ticks of `tick_s` consist of steps of `dt` [s]."""
+        return cls(dt, round(tick_s / dt))
+
+
+class RunningPlant(Protocol):
+    """What the tick needs of a plant."""
+
+    scene: Scene
+
+    def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
+        """Place the tractor at rest on the path's start, under the conditions of the first tick."""
+
+    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
+        """One tick under constant voltages and conditions."""
+
+    def poses(self) -> Array:
+        """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
+
+    def wheels(self) -> Array:
+        """What the four wheels report, or an empty array."""
+
+    def actuation(self) -> tuple[float, float, float]:
+        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
+
+    def warnings(self) -> int:
+        """How often the physics warned since the reset."""
+
+    def trouble(self) -> str | None:
+        """An outcome that ends the run, or None."""

@@ -1,0 +1,114 @@
+"""The contract of a tyre: what every law answers for itself, and the records in which laws and wheels talk.
+
+A tyre is a `TyreBase` with three steps: `structure` (relaxation, damping, rolling resistance, contact patch),
+`coefficients` (the law's numbers for front and rear, in SI) and `native` (MuJoCo makes the force instead). The
+coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are plain scalar functions,
+compiled for the tick and usable as they stand. A new tyre is one file with both classes, and its name in the union
+`Tyre`.
+"""
+
+from typing import NamedTuple, Protocol
+
+from agrobot_mj.core.kernels import kernel_method
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.machine.tractor import TractorParameters
+
+
+class Footing(NamedTuple):
+    """What a wheel stands on."""
+
+    grip: float
+    """Scale of the friction [-]."""
+    cone_index: float
+    """Cone index of the soil [Pa]."""
+
+
+class Slip(NamedTuple):
+    """State of one tyre on the ground: all that a law needs to know."""
+
+    x: float
+    """Longitudinal slip, sliding over rolling speed: negative driving, positive braking [-]."""
+    y: float
+    """Tangent of the slip angle, positive sliding left [-]."""
+    load: float
+    """Load normal to the ground [N]."""
+    deflection: float
+    """Vertical deflection [m]."""
+    v_roll: float
+    """Rolling speed, not negative [m/s]."""
+    footing: Footing
+
+
+class TyreForce(NamedTuple):
+    """What a law makes of a `Slip`."""
+
+    x: float
+    """Force forward [N]."""
+    y: float
+    """Force to the left [N]."""
+    held: float
+    """Share of the bristle's deflection that the grip can hold [-]."""
+    used: float
+    """Share of the grip in use [-]."""
+
+
+class TyreLaw(Protocol):
+    """Coefficients of one tyre as a named tuple of floats, with its force law."""
+
+    def force(self, slip: Slip) -> TyreForce:
+        """Force of the tyre against its slip."""
+
+    def drag(self, slip: Slip, direction: float) -> float:
+        """Force of the ground's own resistance on the wheel's centre [N]; `direction` of travel in [-1, 1]."""
+
+
+for _step in ("force", "drag"):
+    kernel_method(_step)
+
+
+class Structure(NamedTuple):
+    """What surrounds a law: the carcass and its contact patch."""
+
+    relaxation_radii: float
+    """Relaxation length over free radius [-]."""
+    bristle_damping_s: float
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]."""
+    rolling_resistance: float = 0.0
+    """Moment over load and rolling radius [-]."""
+    patch_half_length_m: float = 0.0
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]."""
+    trail_m: float = 0.0
+    """Pneumatic trail at small slip; 0 for none [m]."""
+    cone_index_pa: float = 0.0
+    """Cone index where the ground does not give one; 0 for laws without [Pa]."""
+
+
+class NativeContact(NamedTuple):
+    """Settings of MuJoCo's own contact between wheels and ground."""
+
+    friction: float = 0.8
+    """Sliding friction coefficient [-]."""
+    impratio: float = 1.0
+    """Stiffness of friction over that of the normal contact [-]."""
+
+
+class TyreBase(Spec):
+    """Base of every tyre."""
+
+    @property
+    def native(self) -> NativeContact | None:
+        """MuJoCo's contact, where it takes the place of a law; None for a tyre with a law of its own."""
+        return None
+
+    @property
+    def judged(self) -> bool:
+        """Whether theory predicts this tyre, so that a validation check may judge it; else numbers are reported."""
+        return self.native is None
+
+    def structure(self) -> Structure:
+        """Carcass and contact patch."""
+        raise NotImplementedError
+
+    def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
+        """Law of one front and one rear tyre; both of the same class."""
+        raise NotImplementedError
