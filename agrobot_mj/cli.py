@@ -111,7 +111,7 @@ def compare_scenario(
 ) -> None:
     """Run one scenario under several controllers and plants, with the paper's figures."""
     from agrobot_mj.studies.compare import cases, compare, runnable
-    from agrobot_mj.studies.report import table
+    from agrobot_mj.studies.tables import table
 
     scenario = load_scenario(source, overrides(sets))
     if plants is None:

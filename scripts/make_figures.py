@@ -9,7 +9,7 @@ from pathlib import Path
 from agrobot_mj import load_scenario
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.compare import cases, compare
-from agrobot_mj.studies.report import table
+from agrobot_mj.studies.tables import table
 
 ROOT = Path(__file__).parent.parent
 README, IMAGE = ROOT / "README.md", ROOT / "docs" / "images" / "lateral_error.png"

@@ -23,7 +23,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import whole
-from agrobot_mj.studies.report import COLOURS, NAMES, STYLE
+from agrobot_mj.studies.style import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 
@@ -113,8 +113,8 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
         axes.axvspan(*window, color="#CCCCCC", alpha=0.6, lw=0, label=fault.kind.replace("_", " ") if k < 3 else None)
     for kind, log in logs.items():
-        axes.plot(log.column("t"), 100 * log.column("e_lateral"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
-    axes.set(xlabel="time [s]", ylabel="lateral error [cm]", xlim=(0, end))
+        axes.plot(log.column("t"), -100 * log.column("e_lateral"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
+    axes.set(xlabel="time [s]", ylabel="lateral error, left + [cm]", xlim=(0, end))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
 
 

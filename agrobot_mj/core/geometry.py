@@ -1,10 +1,15 @@
 """Angle wrapping and frames, shared by every stage."""
 
 from math import cos, pi, sin
+from typing import TypeVar
+
+from agrobot_mj.core.signals import Array
+
+Angle = TypeVar("Angle", float, Array)
 
 
-def wrap(angle: float) -> float:
-    """Wrap an angle [rad] to (-pi, pi]."""
+def wrap(angle: Angle) -> Angle:
+    """Wrap an angle, or each of an array of them, [rad] to (-pi, pi]."""
     return pi - (pi - angle) % (2 * pi)
 
 

@@ -10,23 +10,22 @@ import rerun.blueprint as rrb
 
 from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
-from agrobot_mj.recording.plots.axes import MOST_STEPS, Range, readable, time_end
+from agrobot_mj.recording.plots.axes import MOST_STEPS, Frame, readable, time_end
+from agrobot_mj.recording.plots.catalogue import Plot
 from agrobot_mj.recording.plots.network import Map
-from agrobot_mj.recording.plots.signals import Plot
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"
 """The camera follows an entity that has geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""What stays from its time on."""
+"""Entities that stay from their time on."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
 """Behind the ground: from the side, and from above, where a field ends."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
-LEGEND = rrb.PlotLegend(rrb.Corner2D.RightTop)
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""How the paths of the plots beside the scene begin."""
+"""Beginnings of the paths of the plots beside the scene."""
 TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/", "attitude"),
@@ -37,31 +36,31 @@ TABS = {
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""What it looks at, from the same point and in the same directions, until it follows [m]."""
+"""Point at which it looks, from the same origin and in the same directions, until it follows [m]."""
 VIEWED = (2.2, 0.85)
-"""Width and height of what the overview shows over its height above the ground. Measured in the viewer."""
+"""Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
 DRIVE_ROWS = 4
-"""Of the plots beside the scene and the states."""
+"""Rows of the plots beside the scene and the states."""
 COLUMNS = 3
 """Plots side by side on a tab."""
 LANE, LANES_BESIDES, BESIDE = 0.041, 0.06, 1.0
-"""Heights of a lane, of what the pane of states has besides, and of all that stands beside the scene [-]."""
+"""Heights of a lane, of the rest of the pane of states, and of everything beside the scene [-]."""
 
 
 class Shown(NamedTuple):
-    """What a recording has to show."""
+    """Content of a recording that the layout arranges."""
 
     plots: Sequence[Plot]
     maps: Sequence[Map] = ()
-    """Of the network."""
+    """Heat maps of the network."""
     lanes: int = 3
-    """How many states there are."""
-    ranges: Mapping[str, Range | None] = MappingProxyType({})
-    """Of the values of plots, by path; the viewer chooses the others."""
+    """Number of states."""
+    frames: Mapping[str, Frame] = MappingProxyType({})
+    """Frames of plots, by path; the viewer chooses the others."""
     outcome: str = ""
-    """Of the run, once it is known."""
+    """Outcome of the run, once it is known."""
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
@@ -69,10 +68,9 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
-    axis = whole_run(end_s)
 
     def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
-        return [plot_view(plot, plot.entity, axis, shown.ranges.get(plot.path), rows) for plot in plots]
+        return [plot_view(plot, end_s, shown.frames.get(plot.path, Frame()), rows) for plot in plots]
 
     def tab(name: str, starts: tuple[str, ...]) -> rrb.Vertical:
         plots, maps = _of(shown.plots, starts), [one for one in shown.maps if one.entity.startswith(starts)]
@@ -83,7 +81,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
         rrb.Tabs(
             rrb.Horizontal(
                 scenes(places, yaw),
-                _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, axis),
+                _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s),
                 column_shares=[3, 2],
                 name="Drive",
             ),
@@ -99,10 +97,10 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
     return [plot for plot in plots if plot.path.startswith(starts)]
 
 
-def _beside(plots: Sequence[rrb.View], shown: Shown, axis: rrb.TimeAxis) -> rrb.Vertical:
-    """The plots beside the scene, and below them the states, all of their lanes."""
+def _beside(plots: Sequence[rrb.View], shown: Shown, end_s: float) -> rrb.Vertical:
+    """The plots beside the scene, and below them the states with all their lanes."""
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
-    states = rrb.StateTimelineView(origin="states", name=name, time_view=axis)
+    states = rrb.StateTimelineView(origin="states", name=name, time_view=whole_run(end_s))
     share = min(LANES_BESIDES + LANE * shown.lanes, BESIDE / 2)
     return rrb.Vertical(*plots, states, row_shares=[*((BESIDE - share) / len(plots) for _ in plots), share])
 
@@ -134,21 +132,25 @@ def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
     return time, rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
 
 
-def whole_run(end_s: float) -> rrb.TimeAxis:
-    """A time axis that shows a run of `end_s` [s], with room for legends."""
-    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s))))
+def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
+    """A time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
+    return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 
 def _seconds(t: float) -> rr.TimeRangeBoundary:
     return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def plot_view(plot: Plot, entity: str, axis: rrb.TimeAxis, shown: Range | None, rows: int) -> rrb.TimeSeriesView:
-    """The series at and below `entity` on a tab of so many rows; the viewer chooses the range if none is `shown`."""
+def plot_view(plot: Plot, end_s: float, frame: Frame, rows: int) -> rrb.TimeSeriesView:
+    """The series at and below the entity of `plot` on a tab of so many rows; one alone needs no legend."""
+    axis = whole_run(end_s, frame.room)
+    shown = frame.values
     cut = f"; cut, the largest is {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
     values = rrb.ScalarAxis(range=readable(shown.low, shown.high, MOST_STEPS / rows)) if shown else None
-    name = f"{plot.title} [{plot.unit}]{cut}"
-    return rrb.TimeSeriesView(origin=entity, name=name, axis_x=axis, axis_y=values, plot_legend=LEGEND)
+    legend = rrb.PlotLegend(frame.legend, visible=len(plot.series) > 1)
+    mean = f"; bold: mean over {frame.mean_s:g} s" if frame.mean_s else ""
+    name = f"{plot.title} [{plot.unit}]{cut}{mean}"
+    return rrb.TimeSeriesView(origin=plot.entity, name=name, axis_x=axis, axis_y=values, plot_legend=legend)
 
 
 def _map(shown: Map) -> rrb.Spatial2DView:

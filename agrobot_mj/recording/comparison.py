@@ -1,10 +1,12 @@
-"""Several runs in one recording: tractors of different colours on the same ground, and plots with one line a run.
+"""Several runs in one recording: tractors of different colours on the same ground, and plots with one line per run.
 
-Written at the end from the logs. Poses come ten times a second, signals at every tick, as far as each run went.
+The last run's tractor is solid and the camera follows it, the others are translucent. Tracks lie one above the other,
+the upper ones narrower, so that each keeps its colour along the whole way. Written at the end from the logs: poses ten
+times a second, signals at every tick, as far as each run went.
 """
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,58 +14,79 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled, whole_run
+from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled
 from agrobot_mj.recording.info import compared, resolved
-from agrobot_mj.recording.plots.axes import value_range
-from agrobot_mj.recording.plots.signals import UNITS, Plot
+from agrobot_mj.recording.plots.axes import Frame, frame
+from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, UNITS, Plot, Series
 from agrobot_mj.recording.transport.sink import Sink
-from agrobot_mj.recording.transport.timeline import APPLICATION, TIMELINE, nanoseconds
+from agrobot_mj.recording.transport.timeline import APPLICATION, TIMELINE, Times, nanoseconds
 from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.recording.world.motion import sound_rows
 from agrobot_mj.recording.world.scene import reference_line, send_scene, shapes
 from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
-COLOURS = (0xE69F00FF, 0x56B4E9FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF)
-"""One a run, in turn."""
+PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY)
+"""Colours of the runs, in turn."""
 POSE_TICKS = 2
+"""Ticks from one pose to the next."""
 BESIDE = 3
 """Plots beside the scene."""
-TRACK_LIFT_M, TRACK_WIDTH = 0.04, 1.5
+TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
+"""Height of the lowest track above the ground, and from one track to the next: enough for tracks seen aslant [m]."""
+TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
+"""Half width of the highest track, and how much wider each is than the one above it [pixels]."""
 PAINTED = 0.12
 """Parts whose brightest and darkest channels differ by more are painted in the colour of the run, others stay grey."""
-PLOTS = (
-    ("lateral", "Lateral error to the moving reference", "m", "e_lateral"),
-    ("cross_track", "Cross-track error", "m", "cross_track"),
-    ("command", "Steering command", "deg", "steer_ref"),
-    ("network", "Network's part of the command, -tau_n", "deg", "network"),
-    ("yaw_rate", "Yaw-rate error", "deg/s", "e_yaw_rate"),
-    ("speed", "Speed", "m/s", "speed"),
-)
-"""Path, title, unit and column of the log, or of `_signals`."""
+GHOST = 0.22
+"""Opacity of the tractors that are not solid."""
 
 
 class RecordedRun(NamedTuple):
     """One run of a comparison."""
 
     name: str
-    """As the legend has it: plant and controller."""
+    """Name in legends: plant and controller."""
     log: Log
     colour: int
     """0xRRGGBBAA."""
+    below: int
+    """Number of tracks below its own."""
+    above: int
+    """Number of tracks above its own; 0 for the run whose tractor is solid."""
 
     @property
     def place(self) -> str:
-        """Where the tractor is in the recording."""
+        """Entity path of the tractor."""
         return f"world/{self.name}"
+
+    @property
+    def values(self) -> dict[str, Array]:
+        """Signals of the run by plot of `COMPARED`, in its unit, as far as there are any."""
+        found = {}
+        for plot in COMPARED:
+            column = plot.series[0].column
+            values = self._signal(column) * (-1 if column in NEGATED else 1) * UNITS[plot.unit]
+            if np.nan_to_num(values).any():
+                found[plot.path] = values
+        return found
+
+    def _signal(self, column: str) -> Array:
+        log = self.log
+        if column == "cross_track":
+            return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
+        return log.column(column)
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     """Record the runs `named` plant-controller on the ground of the first into `path`. Raises OSError."""
-    runs = [RecordedRun(name, log, COLOURS[i % len(COLOURS)]) for i, (name, log) in enumerate(named)]
+    last = len(named) - 1
+    runs = [RecordedRun(name, log, rgba(PALETTE[i % len(PALETTE)]), i, last - i) for i, (name, log) in enumerate(named)]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
     sink = Sink(stream, path)
@@ -73,102 +96,85 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     ground = scenario.terrain.ground()
     reference = max((reference_line(run.log.scenario, ground) for run in runs), key=len)
     send_scene(stream, Scene((), ()), ground, reference)
-    shown = [plot for run in runs for plot in _send(stream, run)]
+    values = {run.name: run.values for run in runs}
+    for run in runs:
+        _send(stream, run, values[run.name])
     rows = [(run.name, run.colour, run.log) for run in runs]
     for entity, text in (("info", compared(scenario, rows)), ("scenario", resolved(scenario))):
         stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
-    stream.send_blueprint(_blueprint(runs, {plot.path.split("/")[1]: plot for plot in shown}, reference))
+    stream.send_blueprint(_blueprint(runs, values, reference))
     sink.close()
 
 
-def _send(stream: rr.RecordingStream, run: RecordedRun) -> list[Plot]:
-    """Everything of one run; returns its plots."""
+def _send(stream: rr.RecordingStream, run: RecordedRun, values: dict[str, Array]) -> None:
+    """Everything of one run."""
     log = run.log
-    there = _sound(log)
-    times, poses = nanoseconds(log.column("t")), log.poses[:there:POSE_TICKS]
+    times = nanoseconds(log.column("t"))
+    there = sound_rows(log.poses, log.column("x"), log.column("y"))
+    poses = log.poses[:there:POSE_TICKS]
     column = rr.TimeColumn(TIMELINE, duration=times[:there:POSE_TICKS])
     for i, body in enumerate(log.scene.bodies):
-        geoms = [_painted(geom, run.colour) for geom in log.scene.geoms if geom.body == body]
+        geoms = [_painted(geom, run) for geom in log.scene.geoms if geom.body == body]
         for kind, shape in shapes(geoms).items():
             stream.log(f"{run.place}/{body}/{kind}", shape, static=True)
-        moved = rr.Transform3D.columns(translation=poses[:, i, :3], quaternion=poses[:, i, [4, 5, 6, 3]])
-        stream.send_columns(f"{run.place}/{body}", [column], moved)
-    _send_track(stream, run, times[:there])
-    return _send_plots(stream, run, rr.TimeColumn(TIMELINE, duration=times))
+        if there:
+            moved = rr.Transform3D.columns(translation=poses[:, i, :3], quaternion=poses[:, i, [4, 5, 6, 3]])
+            stream.send_columns(f"{run.place}/{body}", [column], moved)
+    if there:
+        _send_track(stream, run, times[:there])
+    for path, numbers in values.items():
+        _send_signal(stream, f"plots/{path}/{run.name}", run, times, numbers)
 
 
-def _sound(log: Log) -> int:
-    """How many rows come before the first without a pose."""
-    broken = np.flatnonzero(~np.isfinite(log.poses.reshape(len(log.poses), -1)).all(axis=1))
-    return int(broken[0]) if broken.size else len(log.poses)
-
-
-def _send_track(
-    stream: rr.RecordingStream, run: RecordedRun, times: "np.ndarray[tuple[int], np.dtype[np.timedelta64]]"
-) -> None:
+def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> None:
     points = np.column_stack([run.log.column("x"), run.log.column("y")])[: len(times)]
-    if not len(points):
-        return
-    laid = on_ground(run.log.scenario.terrain.ground(), points, TRACK_LIFT_M)
+    lift, width = TRACK_LIFT_M + TRACK_STEP_M * run.below, TRACK_WIDTH + TRACK_WIDER * run.above
+    laid = on_ground(run.log.scenario.terrain.ground(), points, lift)
     ends = piece_ends(len(points))
     column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
     pieces = rr.LineStrips3D.columns(strips=strips(laid, np.append(0, ends[:-1] - 1), ends))
     stream.send_columns(f"world/tracks/{run.name}", [column], pieces)
-    style = rr.LineStrips3D.from_fields(colors=run.colour, radii=rr.Radius.ui_points(TRACK_WIDTH))
+    style = rr.LineStrips3D.from_fields(colors=run.colour, radii=rr.Radius.ui_points(width))
     stream.log(f"world/tracks/{run.name}", style, static=True)
 
 
-def _send_plots(stream: rr.RecordingStream, run: RecordedRun, column: rr.TimeColumn) -> list[Plot]:
-    """Each signal of the run under the plot that it shares with the other runs."""
-    shown = []
-    for path, title, unit, name in PLOTS:
-        values = _signal(run.log, name)
-        if values.any():
-            scalars = rr.Scalars.columns(scalars=values * UNITS[unit])
-            stream.send_columns(f"plots/{path}/{run.name}", [column], scalars)
-            style = rr.SeriesLines(
-                names=run.name,
-                colors=run.colour,
-                widths=1.5,
-                aggregation_policy=rr.components.AggregationPolicy.MinMax,
-            )
-            stream.log(f"plots/{path}/{run.name}", style, static=True)
-            shown.append(Plot(f"compared/{path}", title, unit, ()))
-    return shown
+def _send_signal(stream: rr.RecordingStream, entity: str, run: RecordedRun, times: Times, numbers: Array) -> None:
+    """One line of a plot that the runs share, where it has values."""
+    finite = np.isfinite(numbers)
+    column = rr.TimeColumn(TIMELINE, duration=times[finite])
+    stream.send_columns(entity, [column], rr.Scalars.columns(scalars=numbers[finite]))
+    style = rr.SeriesLines(
+        names=run.name,
+        colors=run.colour,
+        widths=1.5,
+        aggregation_policy=rr.components.AggregationPolicy.MinMax,
+    )
+    stream.log(entity, style, static=True)
 
 
-def _values(run: RecordedRun, path: str) -> Array:
-    """What the plot `path` shows of a run, in its unit."""
-    ((unit, name),) = [(unit, name) for there, _, unit, name in PLOTS if there == path]
-    return _signal(run.log, name) * UNITS[unit]
-
-
-def _signal(log: Log, name: str) -> Array:
-    if name == "cross_track":
-        return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
-    return -log.column("tau_n") if name == "network" else log.column(name)
-
-
-def _painted(geom: Geom, colour: int) -> Geom:
-    """The geom in the run's colour if it is of the body's paint; tyres, metal and glass stay."""
+def _painted(geom: Geom, run: RecordedRun) -> Geom:
+    """The geom in the run's colour if it is of the body's paint; tyres, metal and glass stay grey."""
+    opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:
-        return geom
-    r, g, b = ((colour >> shift & 255) / 255 for shift in (24, 16, 8))
-    return geom._replace(rgba=(r, g, b, geom.rgba[3]))
+        return geom._replace(rgba=(*geom.rgba[:3], opacity))
+    r, g, b = ((run.colour >> shift & 255) / 255 for shift in (24, 16, 8))
+    return geom._replace(rgba=(r, g, b, opacity))
 
 
-def _blueprint(runs: Sequence[RecordedRun], plots: dict[str, Plot], reference: Array) -> rrb.Blueprint:
+def _blueprint(runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array]], reference: Array) -> rrb.Blueprint:
     """Scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
-    axis = whole_run(float(longest.column("t")[-1]))
-    followed = f"{runs[-1].place}/chassis/boxes"
+    t = longest.column("t")
+    end_s = float(t[-1]) if len(t) else 0.0
+    yaw = longest.column("yaw")[:1]
+    heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.name}" for run in runs]
-    left = scenes(reference, float(longest.column("yaw")[0]), followed, growing)
+    left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
+    plots = [(plot, frame_) for plot in COMPARED for plot, frame_ in _shared(plot, runs, values, t)]
 
     def views(rows: int) -> list[rrb.View]:
-        ranges = {path: value_range(np.concatenate([_values(run, path) for run in runs])) for path in plots}
-        return [plot_view(plot, f"plots/{path}", axis, ranges[path], rows) for path, plot in plots.items()]
+        return [plot_view(plot, end_s, frame_, rows) for plot, frame_ in plots]
 
     return rrb.Blueprint(
         rrb.Tabs(
@@ -179,3 +185,18 @@ def _blueprint(runs: Sequence[RecordedRun], plots: dict[str, Plot], reference: A
         *panels(),
         auto_views=False,
     )
+
+
+def _shared(
+    plot: Plot, runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array]], t: Array
+) -> list[tuple[Plot, Frame]]:
+    """The plot with a line for each run that has the signal, and its frame; nothing if no run has it."""
+    having = [run for run in runs if plot.path in values[run.name]]
+    if not having:
+        return []
+    lines = tuple(Series(run.name, plot.series[0].column, run.colour) for run in having)
+    numbers = np.full((len(t), len(having)), np.nan)
+    for k, run in enumerate(having):
+        numbers[: run.log.rows.filled, k] = values[run.name][plot.path]
+    shown = plot._replace(series=lines)
+    return [(shown, frame(t, numbers, shown))]

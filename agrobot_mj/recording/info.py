@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from agrobot_mj.core.palette import NAMES
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
@@ -11,13 +13,7 @@ UNITS = {
     **dict.fromkeys(("lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"), "m"),
     **{"lateral_mse": "m2", "yaw_rate_error_rms": "rad/s", "wall_s": "s"},
 }
-"""Units of those metrics that have one."""
-
-COLOUR_NAMES = {
-    **{0xE69F00FF: "orange", 0x56B4E9FF: "sky blue", 0xD55E00FF: "vermilion", 0x009E73FF: "green"},
-    **{0xCC79A7FF: "pink", 0xF0E442FF: "yellow", 0x3A6FD8FF: "blue", 0xBBBBBBFF: "grey"},
-}
-"""Of the palette of Okabe and Ito, brightened for a dark ground."""
+"""Units of metrics that have one."""
 
 
 def unfinished(scenario: Scenario) -> str:
@@ -34,7 +30,7 @@ def summary(log: Log) -> str:
     """The text of a finished run."""
     expected = log.scenario.expected_outcome
     end = (
-        f"**{log.outcome}** after {log.rows.filled * _tick(log):.2f} s, {log.wall_s:.2f} s of wall time; "
+        f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.outcome == expected else f'**expected: {expected}**'}."
     )
     return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics), _passes(log.metrics)]))
@@ -48,24 +44,23 @@ def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
     heads = " | ".join(f"{name} [{UNITS[name]}]" for name in COMPARED)
     lines = [
-        f"| {name} | #{colour >> 8:06x} {_colour_name(colour)} | {log.outcome} "
+        f"| {name} | #{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')} | {log.outcome} "
         f"| {_cells([log.metrics[metric] for metric in COMPARED])} |"
         for name, colour, log in runs
     ]
     table = [f"| run | colour | outcome | {heads} |", "|---" * (len(COMPARED) + 3) + "|", *lines]
     return (
         f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}; "
-        "the scenario beside is that of the first run\n\n" + "\n".join(table) + "\n"
+        "the scenario beside is that of the first run\n\nThe solid tractor is that of the last run, the others are "
+        "translucent. Errors are position less reference: left of the path and ahead are positive.\n\n"
+        + "\n".join(table)
+        + "\n"
     )
 
 
 def _colour_name(colour: int) -> str:
-    return COLOUR_NAMES.get(colour, "")
-
-
-def _tick(log: Log) -> float:
-    t = log.column("t")
-    return float(t[1] - t[0]) if len(t) > 1 else 0.0
+    """Name of the colour 0xRRGGBBAA."""
+    return NAMES.get(f"#{colour >> 8:06X}", "")
 
 
 def _page(scenario: Scenario, result: str) -> str:
@@ -86,7 +81,7 @@ def _metrics(metrics: dict[str, Any]) -> str:
 
 
 def _turns(metrics: dict[str, Any]) -> str:
-    """One column a turn."""
+    """One column per turn."""
     turns, shares = metrics["per_turn"], metrics["nn_share"]
     if not turns:
         return ""
@@ -102,7 +97,7 @@ def _turns(metrics: dict[str, Any]) -> str:
 
 
 def _passes(metrics: dict[str, Any]) -> str:
-    """The accuracy from pass to pass, one line a pass; nothing for a path without passes."""
+    """The accuracy from pass to pass, one line per pass; nothing for a path without passes."""
     found = metrics.get("iso_12188_2_style")
     if found is None:
         return ""

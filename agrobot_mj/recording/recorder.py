@@ -15,6 +15,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.info import broken, resolved, summary, unfinished
+from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.network import Firing, network_plots
 from agrobot_mj.recording.plots.signals import Signals
 from agrobot_mj.recording.plots.states import States
@@ -86,10 +87,12 @@ class Recording:
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
         """Arrange what there is so far; the last layout is the one that opens."""
-        driven = self.rows.poses[: self.rows.filled, 0, :3]
-        places = np.concatenate([driven[np.isfinite(driven).all(axis=1)], self.reference])
-        ranges = self.signals.ranges() if outcome else {}
-        shown = Shown(self.signals.shown, self.firing.maps, self.states.count, ranges, outcome)
+        places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
+        plots, frames = self.signals.shown, dict[str, Frame]()
+        if outcome:  # until then nobody knows which plots will stay constant
+            frames = self.signals.finish(self.stream)
+            plots = [plot for plot in plots if plot.path in frames]
+        shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome)
         self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))
 
     def _tell(self, text: str, entity: str = "info") -> None:

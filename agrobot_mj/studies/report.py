@@ -1,60 +1,35 @@
-"""Figures and tables of a comparison, after the figures of the paper.
+"""Figures of a comparison, after the figures of the paper.
 
-Input: runs as (plant, controller, log), one run for each pair. One PNG a figure, one column of panels a
-plant, each as wide as a column of a journal page (3.5 in, text of 8 pt). A controller keeps its colour.
+Input: runs as (plant, controller, log), one run for each pair. One PNG per figure, one column of panels per plant. A
+controller keeps its colour. Errors are position less reference: left of the path and ahead of the reference are
+positive (the log keeps the paper's sign, reference less position).
 """
 
-import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
+from agrobot_mj.core.palette import BLUE, DARK_GREY, LIGHT_GREY, VERMILION
 from agrobot_mj.core.signals import Array
+from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
-from agrobot_mj.simulation.storage import whole
+from agrobot_mj.studies.style import COLOURS, NAMES, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 
-COLOURS = {"pd": "#D55E00", "pd_isgn": "#E69F00", "pd_t1fnn": "#009E73", "pd_t2fnn": "#0072B2"}
-"""Colour of each controller, of the colour-blind-safe palette of Okabe and Ito."""
-SPARE_COLOURS = ("#CC79A7", "#56B4E9", "#666666")
-"""For controllers not named above, in order of appearance; of the same palette."""
-NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
-NAMES |= {"open_loop": "open loop"}
-"""How figures name the controllers."""
-STYLE: dict[Any, Any] = {
-    "font.size": 8,
-    **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
-    "axes.titlesize": 8,
-    "axes.linewidth": 0.6,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.01,
-    "grid.linewidth": 0.3,
-    "grid.color": "#CCCCCC",
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 0.9,
-}
-PANEL_WIDTH_IN = 3.5
-DPI = 200
 SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Between the points of a drawn path [m], and how many it may have."""
+"""Distance between the points of a drawn path [m], and how many it may have."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""By the unit of the axis: a curve that goes beyond is lost and leaves the panel to the others."""
+"""Limit by the unit of the axis: a curve that goes beyond is lost and leaves the panel to the others."""
 
 
 class ReportedRun(NamedTuple):
@@ -85,7 +60,7 @@ def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> lis
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Reference (thin black) and tracks (first turn dotted, later ones solid), a column a plant.
+    """Reference (thin black) and tracks (first turn dotted, later ones solid), a column per plant.
 
     The lower row enlarges the place where the errors are largest.
     """
@@ -103,7 +78,7 @@ def trajectory(runs: Runs) -> Figure:
         overview.set_title(plant)
         overview.indicate_inset((*corner, *zoom), edgecolor="black", alpha=1, linewidth=0.6)
     _label(grid, "x [m]", "y [m]")
-    turns = [_key("first turn", "#666666", ":"), _key("later turns", "#666666")]
+    turns = [_key("first turn", DARK_GREY, ":"), _key("later turns", DARK_GREY)]
     several = len(runs[0].log.scenario.path.turns_s) > 1
     _legend(figure, [_key("reference", "black", width=0.5), *(turns if several else []), *_keys(runs)])
     return figure
@@ -111,20 +86,20 @@ def trajectory(runs: Runs) -> Figure:
 
 def longitudinal_error(runs: Runs) -> Figure:
     """Longitudinal error over time, all controllers of a plant in one panel."""
-    return _overlay(runs, "e_longitudinal", "longitudinal error [m]")
+    return _overlay(runs, "e_longitudinal", "longitudinal error, ahead + [m]", -1.0)
 
 
 def lateral_error(runs: Runs) -> Figure:
     """Lateral error over time, all controllers of a plant in one panel."""
-    return _overlay(runs, "e_lateral", "lateral error [m]")
+    return _overlay(runs, "e_lateral", "lateral error, left + [m]", -1.0)
 
 
 def control_signals(runs: Runs) -> Figure:
-    """The parts of the steering command and their sum, a row a controller that has a network (if any has)."""
+    """The parts of the steering command and their sum, a row per controller that has a network (if any has)."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
-        "PD $\\tau_c$": ("tau_c", 1, "#D55E00"),
-        "network $-\\tau_n$": ("tau_n", -1, "#0072B2"),
+        "PD $\\tau_c$": ("tau_c", 1, VERMILION),
+        "network $-\\tau_n$": ("tau_n", -1, BLUE),
     }
 
     def draw(axes: Axes, run: ReportedRun) -> None:
@@ -139,7 +114,7 @@ def control_signals(runs: Runs) -> Figure:
 
 
 def yaw_rate_error(runs: Runs) -> Figure:
-    """Yaw rate error over time, a row a controller."""
+    """Yaw rate error over time, a row per controller."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.controller))
@@ -148,7 +123,7 @@ def yaw_rate_error(runs: Runs) -> Figure:
 
 
 def q(runs: Runs) -> Figure | None:
-    """The parameter q over time, a row a controller that has one."""
+    """The parameter q over time, a row per controller that has one."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.controller))
@@ -163,65 +138,21 @@ FIGURES += [control_signals, yaw_rate_error, q]
 """Each draws one figure, a PNG of its name."""
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
-
-    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of `pd` on the
-    same plant and seed; values of turns that a run did not complete are left out.
-    """
-    seeds = len({row.get("seed") for row in rows}) > 1
-    of_pd = [row for row in rows if row["controller"] == "pd"]
-    pd_mse = {(row["plant"], row.get("seed")): row.get("lateral_mse") for row in of_pd}
-    text = Table(box=box.MARKDOWN)
-    for name in ("plant", "controller", *(["seed"] if seeds else []), "outcome"):
-        text.add_column(name)
-    for name in ("lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2"):
-        text.add_column(name, justify="right")
-    for row in rows:
-        seed = [str(row.get("seed"))] if seeds else []
-        base = pd_mse.get((row["plant"], row.get("seed")))
-        text.add_row(row["plant"], row["controller"], *seed, row.get("outcome", "-"), *_numbers(row, base))
-    console = Console(file=io.StringIO(), width=400, color_system=None, markup=False, emoji=False)
-    with console.capture() as captured:
-        console.print(text, highlight=False)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
-
-
-def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
-    """The cells of a row of the table from its mean square error on."""
-    mse = row.get("lateral_mse")
-    whole = {turn["turn"]: turn for turn in row.get("per_turn", []) if turn["complete"]}
-    shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}
-    return [
-        _text(mse, 4),
-        *(_text(whole[k]["lateral_mse"], 4) if k in whole else "-" for k in (1, 2)),
-        _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
-        _text(row.get("xte_rms"), 3),
-        *(_text(shares.get(k), 3) for k in (1, 2)),
-    ]
-
-
-def _text(value: float | None, decimals: int) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.{decimals}f}" if abs(value) < 1e4 else f"{value:.1e}"
-
-
-def _overlay(runs: Runs, column: str, label: str) -> Figure:
-    """A figure of one panel a plant, with `column` of all its runs over time."""
+def _overlay(runs: Runs, column: str, label: str, sign: float = 1.0) -> Figure:
+    """A figure of one panel per plant, with `column` of all its runs over time."""
     plants = _plants(runs)
     figure = Figure((PANEL_WIDTH_IN * len(plants), 2.6), layout="constrained")
     grid = figure.subplots(1, len(plants), sharex=True, sharey=True, squeeze=False)
     for axes, plant in zip(grid[0], plants, strict=True):
         for run in (run for run in runs if run.plant == plant):
-            axes.plot(run.log.column("t"), run.log.column(column), color=_colour(runs, run.controller))
+            axes.plot(run.log.column("t"), sign * run.log.column(column), color=_colour(runs, run.controller))
         axes.set_title(plant)
     _finish(figure, grid, runs, label, _keys(runs))
     return figure
 
 
 def _rows(runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D]) -> Figure:
-    """A figure of one column of panels a plant and one row a controller, over time."""
+    """A figure of one column of panels per plant and one row per controller, over time."""
     plants, controllers = _plants(runs), list(dict.fromkeys(run.controller for run in runs))
     figure = Figure((PANEL_WIDTH_IN * len(plants), 1.45 * len(controllers) + 0.7), layout="constrained")
     grid = figure.subplots(len(controllers), len(plants), sharex=True, sharey=True, squeeze=False)
@@ -239,9 +170,9 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
     ends = [end for _, end in runs[0].log.scenario.path.turns_s[:-1]][:10]
     for axes in grid.flat:
         for end in ends:
-            axes.axvline(end, color="#666666", linestyle="--", linewidth=0.7)
+            axes.axvline(end, color=DARK_GREY, linestyle="--", linewidth=0.7)
     _label(grid, "time [s]", label)
-    _legend(figure, [*keys, *([_key("end of a turn", "#666666", "--", 0.7)] if ends else [])])
+    _legend(figure, [*keys, *([_key("end of a turn", DARK_GREY, "--", 0.7)] if ends else [])])
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
@@ -273,7 +204,7 @@ def _key(name: str, colour: str, style: Literal["-", "--", ":"] = "-", width: fl
 
 
 def _raw_key() -> Line2D:
-    return _key(f"pale: raw, bold: {SMOOTHING_S:g} s mean", "#BBBBBB", width=2.0)
+    return _key(f"pale: raw, bold: {SMOOTHING_S:g} s mean", LIGHT_GREY, width=2.0)
 
 
 def _keys(runs: Runs) -> list[Line2D]:
@@ -309,13 +240,7 @@ def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
 
 def _smooth(t: Array, values: Array) -> Array:
     """Centred moving average over SMOOTHING_S of the finite values; NaN where there is none."""
-    if len(t) < 2:
-        return values
-    finite, window = np.isfinite(values), np.ones(min(len(t), max(1, round(SMOOTHING_S / (t[1] - t[0])))))
-    total = np.convolve(np.where(finite, values, 0.0), window, "same")
-    count = np.convolve(finite, window, "same")
-    mean: Array = np.divide(total, count, out=np.full(len(t), np.nan), where=count > 0.5)
-    return mean
+    return values if len(t) < 2 else moving_mean(values, round(SMOOTHING_S / (t[1] - t[0])))
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
@@ -338,10 +263,3 @@ def _worst_place(runs: Runs) -> Array:
         total[: len(error)] += np.nan_to_num(np.minimum(np.abs(error), 1.0))
     place: Array = sample(longest.scenario.path, t[[total.argmax()]])[0]
     return place
-
-
-def save(figure: Figure, file: Path) -> Path:
-    """Save as PNG: the whole file or none."""
-    with whole(file) as part:
-        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
-    return file

@@ -25,7 +25,7 @@ def test_every_run_has_its_lines(compared):
     factor = 180 / np.pi
     for name, log in logs.items():
         for path, expected in (
-            ("lateral", log.column("e_lateral")),
+            ("lateral", -log.column("e_lateral")),
             ("cross_track", cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))),
             ("command", log.column("steer_ref") * factor),
             ("yaw_rate", log.column("e_yaw_rate") * factor),
@@ -50,11 +50,38 @@ def test_tractors_move_as_their_logs_say_in_their_own_colours(compared):
         times, places = recorded.column(f"/world/{name}/chassis", "Transform3D:translation")
         np.testing.assert_array_equal(times, np.rint(log.column("t")[::2] * 1e9))
         np.testing.assert_allclose(np.array(places)[:, 0], log.poses[::2, 0, :3], atol=1e-5)
-    paint = [set(recorded.static(f"/world/{name}/chassis/boxes", "Boxes3D:colors")) for name in logs]
-    colours = [set(recorded.static(f"/plots/lateral/{name}", "SeriesLines:colors")) for name in logs]
-    assert colours[0] <= paint[0]
-    assert colours[1] <= paint[1]
-    assert colours[0].isdisjoint(paint[1])
+    paint = [recorded.static(f"/world/{name}/chassis/boxes", "Boxes3D:colors") for name in logs]
+    colours = [recorded.static(f"/plots/lateral/{name}", "SeriesLines:colors")[0] >> 8 for name in logs]
+    assert colours[0] in {colour >> 8 for colour in paint[0]}
+    assert colours[1] in {colour >> 8 for colour in paint[1]}
+    assert colours[0] not in {colour >> 8 for colour in paint[1]}
+    opacities = [{colour & 0xFF for colour in shown} for shown in paint]
+    assert max(opacities[0]) < 0x80, "all but the last are translucent"
+    assert opacities[1] == {0xFF}
+
+
+def test_tracks_lie_one_above_the_other(compared):
+    recorded, logs = compared
+    lifts, radii = [], []
+    for name in logs:
+        _, pieces = recorded.column(f"/world/tracks/{name}", "LineStrips3D:strips")
+        heights = {round(point[2], 4) for (piece,) in pieces for point in piece}
+        lifts += heights
+        radii += recorded.static(f"/world/tracks/{name}", "LineStrips3D:radii")
+    assert len(lifts) == len(logs)
+    assert np.diff(lifts) > 0.05
+    assert np.diff(np.abs(radii)) < 0, "a lower track shows on both sides of an upper one"
+
+
+def test_lateral_and_cross_track_error_agree_in_sign(compared):
+    recorded, logs = compared
+    name = "mujoco-pd_t2fnn"
+    lateral, beside = (
+        np.ravel(recorded.column(f"/plots/{path}/{name}", "Scalars:scalars")[1]) for path in ("lateral", "cross_track")
+    )
+    far = np.abs(beside) > 0.02
+    assert far.any()
+    assert (np.sign(lateral[far]) == np.sign(beside[far])).all()
 
 
 def test_the_ground_is_drawn_once_and_the_words_name_colours(compared):

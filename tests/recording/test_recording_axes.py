@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rerun.blueprint import Corner2D
 
-from agrobot_mj.recording.plots.axes import EDGE, readable, time_end, value_range
+from agrobot_mj.recording.plots.axes import EDGE, Range, free_corner, readable, time_end, value_range
 
 
 def numbers(low, high, most_steps):
@@ -42,8 +43,18 @@ def test_what_must_be_seen_is_in_the_range_and_what_has_no_extent_is_left_to_the
 
 
 @pytest.mark.parametrize("run_s", [1.0, 14.3, 60.0, 85.0, 120.0, 240.0, 253.05, 1950.0, 3600.0])
-def test_no_number_is_cut_at_the_end_of_the_time_axis(run_s):
+def test_the_time_axis_is_full_and_no_number_is_cut_at_its_end(run_s):
     end = time_end(run_s)
     step = 10.0 if end < 120 else 60.0 if end < 600 else 600.0
-    assert 1.2 * run_s < end < 1.4 * run_s
+    assert run_s < end < 1.08 * run_s
     assert end < step or end % step > 0.99 * EDGE * end
+
+
+def test_the_legend_stands_where_it_hides_least():
+    along, values = np.linspace(0.0, 1.0, 200), Range(-1.0, 1.0)
+    rising = np.column_stack([2 * along - 1])
+    assert free_corner(along, rising, values, (0.2, 0.3))[0] is Corner2D.LeftTop
+    assert free_corner(along, -rising, values, (0.2, 0.3))[0] is Corner2D.RightTop
+    both = np.column_stack([2 * along - 1, np.full(200, 0.9)])
+    assert free_corner(along, both, values, (0.2, 0.3))[0] is Corner2D.RightBottom
+    assert free_corner(along, np.full((200, 1), np.nan), values, (0.2, 0.3))[0] is Corner2D.RightTop

@@ -81,7 +81,7 @@ def test_furrows_show_near_the_path():
     near &= (mesh.positions[:, 0] > -4) & (mesh.positions[:, 0] < 24)
     x, y, z = mesh.positions[near].T
     np.testing.assert_allclose(z, heights(ground, x, y), atol=1e-5)
-    assert np.diff(np.unique(y.round(4))).max() <= FINEST_M
+    assert np.diff(np.unique(y.round(4))).max() <= FINEST_M + 1e-9
     slope = -2 * np.pi / 0.75 * 0.06 * np.sin(2 * np.pi * y / 0.75)
     np.testing.assert_allclose(mesh.normals[near, 0], 0.0, atol=1e-5)
     np.testing.assert_allclose(-mesh.normals[near, 1] / mesh.normals[near, 2], slope, atol=0.06)
@@ -131,6 +131,31 @@ def test_patches_have_their_colours_and_sharp_borders():
     bluish = mesh.positions[mesh.colours[:, 2] > mesh.colours[:, 0]]
     assert bluish[:, 0].min() == pytest.approx(0.0, abs=0.26)
     assert bluish[:, 0].max() == pytest.approx(5.0, abs=0.26)
+
+
+def test_borders_of_patches_blend_without_teeth():
+    """Along an oblique border the colours change as a straight border does: none of the cells of the grid shows."""
+    cells = (np.arange(160) + 0.5) * 0.25 - 20
+    x, y = np.meshgrid(cells, cells)
+    surface = Surface(-20.0, -20.0, 0.25, np.where(x + 0.5 * y < 0, 0.4, 1.0), np.zeros((160, 160)))
+    mesh = Mesh(
+        plane(0.0, 0.0, 50.0)._replace(surface=surface), np.column_stack([np.linspace(-5, 5, 30), np.zeros(30)])
+    )
+    near = (np.abs(mesh.positions[:, :2]) < 4).all(axis=1)
+    across = (mesh.positions[near, 0] + 0.5 * mesh.positions[near, 1]) / np.hypot(1, 0.5)
+    blue = mesh.colours[near, 2] / mesh.colours[near, 1]
+    between = (blue > blue.min() * 1.05) & (blue < blue.max() * 0.95)
+    assert between.sum() > 20
+    assert np.abs(across[between]).max() < 0.6
+    assert np.corrcoef(across[between], blue[between])[0, 1] < -0.9
+
+
+def test_slopes_are_shaded_and_furrows_only_divided_across():
+    facing, averted = (Mesh(Slope(grade_deg=12, direction_deg=d, half_size_m=30).ground()) for d in (-45, 135))
+    assert facing.colours.mean() > 1.1 * averted.colours.mean(), "light from the north-west"
+    mesh = Mesh(furrows())
+    near = (np.abs(mesh.positions[:, 0] - 10) < 4) & (np.abs(mesh.positions[:, 1]) < 4)
+    assert len(np.unique(mesh.positions[near, 1].round(3))) > 8 * len(np.unique(mesh.positions[near, 0].round(3)))
 
 
 @pytest.mark.parametrize("ground", [furrows(), furrows(spacing=3.0), plane(0.1, 0.0, 500.0)])

@@ -1,17 +1,19 @@
 import numpy as np
 import pytest
+import rerun as rr
 from recorded import Recorded, replay
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.recording import Recording
+from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.recording.blueprint import DRIVE, FOLLOWED, TABS
+from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
 from agrobot_mj.recording.plots.network import network_plots
-from agrobot_mj.recording.plots.signals import PLOTS
+from agrobot_mj.recording.plots.signals import Signals
 
 DEG = 180 / np.pi
 WHEELS = ("fl", "fr", "rl", "rr")
 SHOWN = {
-    "tracking/error": ("m", 1, ["e_longitudinal", "e_lateral"]),
+    "tracking/error": ("m", -1, ["e_longitudinal", "e_lateral"]),
     "yaw_rate/loop": ("deg/s", DEG, ["yaw_rate_ref", "yaw_rate_hat", "yaw_rate"]),
     "yaw_rate/error": ("deg/s", DEG, ["e_yaw_rate"]),
     "network/q": ("-", 1, ["q"]),
@@ -165,6 +167,7 @@ def test_a_network_of_another_size_is_drawn_too(tmp_path):
 
 def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
     recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
+    recorded = {path for path in recorded if not path.endswith("/mean")}
     looked_at = SHOWN.keys() | COMPUTED | SLOW.keys() | LATER.keys()
     assert recorded - LATER.keys() == looked_at - LATER.keys()
     assert {plot.path for plot in (*PLOTS, *network_plots(eight.log.rows.columns))} == looked_at
@@ -178,11 +181,75 @@ def test_nothing_is_drawn_that_does_not_exist(tmp_path):
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
     assert np.isnan(log.column("q")).all()
     plots = {entity.removeprefix("/plots/") for entity in recorded.entities() if entity.startswith("/plots/")}
+    plots = {path for path in plots if not path.endswith("/mean")}
     assert plots - LATER.keys() == {
         name for name in SHOWN.keys() | COMPUTED if not name.startswith(("tyres/", "network/"))
     } - {"steering/pressure", "speed/torque"}
     assert not any(entity.startswith("/network") for entity in recorded.entities())
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
+
+
+def test_units_of_plots_are_those_of_the_columns(eight):
+    units = {column.name: column.unit for column in eight.log.rows.table}
+    for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
+        for series in plot.series:
+            if series.column in units:
+                assert units[series.column] == SI.get(plot.unit, plot.unit), series.column
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])
+def test_a_run_that_diverged_opens(short, tmp_path, broken):
+    """From tick 300 on nothing is a number."""
+    for name in short.rows.columns:
+        if name != "t":
+            short.column(name)[300:] = broken
+    short.rows.poses[300:] = broken
+    recorded = replay(short, tmp_path / "run.rrd")
+    assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 300
+    times, values = scalars(recorded, "tracking/error")
+    assert np.isfinite(values).all()
+    write_comparison([("mujoco-a", short), ("mujoco-b", short)], tmp_path / "comparison.rrd")
+    both = Recorded(tmp_path / "comparison.rrd")
+    assert len(both.column("/world/mujoco-a/chassis", "Transform3D:translation")[0]) == 150
+
+
+def test_a_lane_appears_with_its_column(short, tmp_path):
+    assert "/states/supervisor" not in replay(short, tmp_path / "without.rrd").entities()
+    rows = short.rows
+    rows.columns = (*rows.columns, "supervisor_state")
+    states = np.zeros(len(rows.values))
+    states[100:], states[300:], states[350:] = 2, np.nan, 4
+    rows.values = np.column_stack([rows.values, states])
+    times, labels = replay(short, tmp_path / "with.rrd").column("/states/supervisor", "StateChange:state")
+    assert list(times // 50_000_000) == [0, 100, 300, 350]
+    assert labels == [["idle"], ["tracking"], ["unknown"], ["stopping"]]
+
+
+def test_a_dense_signal_gets_its_mean_and_a_calm_one_does_not(short, tmp_path):
+    t = short.column("t")
+    for wheel in WHEELS:
+        short.column(f"load_{wheel}")[:] = 2000 + 1500 * np.sin(2 * np.pi * t)
+        short.column(f"slip_ratio_{wheel}")[:] = 0.1 * np.sin(2 * np.pi * t / 20)
+    recorded = replay(short, tmp_path / "run.rrd")
+    _, means = scalars(recorded, "tyres/load/mean")
+    np.testing.assert_allclose(means[20:-20], 2.0, atol=1e-6)
+    assert names(recorded, "tyres/load/mean") == names(recorded, "tyres/load")
+    opacity = {colour & 0xFF for colour in recorded.static("/plots/tyres/load", "SeriesLines:colors")}
+    assert max(opacity) < 0x80, "the signal itself turns pale"
+    assert "/plots/tyres/slip_ratio/mean" not in recorded.entities()
+    _, values = scalars(recorded, "tyres/load")
+    np.testing.assert_allclose(values[:, 0], short.column("load_fl") * 1e-3)
+
+
+def test_plots_that_carry_nothing_are_not_laid_out(short):
+    signals = Signals(short.rows)
+    signals.shown = [line.plot for line in signals.lines]
+    stream = rr.RecordingStream("test")
+    assert not {"estimator/faults", "estimator/quality"} & signals.finish(stream).keys()
+    short.column("gnss_quality")[100:150] = 1
+    found = signals.finish(stream).keys()
+    assert "estimator/quality" in found
+    assert "estimator/faults" not in found
 
 
 def test_rows_without_a_value_are_left_out(short, tmp_path):

@@ -10,9 +10,11 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line
-from agrobot_mj.studies import report
-from agrobot_mj.studies.report import ReportedRun, table, write_figures
+from agrobot_mj.studies import report, style
+from agrobot_mj.studies.report import ReportedRun, write_figures
+from agrobot_mj.studies.tables import table
 
 NAMES = ["trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q"]
 CONTROLLERS = {"pd": 0.5, "pd_isgn": 0.3, "pd_t1fnn": 0.2, "pd_t2fnn": 0.1}
@@ -21,7 +23,7 @@ CIRCLE = Circle(radius_m=5, speed_m_s=2)
 
 
 class RunLog:
-    """A tractor that follows the path at a constant lateral error, with a noisy yaw rate."""
+    """A tractor that stays `error` left of the path and ahead of the reference, with a noisy yaw rate."""
 
     def __init__(self, path: Any, error: float, controller: str, end_s: float = np.inf) -> None:
         self.scenario = SimpleNamespace(path=path)
@@ -33,7 +35,7 @@ class RunLog:
             "t": t,
             "x": r[:, 0] - error * np.sin(r[:, 4]),
             "y": r[:, 1] + error * np.cos(r[:, 4]),
-            "e_lateral": np.full(len(t), error),
+            "e_lateral": np.full(len(t), -error),
             "e_longitudinal": error * np.sin(t),
             "e_yaw_rate": 0.1 + noise,
             "tau_c": noise,
@@ -84,7 +86,7 @@ def test_a_failed_figure_leaves_no_file(tmp_path: Path, monkeypatch: pytest.Monk
         file.write_bytes(b"half a picture")
         raise OSError("disk full")
 
-    monkeypatch.setattr(report.FigureCanvasAgg, "print_figure", fail)
+    monkeypatch.setattr(style.FigureCanvasAgg, "print_figure", fail)
     with pytest.raises(OSError, match="disk full"):
         write_figures(runs()[:1], tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -96,6 +98,14 @@ def test_each_controller_keeps_its_colour() -> None:
     assert {curve.get_color() for curve in curves(report.trajectory(one))} == {colour, "black"}
     own = [ReportedRun("bicycle", name, RunLog(CIRCLE, 0.1, name)) for name in ("mine", "yours", "pd")]
     assert len({c.get_color() for c in curves(report.lateral_error(own))}) == 3
+
+
+def test_left_of_the_path_is_positive() -> None:
+    log = RunLog(CIRCLE, 0.1, "pd")
+    (curve,) = curves(report.lateral_error([ReportedRun("bicycle", "pd", log)]))
+    np.testing.assert_allclose(curve.get_ydata(), 0.1)
+    beside = cross_track(CIRCLE, *(log.column(name) for name in ("t", "x", "y")))
+    np.testing.assert_allclose(beside, 0.1, atol=1e-3)
 
 
 def test_the_first_turn_is_dotted_and_later_ones_are_solid() -> None:

@@ -1,36 +1,97 @@
-"""The axes of plots: ranges on which the viewer writes numbers, and in which a few values do not flatten the rest.
+"""What plots show: ranges with readable numbers, few values that flatten the rest, and a legend that hides little.
 
 The viewer writes numbers at the multiples of a power of ten, at least 20 pixels apart. A range left to itself, such as
 -8 to 8, may hold only one, and then nobody can tell its scale.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil, floor, log10
 from typing import NamedTuple
 
 import numpy as np
+from rerun.blueprint import Corner2D
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.recording.plots.catalogue import Plot
 
 MOST_STEPS = 42.0
-"""Between numbers one above the other, as many as have room on a tab 1080 pixels high; plots share them."""
+"""Steps between numbers one above the other that have room on a tab 1080 pixels high; plots share them."""
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [share of the range]."""
-ROOM = 1.37
-"""Time axis over the run, so that the legends hide no line."""
+ROOM = 1.02
+"""Time axis over the run."""
 EDGE = 0.045
 """Share of the time axis at its end where a number would be cut."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
 """A plot that may be cut ends at CUT_AT times this quantile if its largest value is over CUT_ABOVE times that end."""
+CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
+    Corner2D.RightTop: (True, True),
+    Corner2D.LeftTop: (False, True),
+    Corner2D.RightBottom: (True, False),
+    Corner2D.LeftBottom: (False, False),
+}
+"""Corners for a legend, in the order of preference: whether at the right, and at the top."""
+LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
+"""Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
+MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
+"""Share of its points that a legend may hide, and of the time axis that it may have for itself [-]. Estimates."""
+PLOT_PIXELS = 680.0, 280.0
+"""Width and height of a plot among eight on a tab."""
 
 
 class Range(NamedTuple):
-    """What an axis shows."""
+    """Values that an axis shows."""
 
     low: float
     high: float
     beyond: float | None = None
     """The largest value of a plot that is cut, else None."""
+
+
+class Frame(NamedTuple):
+    """The frame of a plot."""
+
+    values: Range | None = None
+    """Range of the values; None leaves it to the viewer."""
+    legend: Corner2D = Corner2D.RightTop
+    """Corner of the legend."""
+    room: float = 0.0
+    """Room for the legend at the right, where it would hide too much in every corner [share of the time axis]."""
+    mean_s: float | None = None
+    """Length of the moving mean beside the signals, if there is one [s]."""
+
+
+def frame(t: Array, numbers: Array, plot: Plot) -> Frame:
+    """The frame of a plot of `numbers` (n, series) at times `t` (n,) [s]."""
+    values = value_range(numbers, plot.includes, plot.may_be_cut)
+    if values is None:
+        return Frame()
+    size, along = legend_size(plot.names), t / time_end(float(t[-1]))
+    corner, hidden = free_corner(along, numbers, values, size)
+    if hidden > MOST_HIDDEN * np.isfinite(numbers).sum():
+        return Frame(values, Corner2D.RightTop, min(size[0], MOST_ROOM))
+    return Frame(values, corner)
+
+
+def legend_size(names: Sequence[str]) -> tuple[float, float]:
+    """Width and height of the legend of `names`, as shares of those of a plot."""
+    (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
+    return (width + character * most) / PLOT_PIXELS[0], (height + line * len(names)) / PLOT_PIXELS[1]
+
+
+def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
+    """The corner in which a legend of this size hides the fewest of `numbers` (n, series), `along` (n,) the axis; and
+    how many."""
+    up = (numbers - values.low) / (values.high - values.low)
+
+    def hidden(corner: Corner2D) -> int:
+        right, top = CORNERS[corner]
+        beside = along > 1 - size[0] if right else along < size[0]
+        return int((beside[:, None] & (up > 1 - size[1] if top else up < size[1])).sum())
+
+    counts = {corner: hidden(corner) for corner in CORNERS}
+    best = min(counts, key=lambda corner: counts[corner])
+    return best, counts[best]
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
@@ -58,8 +119,9 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
     return found if np.isfinite(span) and span > 1e-9 * max(abs(low), abs(found.high)) else None
 
 
-def time_end(run_s: float) -> float:
-    """Where the time axis of a run of `run_s` [s] ends [s]."""
-    end = ROOM * run_s
+def time_end(run_s: float, room: float = 0.0) -> float:
+    """Where the time axis of a run of `run_s` [s] ends, with room for its last number and a share for a legend [s]."""
+    end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
-    return end - end % step - 1e-3 * step if end > step and end % step < EDGE * end else end
+    last = end - end % step
+    return max(end, last / (1 - EDGE) + 1e-6)

@@ -11,24 +11,40 @@ import pyarrow as pa
 import rerun as rr
 from rerun.components import ImageBufferBatch, TextBatch
 
+from agrobot_mj.core.palette import (
+    BROWN,
+    GREEN,
+    LIGHT_GREY,
+    ORANGE,
+    PINK,
+    ROYAL_BLUE,
+    SKY_BLUE,
+    VERMILION,
+    YELLOW,
+    rgba,
+)
 from agrobot_mj.core.signals import Array
-from agrobot_mj.recording.plots.signals import NETWORK, Plot, Series
+from agrobot_mj.recording.plots.catalogue import NETWORK, Plot, Series
 from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
 from agrobot_mj.simulation.log import Rows
 
-COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0xD55E00FF, 0xF0E442FF, 0x3A6FD8FF, 0xBBBBBBFF, 0x8C6D46FF)
-"""One a set or rule, in turn."""
+COLOURS = tuple(
+    rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
+)
+"""Colours of the sets or rules, in turn."""
 MOST_LINES = 18
-"""A plot of more is not readable; of larger networks it shows as many, evenly chosen."""
+"""Lines of a readable plot; of larger networks it shows as many, evenly chosen."""
 EVERY_TICKS = 5
 """Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
 MOST_LABELS = 64
-"""Cells of a heat map that still have room for their value."""
+"""Cells of a heat map with room for their values."""
 BESIDE, ABOVE = 0.2, 0.1
-"""Where the names of the sets stand, as shares of the map's width and height."""
+"""Places of the names of the sets, as shares of the map's width and height."""
+MOST_SHARE = 1e3
+"""Normalised firing beyond which a network has diverged and has no map [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
-"""By number of the input: what it is, and the unit of its sets."""
+"""Quantity and unit of its sets, by number of the input."""
 
 
 class Map(NamedTuple):
@@ -36,14 +52,14 @@ class Map(NamedTuple):
 
     path: str
     matrix: str
-    """How the names of its columns in the log begin."""
+    """Beginning of the names of its columns in the log."""
     title: str
     sizes: tuple[int, int] = (1, 1)
     """Rows and columns."""
 
     @property
     def entity(self) -> str:
-        """Where the map is in the recording."""
+        """Entity path of the map in the recording."""
         return f"network/{self.path}"
 
 
@@ -107,7 +123,7 @@ class Firing:
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, self.places[shown.matrix])]
-            there = np.isfinite(values).all(axis=1)
+            there = (np.abs(values) <= MOST_SHARE).all(axis=1)  # false for NaN
             if first == 0:
                 self._frame(stream, shown)
             if there.any():
@@ -143,7 +159,7 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Pictures, one a row of `values` (n, cells), as rerun lays them out; its own conversion goes row by row."""
+    """Pictures, one per row of `values` (n, cells), as rerun lays them out; its own conversion goes row by row."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type

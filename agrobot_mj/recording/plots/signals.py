@@ -1,155 +1,40 @@
-"""The plots of a recording: which signals, in which unit, name and colour.
+"""The plots of a run, sent as it goes; which there are says `catalogue`.
 
 One entity `plots/<path>` holds the series of one plot, sent as columns: row by row costs ten times as much.
-A row where a series has no value is left out, so a signal that may be absent has a plot to itself.
+A row where a series has no value is left out, so a signal that may be absent has a plot to itself. Series that would be
+a solid block on the screen get their moving mean at the end of the run, bold over the pale signal: `plots/<path>/mean`.
 """
 
 from collections.abc import Sequence
-from math import degrees, pi
 from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 from rerun.components import ScalarBatch
 
-from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.recording.plots.axes import Range, value_range
-from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, partitioned
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.core.smoothing import moving_mean
+from agrobot_mj.recording.plots.axes import Frame, frame
+from agrobot_mj.recording.plots.catalogue import PLOTS, UNITS, Plot, derived, shown_by
+from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
 from agrobot_mj.simulation.log import Rows
 
 Early = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-UNITS = {
-    **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
-    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
-}
-"""Factor from the SI unit of the log."""
-TRUE, MEASURED, WANTED = 0x56B4E9FF, 0xE69F00FF, 0x999999FF
-"""Sky blue, orange and grey, of the colour-blind-safe palette of Okabe and Ito, as are the others."""
-PD, NETWORK, BOUND = 0xD55E00FF, 0x3A9BDCFF, 0x8A8A8AFF
 SETTLED_S = 5.0
-"""From then on the axis shows the bounds of the estimate, which begin far away [s]."""
+"""Time from which the axis shows the bounds of the estimate, which begin far away [s]."""
 SCALARS = rr.Scalars.descriptor_scalars()
-WHEEL_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF)
-
-
-class Series(NamedTuple):
-    """One line of a plot."""
-
-    label: str
-    column: str
-    """Of the log, or of `derived`."""
-    colour: int
-    """0xRRGGBBAA."""
-    sign: float = 1.0
-
-
-class Plot(NamedTuple):
-    """The series of one entity, all in the same unit."""
-
-    path: str
-    title: str
-    unit: str
-    series: tuple[Series, ...]
-    every: int = 1
-    """Ticks from one point to the next; more than one for what moves slowly."""
-    includes: tuple[float, ...] = ()
-    """Values that the axis shows in any case."""
-    may_be_cut: bool = False
-    """Whether the axis may end below rare values that would flatten the others."""
-    steps: bool = False
-    """Whether the values stay from one point to the next."""
-
-    @property
-    def entity(self) -> str:
-        """Where the plot is in the recording."""
-        return f"plots/{self.path}"
-
-    @property
-    def names(self) -> list[str]:
-        """Of the series, with unit."""
-        return [f"{series.label} [{self.unit}]" for series in self.series]
-
-
-def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: str) -> Plot:
-    reference, sensed = Series("reference", wanted, WANTED), Series("measured", measured, MEASURED)
-    return Plot(path, title, unit, (reference, sensed, Series("true", true, TRUE)))
-
-
-def _estimated(name: str, title: str, unit: str) -> Plot:
-    error = Series("error", f"error_{name}", MEASURED)
-    bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
-    return Plot(f"estimator/{name}", title, unit, (*bounds, error))
-
-
-def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
-    series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
-    return Plot(f"tyres/{path}", title, unit, tuple(series))
-
-
-def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
-    return Plot(path, title, unit, (Series(label, column, colour),))
-
-
-_ERRORS = Series("longitudinal", "e_longitudinal", MEASURED), Series("lateral", "e_lateral", TRUE)
-_COMMAND = (
-    *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
-    Series("network -tau_n", "tau_n", NETWORK, -1.0),
-)
-_ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "pitch", MEASURED)
-
-PLOTS = (
-    Plot("tracking/error", "Tracking error", "m", _ERRORS),
-    _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
-    _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
-    Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
-    _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
-    _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
-    _single("steering/flow", "Oil flow to the cylinder", "l/min", "flow", "valve_flow"),
-    _single("steering/pressure", "Pressure in the cylinder", "bar", "pressure", "steer_pressure", TRUE),
-    _loop("speed/loop", "Speed", "m/s", "speed_ref", "speed_hat", "speed"),
-    _loop("speed/pedal", "Pedal", "-", "pedal_ref", "pedal_measured", "pedal"),
-    _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
-    _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
-    _wheels("load", "Wheel load", "kN", "load"),
-    _wheels("friction_use", "Friction used: force over what the ground can hold", "-", "friction_use"),
-    _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
-    _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
-    _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
-    _wheels("lateral_force", "Lateral force", "kN", "fy"),
-    _estimated("east", "East of R: estimate less truth", "cm"),
-    _estimated("north", "North of R: estimate less truth", "cm"),
-    _estimated("yaw", "Yaw: estimate less truth", "deg"),
-    _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
-    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
-    _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
-    _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
-    _single("estimator/faults", "Faults that act", "-", "faults", "faults_active")._replace(
-        includes=(0, 1), steps=True
-    ),
-    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality")._replace(
-        includes=(0, 2), steps=True
-    ),
-    Plot("attitude", "Attitude", "deg", _ATTITUDE),
-)
-"""Every plot but those of the network, in the order of the tabs."""
-
-
-def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """What the log implies, from row `first` on: errors of the estimate and their 3 sigma, SI units."""
-
-    def of(name: str) -> Array:
-        return rows.column(name, first)
-
-    yaw = of("yaw_hat") - of("yaw")
-    return {
-        "error_east": of("rear_x_hat") - of("rear_x"),
-        "error_north": of("rear_y_hat") - of("rear_y"),
-        "error_speed": of("speed_hat") - of("speed"),
-        "error_yaw": pi - (pi - yaw) % (2 * pi),
-        "bound_east": 3 * np.sqrt(of("p_xx")),
-        "bound_north": 3 * np.sqrt(of("p_yy")),
-        "bound_yaw": 3 * np.sqrt(of("p_yaw")),
-    }
+WIDTH, PALE_WIDTH, BOLD_WIDTH = 1.5, 1.0, 2.5
+"""Widths of a line, of one below its mean, and of the mean [pixels]."""
+PALE = 0x48
+"""Opacity of a line below its mean, of 0xFF."""
+MEAN_S = 2.0
+"""Length of the moving mean: two furrows of 0.75 m at 0.8 m/s [s]."""
+MEAN = "mean"
+"""Name of their entity below that of the plot."""
+WINDOWS = 100
+"""Windows into which a run is cut to see how dense it is: each is 6 pixels wide, within which strokes touch."""
+MOST_COVERED = 0.2
+"""Share of its plot that a series may cover [-]; more is a block in which nothing is to be read. Estimate."""
 
 
 class _Lines(NamedTuple):
@@ -157,9 +42,9 @@ class _Lines(NamedTuple):
 
     plot: Plot
     columns: Index
-    """Of the table, one a series."""
+    """Columns of the table, one per series."""
     factors: Array
-    """From the SI unit of the log to the plot's, with the sign."""
+    """Factors from the SI unit of the log to the plot's unit, with the sign."""
 
 
 class Signals:
@@ -176,22 +61,12 @@ class Signals:
                 np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
             )
             for plot in (*PLOTS, *more)
-            if all(series.column in known for series in plot.series)
+            if shown_by(plot, known)
         ]
-
-    def ranges(self) -> dict[str, Range | None]:
-        """What the axes of the plots should show of all rows, by the path of the plot."""
-        table = {name: self.rows.column(name) for name in self.rows.columns} | derived(self.rows, 0)
-        early, found = self.rows.column("t") < SETTLED_S, dict[str, Range | None]()
-        for plot, _, factors in self.lines:
-            if plot in self.shown:
-                numbers = np.column_stack([table[series.column] for series in plot.series]) * factors
-                found[plot.path] = _range(plot, numbers, early)
-        return found
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,)."""
-        table = np.column_stack([self.rows.values[first : self.rows.filled], *derived(self.rows, first).values()])
+        table = self._table(first)
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
         for plot, columns, factors in self.lines:
@@ -204,25 +79,75 @@ class Signals:
             which = there.tobytes()
             if which not in clocks:
                 clocks[which] = rr.TimeColumn(TIMELINE, duration=times[there])
-            numbers = table[:, columns][there] * factors
-            stream.send_columns(
-                plot.entity, [clocks[which]], [partitioned(SCALARS, ScalarBatch(numbers.ravel()), len(columns))]
-            )
+            _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
+
+    def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
+        """Send the means of what is dense; what the axes show of all rows, by path, of each plot that varies."""
+        table, found = self._table(0), dict[str, Frame]()
+        t = self.rows.column("t")
+        for plot, columns, factors in self.lines:
+            numbers = np.where(np.isfinite(table[:, columns]), table[:, columns] * factors, np.nan)
+            if plot not in self.shown or not _varies(numbers):
+                continue
+            dense = not plot.steps and plot.every == 1 and _covered(numbers) > MOST_COVERED
+            if dense:
+                _send_means(stream, plot, t, numbers)
+            bounds = [series.column.startswith("bound_") for series in plot.series]
+            numbers[np.outer(t < SETTLED_S, bounds)] = np.nan
+            found[plot.path] = frame(t, numbers, plot)._replace(mean_s=MEAN_S if dense else None)
+        return found
+
+    def _table(self, first: int) -> Array:
+        """All signals from row `first` on, (rows, columns of the log and of `derived`)."""
+        values = self.rows.values[first : self.rows.filled]
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged has values up to infinity
+            return np.column_stack([values, *derived(self.rows, first).values()])
 
 
-def _range(plot: Plot, numbers: Array, early: Early) -> Range | None:
-    """Of the numbers (rows, series) of a plot; bounds of the `early` rows (n,) do not count."""
-    bounds = [series.column.startswith("bound_") for series in plot.series]
-    numbers[np.outer(early, bounds)] = np.nan
-    return value_range(numbers, plot.includes, plot.may_be_cut)
+def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:
+    """Points of all series, `numbers` (n, series)."""
+    scalars = partitioned(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
+    stream.send_columns(entity, [column], [scalars])
 
 
-def _style(plot: Plot) -> rr.SeriesLines:
+def _varies(numbers: Array) -> bool:
+    """Whether a plot of `numbers` (rows, series) shows more than constants."""
+    columns = [column[np.isfinite(column)] for column in numbers.T]
+    return any(column.size > 0 and column.max() > column.min() for column in columns)
+
+
+def _covered(numbers: Array) -> float:
+    """Share of the plot that the densest series of `numbers` (rows, series) covers when the whole run is shown [-].
+
+    A slow curve covers little of each of the windows, however far it goes; one that swings within a window fills it.
+    """
+    finite = np.isfinite(numbers)
+    span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
+    if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:
+        return 0.0
+    starts = np.linspace(0, len(numbers), WINDOWS, endpoint=False).astype(int)
+    extent = np.fmax.reduceat(numbers, starts) - np.fmin.reduceat(numbers, starts)
+    return float(np.nan_to_num(extent / span).mean(axis=0).max())
+
+
+def _send_means(stream: rr.RecordingStream, plot: Plot, t: Array, numbers: Array) -> None:
+    """The moving means of a dense plot, and the style that makes its signals pale."""
+    means = np.column_stack([moving_mean(column, round(MEAN_S / TICK_S)) for column in numbers.T])
+    there = np.isfinite(means).all(axis=1) & np.isfinite(numbers).all(axis=1)
+    entity = f"{plot.entity}/{MEAN}"
+    stream.log(plot.entity, _style(plot, PALE, PALE_WIDTH), static=True)
+    # A series and its mean share a name, for which the legend has one line, in the colour of the mean.
+    stream.log(entity, _style(plot, width=BOLD_WIDTH), static=True)
+    _send(stream, entity, rr.TimeColumn(TIMELINE, duration=nanoseconds(t[there])), means[there])
+
+
+def _style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
     """Names and colours; spikes survive zooming out."""
+    colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,
-        colors=np.array([series.colour for series in plot.series], dtype=np.uint32),
-        widths=[1.5] * len(plot.series),
+        colors=np.array(colours, dtype=np.uint32),
+        widths=[width] * len(plot.series),
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
         interpolation_mode=rr.components.InterpolationMode.StepAfter if plot.steps else None,
     )

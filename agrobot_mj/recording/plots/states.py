@@ -1,4 +1,7 @@
-"""What is going on, as lanes: GNSS solution, steering limit, faults, the run itself. Only changes are sent."""
+"""What is going on, as lanes: GNSS solution, steering limit, supervisor, link, faults, the run itself.
+
+A lane of `LANES` appears if the log has its column, which holds whole numbers counted from 0. Only changes are sent.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple, get_args
@@ -6,12 +9,13 @@ from typing import NamedTuple, get_args
 import numpy as np
 import rerun as rr
 
+from agrobot_mj.core.palette import GREEN, ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array, Outcome
 from agrobot_mj.faults import Scripted
 from agrobot_mj.recording.transport.timeline import TIMELINE, Times, nanoseconds
 from agrobot_mj.simulation.log import Rows
 
-GOOD, DOUBTFUL, BAD, PLAIN = 0x009E73FF, 0xE69F00FF, 0xD55E00FF, 0x56708AFF
+GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708AFF
 
 
 class Lane(NamedTuple):
@@ -21,13 +25,13 @@ class Lane(NamedTuple):
     labels: tuple[str, ...]
     colours: tuple[int, ...]
     column: str = ""
-    """Of the log, that has the states."""
+    """Column of the log with the states."""
     faults: tuple[Scripted, ...] = ()
-    """Or the state is whether one of these acts."""
+    """Faults whose activity is the state, instead of a column."""
 
     @property
     def entity(self) -> str:
-        """Where the lane is in the recording."""
+        """Entity path of the lane in the recording."""
         return f"states/{self.path}"
 
     def values(self, rows: Rows, first: int) -> Array:
@@ -36,15 +40,27 @@ class Lane(NamedTuple):
             return under(self.faults, rows.column("t", first)).astype(float)
         return rows.column(self.column, first)
 
+    def label(self, value: int) -> str:
+        """Label of a state."""
+        return self.labels[value] if 0 <= value < len(self.labels) else UNKNOWN
 
+
+UNKNOWN = "unknown"
+"""Label where the log has no state, or one that the lane does not know."""
+SUPERVISOR = ("idle", "aligning", "tracking", "coasting", "stopping")
 LANES = (
     Lane("gnss", ("none", "float", "fix"), (BAD, DOUBTFUL, GOOD), "gnss_quality"),
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
+    Lane("supervisor", SUPERVISOR, (PLAIN, DOUBTFUL, GOOD, DOUBTFUL, BAD), "supervisor_state"),
+    Lane("fix_gate", ("accepted", "rejected"), (GOOD, BAD), "fix_rejected"),
+    Lane("estimator", ("consistent", "inconsistent"), (GOOD, BAD), "estimator_inconsistent"),
+    Lane("link", ("not engaged", "engaged"), (PLAIN, GOOD), "link_engaged"),
 )
+"""Lanes of columns; a new one is a line here."""
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Has one state until the end says how the run went."""
+"""Lane with one state until the end says how the run went."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
@@ -66,7 +82,8 @@ class States:
             Lane(f"fault/{subject}", ("off", "active"), (PLAIN, BAD), faults=same)
             for subject, same in by_subject(faults).items()
         ]
-        self.rows, self.lanes = rows, (*LANES, *scripted)
+        self.rows = rows
+        self.lanes = [*(lane for lane in LANES if lane.column in rows.columns), *scripted]
 
     @property
     def count(self) -> int:
@@ -79,13 +96,14 @@ class States:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])
         for lane in self.lanes:
-            values = lane.values(self.rows, max(first - 1, 0))
+            found = lane.values(self.rows, max(first - 1, 0))
+            values = np.where((found >= 0) & (found < len(lane.labels)), found, -1.0).astype(int)
             changed = np.flatnonzero(np.diff(values))
             if first == 0:
                 changed = np.append(0, changed + 1)
                 stream.log(lane.entity, _style(lane), static=True)
             if changed.size:
-                _send(stream, lane, times[changed], [lane.labels[int(v)] for v in values[changed + min(first, 1)]])
+                _send(stream, lane, times[changed], [lane.label(v) for v in values[changed + min(first, 1)].tolist()])
 
     def finish(self, stream: rr.RecordingStream, outcome: str) -> None:
         """How the run ended."""

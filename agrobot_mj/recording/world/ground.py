@@ -1,10 +1,11 @@
 """The ground as a mesh: squares of two shades that make motion visible, finer where there is something to see.
 
 Coarse tiles cover the field around the path. Those that need it, near the path first and as many as the budget allows,
-are divided: where the ground is no plane, and along the borders of patches. Relief is coloured by height, soft soil
-brown, slippery ground bluish.
+are divided: where the ground is no plane, and along the borders of patches. Relief is coloured by height and shaded
+from the north-west, soft soil is brown, slippery ground bluish.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,22 +22,36 @@ Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MARGIN_M = 50.0
 """Ground drawn around the path; a tractor farther off has diverged [m]."""
 APRON_M, APRON_STEPS = 400.0, 8
-"""Around the tiles of a plane, and its parts along each side."""
+"""Width of the ground drawn around the tiles of a plane, and its parts along each side."""
 TILE_M = 2.0
 """Side of a tile; larger on fields that would need more than `MOST_TILES` [m]."""
 MOST_TILES = 6_000
 MOST_VERTICES = 60_000
-"""Of divided tiles: 52 bytes each with normals and triangles."""
-FINEST_M = 0.15
-"""Between vertices on relief: five a furrow of 0.75 m [m]."""
+"""Vertices of divided tiles: 52 bytes each with normals and triangles."""
+FINEST_M = 0.1
+"""Distance between vertices on relief, 7 per furrow of 0.75 m [m]."""
+SMOOTH_M = 0.004
+"""Relief that differs from a straight line along a tile by less needs no vertices in that direction [m]."""
 BORDER_M = 0.25
-"""The same along the borders of patches [m]."""
+"""Distance between vertices along the borders of patches [m]."""
+BLEND_M = 0.35
+"""Half width of the strip over which the colours on both sides of a border blend, so that it has no teeth [m]."""
 CORRIDOR_M = 4.0
-"""As far from the path tiles are divided in any case, if more coarsely [m]."""
+"""Distance from the path within which tiles are divided in any case, if more coarsely [m]."""
+DIVIDED_M = 25.0
+"""Distance from the path beyond which relief is not drawn: it would flicker from afar [m]."""
 ROUGH_LIFT_M = 0.02
 """The mesh cuts the corners of relief by less than this [m]."""
 SHADES = 0.96, 1.04
-"""Of the two kinds of squares."""
+"""Brightness of the two kinds of squares [-]."""
+SUN = np.array([-0.45, 0.45, 0.77])
+"""Direction to the light that shades relief and slopes: north-west, 50 degrees high."""
+CONTRAST, DARKEST, BRIGHTEST = 1.0, 0.55, 1.45
+"""Share of the shading that is shown, and its limits [-]."""
+
+
+Steps = tuple[int, int]
+"""Parts of a tile along x and along y."""
 
 
 class _Field(NamedTuple):
@@ -49,13 +64,20 @@ class _Field(NamedTuple):
     columns: int
     rows: int
 
-    def points(self, tiles: Index, steps: int) -> tuple[Array, Array]:
-        """Nodes of `tiles` (n, 2), row and column, divided into `steps` each way: x, y (n, steps + 1, steps + 1)."""
-        u = np.arange(steps + 1) / steps
+    def points(self, tiles: Index, steps: Steps, beyond: float = 0.0) -> tuple[Array, Array]:
+        """Nodes of `tiles` (n, 2), row and column, divided into `steps` (along x, along y), from `beyond` [m] outside
+        their edges on: x, y of shape (n, steps[1] + 1, steps[0] + 1)."""
+        u, v = (np.arange(count + 1) / count for count in steps)
+        u, v = u + (2 * u - 1) * beyond / self.width, v + (2 * v - 1) * beyond / self.height
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
-        y = self.y0 + self.height * (tiles[:, 0, None, None] + u[None, :, None])
-        shape = (len(tiles), steps + 1, steps + 1)
+        y = self.y0 + self.height * (tiles[:, 0, None, None] + v[None, :, None])
+        shape = (len(tiles), len(v), len(u))
         return np.broadcast_to(x, shape).copy(), np.broadcast_to(y, shape).copy()
+
+    def corners(self) -> tuple[Array, Array]:
+        """Corners of all tiles, x and y (rows + 1, columns + 1) [m]."""
+        x, y = self.x0 + self.width * np.arange(self.columns + 1), self.y0 + self.height * np.arange(self.rows + 1)
+        return np.meshgrid(x, y)
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:
@@ -77,7 +99,7 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
     fine, steps = _divided(ground, field, path)
     corners = _corners(ground, field, fine)
     tilts = np.gradient(corners, field.height, field.width)
-    parts = [_coarse(ground, field, fine, corners, tilts)]
+    parts = [_coarse(field, fine, corners, tilts)]
     if fine.any():
         parts.append(_fine(ground, field, fine, corners, steps))
     level = np.concatenate([part.positions[:, 2] for part in parts])
@@ -90,8 +112,17 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
         vertex_positions=positions.astype(np.float32),
         triangle_indices=triangles.astype(np.uint32),
         vertex_normals=None if ground.is_plane else np.concatenate([part.normals for part in parts]),
-        vertex_colors=_painted(ground, positions, np.concatenate([part.tiles for part in parts]), level),
+        vertex_colors=_painted(ground, parts, level),
     )
+
+
+def smooth_corners(ground: Ground, path: Array) -> Array:
+    """The ground around `path` (n, 2) without its relief, at the corners of the tiles, (rows + 1, columns + 1, 3)."""
+    field = _field(ground, path)
+    if ground.is_plane:
+        field = _Field(field.x0, field.y0, field.width * field.columns, field.height * field.rows, 1, 1)
+    x, y = field.corners()
+    return np.stack([x, y, heights(ground, x, y) if ground.is_plane else _mean(ground, field)], axis=-1)
 
 
 class _Part(NamedTuple):
@@ -101,8 +132,8 @@ class _Part(NamedTuple):
     """Shape (n, 3) [m]."""
     normals: Array
     """Shape (n, 3)."""
-    tiles: Array
-    """Each vertex's tile: its centre [m] and its shade, 0 dark to 1 light, shape (n, 3)."""
+    shade: Array
+    """Shade of each vertex's tile, 0 dark to 1 light, shape (n,)."""
     triangles: Index
     """Counter-clockwise from above, shape (m, 3)."""
 
@@ -116,65 +147,85 @@ def _field(ground: Ground, path: Array) -> _Field:
     return _Field(x0, y0, (x1 - x0) / columns, (y1 - y0) / rows, columns, rows)
 
 
-def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, int]:
-    """Which tiles are divided, shape (rows, columns), and into how many steps each way."""
+def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
+    """Which tiles are divided, shape (rows, columns), and into how many parts."""
     if ground.is_plane and not ground.surface.friction.size:
-        return np.zeros((field.rows, field.columns), dtype=bool), 1
+        return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
-    x, y = field.points(tiles, 1)
+    x, y = field.points(tiles, (1, 1))
     middles = np.column_stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2))])
     away = cKDTree(path).query(middles)[0]
     side = max(field.width, field.height)
     if ground.is_plane:
         wanted, finest = _bordered(ground.surface, field, tiles), max(BORDER_M, ground.surface.spacing)
     else:
-        wanted, finest = np.ones(len(tiles), dtype=bool), max(FINEST_M, ground.spacing)
-    near = int((wanted & (away < CORRIDOR_M + side)).sum())
-    steps = int(np.clip((MOST_VERTICES / max(near, 1)) ** 0.5 - 1, 1, np.ceil(side / finest - 1e-9)))
-    chosen = np.argsort(np.where(wanted, away, np.inf))[: min(int(wanted.sum()), MOST_VERTICES // (steps + 1) ** 2)]
-    fine = np.zeros(len(tiles), dtype=bool)
-    fine[chosen if steps > 1 else []] = True
+        wanted, finest = away < DIVIDED_M, max(FINEST_M, ground.spacing)
+    near = wanted & (away < CORRIDOR_M + side)
+    most = int(np.ceil(side / finest - 1e-9))
+    straight = _straight(ground, field, tiles[near], most)
+    if all(straight):
+        return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
+    varied = 2 - sum(straight)  # directions that need vertices
+    room = MOST_VERTICES / max(int(near.sum()), 1) / 2 ** sum(straight)
+    count = int(np.clip(room ** (1 / max(varied, 1)) - 1, 1, most))
+    steps = 1 if straight[0] else count, 1 if straight[1] else count
+    # All tiles up to a distance or none, so that the divided part has a straight border.
+    ordered, budget = np.sort(away[wanted]), MOST_VERTICES // ((steps[0] + 1) * (steps[1] + 1))
+    farthest = ordered[budget] if budget < len(ordered) else np.inf
+    fine = wanted & (away < farthest - 1e-6) & (max(steps) > 1)
     return fine.reshape(field.rows, field.columns), steps
 
 
+def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
+    """Whether the relief of `tiles` (n, 2) is straight along x, and along y: furrows are, along themselves."""
+    if ground.is_plane or not len(tiles):
+        return False, False
+    z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
+    u = np.arange(most + 1) / most
+    along_x = z[:, :, :1] * (1 - u) + z[:, :, -1:] * u
+    along_y = z[:, :1] * (1 - u[:, None]) + z[:, -1:] * u[:, None]
+    return bool(np.abs(z - along_x).max() < SMOOTH_M), bool(np.abs(z - along_y).max() < SMOOTH_M)
+
+
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Which of `tiles` (n, 2) hold more than one kind of ground."""
-    friction, cone_index = properties(surface, *field.points(tiles, 7))
+    """Which of `tiles` (n, 2) hold more than one kind of ground, or blend into another."""
+    friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
     """Heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse tile."""
-    x, y = np.meshgrid(
-        field.x0 + field.width * np.arange(field.columns + 1), field.y0 + field.height * np.arange(field.rows + 1)
-    )
-    exact = heights(ground, x, y)
+    exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
-    offsets = (np.arange(6) + 0.5) / 6 - 0.5
-    mean = np.mean(
-        [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets], axis=0
-    )
     around = np.pad(fine, 1)
     inside = around[:-1, :-1] & around[1:, :-1] & around[:-1, 1:] & around[1:, 1:]
-    return np.where(inside, exact, mean)
+    return np.where(inside, exact, _mean(ground, field))
 
 
-def _coarse(ground: Ground, field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array]) -> _Part:
+def _mean(ground: Ground, field: _Field) -> Array:
+    """Mean height of a tile's size around each corner of the tiles, (rows + 1, columns + 1) [m]."""
+    x, y = field.corners()
+    offsets = (np.arange(6) + 0.5) / 6 - 0.5
+    around = [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets]
+    found: Array = np.mean(around, axis=0)
+    return found
+
+
+def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array]) -> _Part:
     tiles = np.argwhere(~fine)
-    x, y = field.points(tiles, 1)
+    x, y = field.points(tiles, (1, 1))
     j, i = (tiles[:, k, None, None] for k in (0, 1))
     nodes = j + np.arange(2)[None, :, None], i + np.arange(2)[None, None, :]
-    return _part(field, tiles, (x, y, corners[nodes]), (tilts[1][nodes], tilts[0][nodes]))
+    return _part((x, y, corners[nodes]), (tilts[1][nodes], tilts[0][nodes]), tiles.sum(axis=1) % 2)
 
 
-def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: int) -> _Part:
+def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
     """Divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
-    u = np.arange(steps + 1) / steps
     j, i = tiles.T
     around = np.pad(fine, 1)
     for a in (0, 1):
@@ -187,23 +238,25 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: int)
         (np.s_[:, :, -1], around[j + 1, i + 2]),
     ):
         line = z[edge]
+        u = np.linspace(0.0, 1.0, line.shape[1])
         straight = line[:, :1] * (1 - u) + line[:, -1:] * u
         z[edge] = np.where(beside[:, None], line, straight)
-    reach = max(field.width / steps, ground.spacing) / 2
-    return _part(field, tiles, (x, y, z), slopes(ground, x, y, reach))
+    reach = max(min(field.width / steps[0], field.height / steps[1]), ground.spacing) / 2
+    # Relief is told from its shading; squares on it would hide it.
+    squares = tiles.sum(axis=1) % 2 if ground.is_plane else np.full(len(tiles), 0.5)
+    return _part((x, y, z), slopes(ground, x, y, reach), squares)
 
 
-def _part(field: _Field, tiles: Index, nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array]) -> _Part:
-    x, y, _ = nodes
-    normals = np.stack([-tilts[0], -tilts[1], np.ones(x.shape)], axis=-1)
+def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
+    """Tiles from their nodes and slopes, each (n, rows, columns), and from their shades, `squares` (n,)."""
+    count, rows, columns = nodes[0].shape
+    normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    middle = np.stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2)), tiles.sum(axis=1) % 2], axis=-1)
-    whose = np.broadcast_to(middle[:, None, None, :], (*x.shape, 3))
-    side = x.shape[1]
-    firsts = side**2 * np.arange(len(tiles))
-    triangles = firsts[:, None, None] + _cells(side - 1, side - 1).reshape(-1, 3)
+    firsts = rows * columns * np.arange(count)
+    triangles = firsts[:, None, None] + _cells(rows - 1, columns - 1).reshape(-1, 3)
     points = np.stack(nodes, axis=-1).reshape(-1, 3)
-    return _Part(points, normals.reshape(-1, 3).astype(np.float32), whose.reshape(-1, 3), triangles.reshape(-1, 3))
+    shade = np.repeat(squares.astype(float), rows * columns)
+    return _Part(points, normals.reshape(-1, 3).astype(np.float32), shade, triangles.reshape(-1, 3))
 
 
 def _apron(ground: Ground, field: _Field) -> _Part:
@@ -216,9 +269,10 @@ def _apron(ground: Ground, field: _Field) -> _Part:
     around = np.outer(np.diff(along) > 1e-6, np.diff(across) > 1e-6)
     around[1:-1, 1:-1] = False
     positions = np.stack([x, y, heights(ground, x, y)], axis=-1).reshape(-1, 3)
-    whose = np.column_stack([positions[:, :2], np.full(len(positions), 0.5)])
     triangles = _cells(APRON_STEPS + 2, APRON_STEPS + 2)[around].reshape(-1, 3)
-    return _Part(positions, np.zeros(positions.shape), whose, triangles)
+    dx, dy = slopes(ground, np.full(1, field.x0), np.full(1, field.y0), 1.0)
+    normal = np.array([-dx[0], -dy[0], 1.0]) / np.sqrt(1 + dx[0] ** 2 + dy[0] ** 2)
+    return _Part(positions, np.tile(normal, (len(positions), 1)), np.full(len(positions), 0.5), triangles)
 
 
 def _cells(rows: int, columns: int) -> Index:
@@ -239,12 +293,24 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
     return friction, cone_index
 
 
-def _painted(ground: Ground, positions: Array, tiles: Array, level: Array) -> Array:
+def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
     """Colours of the vertices, shape (n, 3), uint8; `level` are the heights [m] that the ramp spans."""
+    positions, shade = np.concatenate([part.positions for part in parts]), np.concatenate([p.shade for p in parts])
     colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
-    inward = positions[:, :2] + 0.01 * (tiles[:, :2] - positions[:, :2])
-    colours = by_soil(colours, *properties(ground.surface, inward[:, 0], inward[:, 1]))
+    if ground.surface.friction.size:
+        colours = _blended(ground.surface, colours, positions)
+    normals = np.concatenate([part.normals for part in parts])
+    lit = 1 + CONTRAST * (normals @ SUN / SUN[2] - 1)
     dark, light = SHADES
-    shaded = colours * (dark + (light - dark) * tiles[:, 2:])
-    found: Array = np.clip(shaded, 0, 255).astype(np.uint8)
+    factor = np.clip(lit, DARKEST, BRIGHTEST) * (dark + (light - dark) * shade)
+    found: Array = np.clip(colours * factor[:, None], 0, 255).astype(np.uint8)
+    return found
+
+
+def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
+    """`colours` (n, 3) with the soil painted over them: the mean around each of `positions` (n, 3)."""
+    offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
+    x, y = positions[:, 0], positions[:, 1]
+    painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]
+    found: Array = np.mean(painted, axis=0)
     return found

@@ -4,6 +4,7 @@ import numpy as np
 import rerun as rr
 from rerun.components import RotationQuatBatch, Translation3DBatch
 
+from agrobot_mj.core.signals import Array
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
 from agrobot_mj.recording.world.belief import Belief
@@ -16,6 +17,8 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.terrain import Ground
 
+FARTHEST_M = 1e6
+"""Distance from the origin beyond which nothing is drawn: the viewer's numbers have steps of 6 cm there [m]."""
 PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
@@ -62,8 +65,13 @@ class BodyMotion:
         self.events.finish(stream, log.outcome, self.last)
 
     def _sound(self, first: int) -> int:
-        """How many rows from `first` on come before the first without a position, where a run breaks off."""
+        """How many rows from `first` on come before the one where a run breaks off."""
         tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
-        poses = self.rows.poses[first : self.rows.filled].reshape(len(tracks[0]), -1)
-        broken = np.flatnonzero(~np.isfinite(np.column_stack([*tracks, poses])).all(axis=1))
-        return int(broken[0]) if broken.size else len(poses)
+        return sound_rows(self.rows.poses[first : self.rows.filled], *tracks)
+
+
+def sound_rows(poses: Array, *more: Array) -> int:
+    """How many rows of `poses` (n, bodies, 7) and `more` (n,) come before the first without a place to be drawn."""
+    table = np.column_stack([poses.reshape(len(poses), -1), *more])
+    there = (np.abs(table) < FARTHEST_M).all(axis=1)  # false for NaN
+    return len(table) if there.all() else int(there.argmin())

@@ -10,6 +10,7 @@ import pyarrow as pa
 import rerun as rr
 from rerun.components import LineStrip3DBatch
 
+from agrobot_mj.core.palette import GREEN, ORANGE, SKY_BLUE, VERMILION, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times
 from agrobot_mj.recording.world.ground import on_ground
@@ -18,10 +19,10 @@ from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
-FIX_COLOURS = np.array([0xD55E00FF, 0xE69F00FF, 0x009E73FF], dtype=np.uint32)
-"""By quality: none, float, fix."""
+FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN)], dtype=np.uint32)
+"""Colours by quality: none, float, fix."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Below the tracks; the radius is the sigma of the paper's receiver."""
+"""Height of the fixes, below the tracks, and their radius: the sigma of the paper's receiver [m]."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 
@@ -36,19 +37,19 @@ class DrawnTrack(NamedTuple):
     colour: int
     lift_m: float
     width: float
-    """Half of it on the screen [pixels]."""
+    """Half width on the screen [pixels]."""
 
     @property
     def entity(self) -> str:
-        """Where the track is in the recording."""
+        """Entity path of the track in the recording."""
         return f"world/tracks/{self.name}"
 
 
 TRACKS = (
-    DrawnTrack("estimated", "x_hat", "y_hat", 0xE69F00FF, 0.015, 1.25),
-    DrawnTrack("true", "x", "y", 0x56B4E9FF, 0.04, 1.5),
+    DrawnTrack("estimated", "x_hat", "y_hat", rgba(ORANGE), 0.015, 1.25),
+    DrawnTrack("true", "x", "y", rgba(SKY_BLUE), 0.04, 1.5),
 )
-"""Of the CG; where both agree the true one shows."""
+"""Tracks of the CG; where both agree the true one shows."""
 
 
 class Tracks:

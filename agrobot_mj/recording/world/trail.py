@@ -7,6 +7,7 @@ the present. A wheel in the air leaves no mark.
 import numpy as np
 import rerun as rr
 
+from agrobot_mj.core.palette import ORANGE, rgba
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds
 from agrobot_mj.recording.world.colours import ramp
@@ -16,14 +17,14 @@ from agrobot_mj.recording.world.wheels import Wheels
 Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
-"""Ticks that a piece may have."""
+"""Sizes of a piece [ticks]."""
 MOST_PIECES = 800
-"""Each is a mesh of its own to the viewer."""
+"""Most pieces of a run: each is a mesh of its own to the viewer."""
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
-"""Between the cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
+"""Ticks between the cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
 """Rear marks lie over front ones [m]."""
-SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, 0xE69F00FF), (0.3, 0xE02010FF))
+SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
 """Slip and the colour from there on: pressed earth, amber, red."""
 
 
@@ -70,7 +71,7 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Of one piece, shape (n, 3): vertices by section, wheel and edge."""
+        """Triangles of one piece, shape (n, 3): vertices by section, wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

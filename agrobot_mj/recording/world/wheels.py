@@ -21,10 +21,10 @@ class WheelContacts(NamedTuple):
     patch: Array
     """The lowest point of the tyre's middle [m]."""
     forward: Array
-    """In the plane of the ground."""
+    """Direction of rolling, in the plane of the ground."""
     left: Array
     normal: Array
-    """Of the ground below the wheel's centre."""
+    """Normal of the ground below the wheel's centre."""
 
 
 class Wheels:
@@ -35,9 +35,9 @@ class Wheels:
         self.bodies = np.array([scene.bodies.index(f"wheel_{wheel}") for wheel in WHEELS])
         sizes = {geom.name: geom.size for geom in scene.geoms}
         self.radii = np.array([sizes[f"tyre_{wheel}"][0] for wheel in WHEELS])
-        """[m]."""
+        """Radii of the tyres [m]."""
         self.half_widths = np.array([sizes[f"tyre_{wheel}"][1] for wheel in WHEELS])
-        """[m]."""
+        """Half widths of the tyres [m]."""
 
     def contacts(self, at: Index) -> WheelContacts:
         """At the rows `at` (n,)."""

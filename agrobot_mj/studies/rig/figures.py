@@ -13,12 +13,13 @@ import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agrobot_mj.core.palette import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILION
 from agrobot_mj.core.signals import Array
-from agrobot_mj.studies.report import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, SPEEDS_M_S
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
-SHADES = ("#56B4E9", "#0072B2", "#E69F00", "#D55E00", "#009E73", "#000000")
-"""Of curves in order, of the colour-blind-safe palette of Okabe and Ito."""
+SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
+"""Colours of curves, in order."""
 WIDTHS = (4.0, 2.8, 1.7, 0.7)
 """Of curves that lie on each other, the first at the bottom [pt]."""
 COLUMNS_OF_LEGEND = 7

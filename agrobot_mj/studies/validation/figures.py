@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agrobot_mj.core.palette import BLACK, BLUE, GREEN, GREY, PINK, VERMILION
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.report import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.validation.antenna_lean import ESTIMATORS, held, offset
 from agrobot_mj.studies.validation.base import BICYCLE, Findings, tyre_of
 from agrobot_mj.studies.validation.cornering import RADIUS_M, paper_gradient
@@ -20,9 +21,9 @@ from agrobot_mj.studies.validation.step_steer import Step
 from agrobot_mj.studies.validation.theory import Tractor
 from agrobot_mj.tyres import Linear
 
-COLOURS = {BICYCLE: "#000000", "linear": "#0072B2", "magic_formula": "#D55E00", "soil": "#009E73", "contact": "#999999"}
-"""Of the colour-blind-safe palette of Okabe and Ito."""
-SPARE_COLOUR = "#CC79A7"
+COLOURS = {BICYCLE: BLACK, "linear": BLUE, "magic_formula": VERMILION, "soil": GREEN, "contact": GREY}
+"""Colour of each plant and tyre."""
+SPARE_COLOUR = PINK
 MARKS = {BICYCLE: "x", "linear": "o", "magic_formula": "s", "soil": "^", "contact": "+"}
 STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 """Of the lines, by estimator."""

@@ -1,0 +1,169 @@
+"""The one place that says which column of the log stands on which plot, in which unit, with which label and colour.
+
+A plot of a recording is a member of `PLOTS` (or of `network.network_plots`), one of a comparison of `COMPARED`; those
+whose columns the log does not have are left out. `derived` adds what the log implies without having it as a column.
+"""
+
+from collections.abc import Mapping
+from math import degrees
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.palette import BRIGHT_BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILION, rgba
+from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.simulation.log import Rows
+
+SI = {
+    **{"cm": "m", "kN": "N", "%": "-", "l/min": "m3/s", "bar": "Pa"},
+    **{"deg": "rad", "deg/s": "rad/s", "deg/s2": "rad/s2"},
+}
+"""Unit of the log by unit of a plot; the others are the same."""
+UNITS = {
+    **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
+    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
+}
+"""Factor from the unit of the log to the unit of a plot."""
+TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
+PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
+WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
+
+
+class Series(NamedTuple):
+    """One line of a plot."""
+
+    label: str
+    column: str
+    """Column of the log, or key of `derived`."""
+    colour: int
+    """0xRRGGBBAA."""
+    sign: float = 1.0
+
+
+class Plot(NamedTuple):
+    """The series of one entity, all in the same unit."""
+
+    path: str
+    title: str
+    unit: str
+    series: tuple[Series, ...]
+    every: int = 1
+    """Ticks from one point to the next; more than one for what moves slowly."""
+    includes: tuple[float, ...] = ()
+    """Values that the axis shows in any case."""
+    may_be_cut: bool = False
+    """Whether the axis may end below rare values that would flatten the others."""
+    steps: bool = False
+    """Whether the values stay from one point to the next."""
+
+    @property
+    def entity(self) -> str:
+        """Entity path of the plot in the recording."""
+        return f"plots/{self.path}"
+
+    @property
+    def names(self) -> list[str]:
+        """Labels of the series, with the unit."""
+        return [f"{series.label} [{self.unit}]" for series in self.series]
+
+
+def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: str) -> Plot:
+    reference, sensed = Series("reference", wanted, WANTED), Series("measured", measured, MEASURED)
+    return Plot(path, title, unit, (reference, sensed, Series("true", true, TRUE)))
+
+
+def _estimated(name: str, title: str, unit: str) -> Plot:
+    error = Series("error", f"error_{name}", MEASURED)
+    bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
+    return Plot(f"estimator/{name}", title, unit, (*bounds, error))
+
+
+def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
+    series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
+    return Plot(f"tyres/{path}", title, unit, tuple(series))
+
+
+def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
+    return Plot(path, title, unit, (Series(label, column, colour),))
+
+
+# The log keeps the paper's errors, reference less position. Shown is position less reference, so that all that lies
+# left of the path is positive: the lateral error, and beside it the cross-track error.
+_ERRORS = (
+    Series("longitudinal, ahead +", "e_longitudinal", MEASURED, -1.0),
+    Series("lateral, left +", "e_lateral", TRUE, -1.0),
+)
+_COMMAND = (
+    *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
+    Series("network -tau_n", "tau_n", NETWORK, -1.0),
+)
+_ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "pitch", MEASURED)
+
+PLOTS = (
+    Plot("tracking/error", "Tracking error: position less reference", "m", _ERRORS),
+    _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
+    _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
+    Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
+    _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
+    _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
+    _single("steering/flow", "Oil flow to the cylinder", "l/min", "flow", "valve_flow"),
+    _single("steering/pressure", "Pressure in the cylinder", "bar", "pressure", "steer_pressure", TRUE),
+    _loop("speed/loop", "Speed", "m/s", "speed_ref", "speed_hat", "speed"),
+    _loop("speed/pedal", "Pedal", "-", "pedal_ref", "pedal_measured", "pedal"),
+    _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
+    _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
+    _wheels("load", "Wheel load", "kN", "load"),
+    _wheels("friction_use", "Friction used: force over what the ground can hold", "-", "friction_use"),
+    _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
+    _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
+    _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
+    _wheels("lateral_force", "Lateral force", "kN", "fy"),
+    _estimated("east", "East of R: estimate less truth", "cm"),
+    _estimated("north", "North of R: estimate less truth", "cm"),
+    _estimated("yaw", "Yaw: estimate less truth", "deg"),
+    _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
+    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
+    _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
+    _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
+    _single("estimator/faults", "Active faults", "-", "faults", "faults_active")._replace(includes=(0, 1), steps=True),
+    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality")._replace(
+        includes=(0, 2), steps=True
+    ),
+    Plot("attitude", "Attitude", "deg", _ATTITUDE),
+)
+"""Every plot of a run but those of the network, in the order of the tabs."""
+
+COMPARED = (
+    _single("lateral", "Lateral error to the moving reference, left +", "m", "", "e_lateral"),
+    _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
+    _single("command", "Steering command", "deg", "", "steer_ref"),
+    _single("network", "Network's part of the command, -tau_n", "deg", "", "tau_n"),
+    _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
+    _single("speed", "Speed", "m/s", "", "speed"),
+)
+"""Every plot of a comparison; each run has one line on it. The label and the colour are those of the run."""
+NEGATED = ("e_lateral", "tau_n")
+"""Columns that a comparison shows with the opposite sign."""
+
+
+def derived(rows: Rows, first: int) -> dict[str, Array]:
+    """What the log implies, from row `first` on: errors of the estimate and their 3 sigma, SI units."""
+
+    def of(name: str) -> Array:
+        return rows.column(name, first)
+
+    return {
+        "error_east": of("rear_x_hat") - of("rear_x"),
+        "error_north": of("rear_y_hat") - of("rear_y"),
+        "error_speed": of("speed_hat") - of("speed"),
+        "error_yaw": wrap(of("yaw_hat") - of("yaw")),
+        "bound_east": 3 * np.sqrt(of("p_xx")),
+        "bound_north": 3 * np.sqrt(of("p_yy")),
+        "bound_yaw": 3 * np.sqrt(of("p_yaw")),
+    }
+
+
+def shown_by(plot: Plot, known: Mapping[str, object]) -> bool:
+    """Whether all columns of the plot are `known`."""
+    return all(series.column in known for series in plot.series)

@@ -1,0 +1,41 @@
+"""Style of all figures: sizes of a journal page (columns of 3.5 in, text of 8 pt), colours and names."""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
+from agrobot_mj.simulation.storage import whole
+
+COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
+"""Colour of each controller."""
+SPARE_COLOURS = (PINK, SKY_BLUE, DARK_GREY)
+"""Colours of controllers not named above, in order of appearance."""
+NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
+NAMES |= {"open_loop": "open loop"}
+"""Names of the controllers in figures."""
+STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "grid.linewidth": 0.3,
+    "grid.color": "#CCCCCC",
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 0.9,
+}
+PANEL_WIDTH_IN = 3.5
+DPI = 200
+
+
+def save(figure: Figure, file: Path) -> Path:
+    """Save as PNG: the whole file or none."""
+    with whole(file) as part:
+        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
+    return file

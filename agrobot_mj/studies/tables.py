@@ -1,0 +1,53 @@
+"""Tables of a comparison: plain text that is valid Markdown."""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
+
+    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of `pd` on the
+    same plant and seed; values of turns that a run did not complete are left out.
+    """
+    seeds = len({row.get("seed") for row in rows}) > 1
+    of_pd = [row for row in rows if row["controller"] == "pd"]
+    pd_mse = {(row["plant"], row.get("seed")): row.get("lateral_mse") for row in of_pd}
+    text = Table(box=box.MARKDOWN)
+    for name in ("plant", "controller", *(["seed"] if seeds else []), "outcome"):
+        text.add_column(name)
+    for name in ("lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2"):
+        text.add_column(name, justify="right")
+    for row in rows:
+        seed = [str(row.get("seed"))] if seeds else []
+        base = pd_mse.get((row["plant"], row.get("seed")))
+        text.add_row(row["plant"], row["controller"], *seed, row.get("outcome", "-"), *_numbers(row, base))
+    console = Console(file=io.StringIO(), width=400, color_system=None, markup=False, emoji=False)
+    with console.capture() as captured:
+        console.print(text, highlight=False)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
+
+
+def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
+    """The cells of a row of the table from its mean square error on."""
+    mse = row.get("lateral_mse")
+    whole = {turn["turn"]: turn for turn in row.get("per_turn", []) if turn["complete"]}
+    shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}
+    return [
+        _text(mse, 4),
+        *(_text(whole[k]["lateral_mse"], 4) if k in whole else "-" for k in (1, 2)),
+        _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
+        _text(row.get("xte_rms"), 3),
+        *(_text(shares.get(k), 3) for k in (1, 2)),
+    ]
+
+
+def _text(value: float | None, decimals: int) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.{decimals}f}" if abs(value) < 1e4 else f"{value:.1e}"
