@@ -196,7 +196,14 @@ class Estimate(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """The desired state of the CG at one time."""
+    """The desired state of the CG at one time.
+
+    The tractor heads along `yaw` whether it drives forward or in reverse. Its signed speed u = vx cos(yaw) + vy
+    sin(yaw) is negative in reverse; the reference has no velocity across its heading. `curvature` is that of the way of
+    the CG as seen along the heading, left positive, so that the yaw rate is u * curvature in both directions: wheels
+    turned left mean a positive curvature, forward and in reverse. On paths without reverse driving `yaw` is the
+    direction of travel. At a cusp u passes through zero while `yaw` is continuous.
+    """
 
     x: float
     """East [m]."""
@@ -207,9 +214,11 @@ class Reference(NamedTuple):
     vy: float
     """North velocity [m/s]."""
     yaw: float
-    """Direction of travel, wrapped to (-pi, pi] [rad]."""
+    """Heading of the tractor, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Left positive [1/m]."""
+    """Yaw rate over signed speed, left positive [1/m]."""
+    curvature_rate: float = 0.0
+    """Change of `curvature` in time; 0 at steps of the curvature and at standstill [1/(m s)]."""
 
 
 class PathPoint(NamedTuple):

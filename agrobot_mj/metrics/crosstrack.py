@@ -1,9 +1,9 @@
 """Where a point is relative to a path, whatever the time: how far beside it, and which time of the path is beside.
 
 The nearest point is sought in a window along the path about the reference at the same time. The window reaches
-WINDOW_M ahead and behind, and no farther than the path turns through BEND, so that neither the other branch of a
-crossing nor the neighbouring swath ever enters it. From the nearest point the distance is that to the path's osculating
-circle, which is exact on lines and arcs.
+WINDOW_M ahead and behind, no farther than the path turns through BEND, and not past a cusp, so that neither the other
+branch of a crossing or a cusp nor the neighbouring swath ever enters it. Left is left of the heading, in reverse too.
+From the nearest point the distance is that to the path's osculating circle, which is exact on lines and arcs.
 """
 
 from math import radians
@@ -60,7 +60,7 @@ def track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
 
 
 def _spaced(path: Path, t: Array) -> tuple[Array, Array]:
-    """Times (n,) and references (n, 6) at about equal distances along the path, WINDOW_M beyond the ends of `t`."""
+    """Times (n,) and references (n, 7) at about equal distances along the path, WINDOW_M beyond the ends of `t`."""
     step, room = STEP_M / path.speed_m_s, WINDOW_M / path.speed_m_s
     times = t[0] + step * np.arange(-int(room / step), int((t[-1] - t[0] + room) / step) + 2)
     points = np.array([path.at(time) for time in times.tolist()])
@@ -70,8 +70,10 @@ def _spaced(path: Path, t: Array) -> tuple[Array, Array]:
 
 
 def _windows(points: Array) -> tuple[Index, Index]:
-    """For each of the references (n, 6) the first and the last that are no more than BEND away, each of shape (n,)."""
+    """For each of the references (n, 7) the first and the last that are no more than BEND away, each of shape (n,)."""
     turned = np.concatenate(([0.0], np.cumsum(np.abs(np.angle(np.exp(1j * np.diff(points[:, 4])))))))
+    reverse = points[:, 2] * np.cos(points[:, 4]) + points[:, 3] * np.sin(points[:, 4]) < 0
+    turned[1:] += 2 * BEND * np.cumsum(np.diff(reverse.astype(float)) != 0)  # a cusp ends every window
     first = np.searchsorted(turned, turned - BEND - 1e-9)
     last = np.searchsorted(turned, turned + BEND + 1e-9, "right") - 1
     return first, last
@@ -79,7 +81,7 @@ def _windows(points: Array) -> tuple[Index, Index]:
 
 def _offset(references: Array, x: Array, y: Array) -> Array:
     """Signed distance of each (x, y) from the circle along its reference, left positive [m]."""
-    x_r, y_r, _, _, yaw, curvature = references.T
+    x_r, y_r, _, _, yaw, curvature, _ = references.T
     c, s = np.cos(yaw), np.sin(yaw)
     ahead, left = c * (x - x_r) + s * (y - y_r), -s * (x - x_r) + c * (y - y_r)
     to_centre = np.hypot(curvature * ahead, 1 - curvature * left)

@@ -1,12 +1,15 @@
-"""What every path is made of: pieces of constant curvature, travelled at constant speed after a ramp from rest.
+"""Geometry of a piece of path: poses along an arc or a clothoid, and the reference of a point that moves there.
 
-Lengths in metres along the path; curvature in 1/m, left positive; yaw from east, counter-clockwise.
+Distances [m] count along the heading of the tractor, so that they are negative where it reverses. Curvature [1/m] is
+left positive, yaw from east, counter-clockwise. `progress` and its inverse `when` belong to paths of constant speed
+after a ramp from rest.
 """
 
 from itertools import pairwise
 from math import cos, pi, sin, sqrt
 from typing import Annotated, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
@@ -19,9 +22,14 @@ Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0
 """Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Estimate: what a driver takes."""
 
+NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
+"""Nodes of the five-point Gauss-Legendre rule from the middle outwards [-], with their weights [-]."""
+WIDEST_TURN = 0.2
+"""Largest turn over half a piece that `NODES` integrate to rounding [rad]: the error is below 1e-10 of its length."""
+
 
 class Pose(NamedTuple):
-    """A point of a path and the direction of travel there."""
+    """A point of a path and the heading of the tractor there."""
 
     x: float
     """East [m]."""
@@ -39,20 +47,56 @@ class Place(NamedTuple):
     y: float
     """North [m]."""
     distance: float
-    """Way from the start [m]."""
+    """Distance driven from the start [m]."""
 
 
-def advance(start: Pose, curvature: float, distance: float) -> Pose:
-    """The pose `distance` [m] (may be negative) along an arc of `curvature` [1/m] that begins at `start`."""
+def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
+    """The pose `distance` [m] along a piece that begins at `start` with `curvature` [1/m].
+
+    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, else the piece is a clothoid.
+    """
+    if sharpness:
+        return _along_clothoid(start, curvature, distance, sharpness)
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
     direction = start.yaw + half_turn
     return Pose(start.x + chord * cos(direction), start.y + chord * sin(direction), start.yaw + 2 * half_turn)
 
 
+def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
+    """Integrate cos and sin of the heading by Gauss-Legendre quadrature about the middle of the piece.
+
+    About the middle the heading is yaw_m + kappa_m u + sharpness u^2 / 2: nodes at +-u share their even part, so that
+    five nodes cost two pairs of sine and cosine and one at the middle.
+    """
+    half = distance / 2
+    middle = curvature + sharpness * half
+    # Only over short turns is the quadrature exact to rounding: halve a longer piece.
+    # Only over short turns is the quadrature exact to rounding: halve a longer piece.
+    if abs(middle * half) + abs(sharpness) * half * half > WIDEST_TURN:
+        first = _along_clothoid(start, curvature, half, sharpness)
+        return _along_clothoid(first, middle, half, sharpness)
+    along, across = NODES[0][1], 0.0
+    for node, weight in NODES[1:]:
+        u = node * half
+        even = 2 * weight * cos(middle * u)
+        bow = sharpness * u * u / 2
+        along += even * cos(bow)
+        across += even * sin(bow)
+    direction = start.yaw + (curvature + sharpness * half / 2) * half
+    c, s = cos(direction), sin(direction)
+    return Pose(
+        start.x + half * (along * c - across * s),
+        start.y + half * (along * s + across * c),
+        start.yaw + middle * distance,
+    )
+
+
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Time at full speed [s] that the way until `t` [s] stands for, and the share of full speed [-], when the speed
-    rises evenly from rest over `ramp` [s]."""
+    """Time at full speed [s] equivalent to the motion until `t` [s], and the share of full speed at `t` [-].
+
+    The speed rises linearly from rest over `ramp` [s].
+    """
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
@@ -69,7 +113,11 @@ def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tupl
     return tuple(pairwise(times))
 
 
-def reference(pose: Pose, curvature: float, speed: float) -> Reference:
-    """The reference of a point that passes `pose` at `speed` [m/s]."""
+def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
+    """The reference of a point that passes `pose` at `speed` [m/s], negative in reverse.
+
+    `sharpness` [1/m2] is the change of curvature per metre along the heading.
+    """
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
-    return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature)
+    yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
+    return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)

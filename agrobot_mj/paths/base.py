@@ -1,39 +1,48 @@
-"""The contract of a path: where the CG should be, and how fast it should go, at each time."""
+"""What every reference path is: where the CG should be, and how fast it should go, at each time.
 
-from typing import Protocol
+A path is data (a frozen spec) with one question, `at(t)`. A new kind is one file with a class derived from
+`ReferencePath`, or from `Timed` (`profile.py`) where the speed shall follow from limits, and its name in the union
+`Path` of `paths/__init__.py`.
+
+The contract:
+- `at(t)` answers for every finite `t`. Before 0 the reference stands at the start; beyond `duration_s` it goes on
+  (round, or straight). It is called in every tick, so it takes microseconds: build what is expensive once.
+- Position is continuous, and velocity is its derivative along the heading (backwards along it in reverse).
+- The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
+"""
 
 from agrobot_mj.core.signals import Reference
-from agrobot_mj.paths.arc import Place
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.paths.arc import Place, Speed
 
 
-class PathLike(Protocol):
-    """What every member of `Path` offers."""
+class ReferencePath(Spec):
+    """A path; a kind gives `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
-    @property
-    def speed_m_s(self) -> float:
-        """Largest speed of the reference [m/s]."""
-        ...
+    kind: str
+    speed_m_s: Speed = 1.2
+    """Largest speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
 
     @property
     def duration_s(self) -> float:
-        """Time from rest to the end of the path [s]."""
-        ...
+        """Natural duration, that of a run on this path [s]."""
+        raise NotImplementedError
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each turn, over which metrics are taken [s]."""
-        ...
+        """(start, end) of each turn that metrics report separately; by default the whole path is one [s]."""
+        return ((0.0, self.duration_s),)
 
     @property
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
-        ...
+        raise NotImplementedError
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest."""
-        ...
+        """Where the curvature is largest; the first such place."""
+        raise NotImplementedError
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s]; waits before 0, goes on beyond the end."""
-        ...
+        """The reference at time `t` [s] since the start."""
+        raise NotImplementedError

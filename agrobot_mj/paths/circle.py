@@ -1,27 +1,32 @@
 """A circle at constant speed after a ramp, from the origin, where it heads east.
 
 The centre lies at (0, radius) when it turns left and at (0, -radius) when it turns right. The reference goes
-on round beyond the last turn.
+on round beyond the last turn. With transition = "clothoid" a clothoid leads from a straight heading into the circle
+before the first turn begins at the origin; without, the steering has to be turned while the tractor stands.
 """
 
+from functools import lru_cache
 from math import pi
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from agrobot_mj.core.signals import Reference
-from agrobot_mj.core.spec import Positive, Spec
-from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference, turns
+from agrobot_mj.core.spec import Positive
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference, turns
+from agrobot_mj.paths.base import ReferencePath
+from agrobot_mj.paths.transition import Transitions
+
+ORIGIN = Pose(0.0, 0.0, 0.0)
+"""Where the first turn begins, and each one after it."""
 
 
-class Circle(Spec):
+class Circle(Transitions, ReferencePath):
     """Whole turns of a circle."""
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0
     """Radius [m]; estimate: as the arcs of the figure 8."""
-    speed_m_s: Speed = 1.2
-    """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
     ramp_s: Ramp = RAMP_S
     """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
@@ -42,7 +47,7 @@ class Circle(Spec):
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """(start, end) of each turn [s]."""
-        return turns(self.turn_s, self.turns, self.ramp_s)
+        return turns(self.turn_s, self.turns, self.ramp_s, _lead_in(self) / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
@@ -51,12 +56,23 @@ class Circle(Spec):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest: everywhere, so the start."""
-        return Place(0.0, 0.0, 0.0)
+        """Where the curvature is largest first: the beginning of the circle."""
+        return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, the circle goes on."""
-        curvature = (1.0 if self.direction == "left" else -1.0) / self.radius_m
+        side, clothoid = (1.0 if self.direction == "left" else -1.0), _lead_in(self)
+        curvature = side / self.radius_m
         moved, share = progress(t, self.ramp_s)
-        distance = self.speed_m_s * (moved % self.turn_s)
-        return reference(advance(Pose(0.0, 0.0, 0.0), curvature, distance), curvature, share * self.speed_m_s)
+        if (ahead := clothoid - self.speed_m_s * moved) > 0:
+            sharpness = curvature / clothoid
+            pose = advance(ORIGIN, curvature, -ahead, sharpness)
+            return reference(pose, curvature - sharpness * ahead, share * self.speed_m_s, sharpness)
+        distance = self.speed_m_s * ((moved - clothoid / self.speed_m_s) % self.turn_s)
+        return reference(advance(ORIGIN, curvature, distance), curvature, share * self.speed_m_s)
+
+
+@lru_cache(maxsize=16)
+def _lead_in(circle: Circle) -> float:
+    """Length of the clothoid before the first turn [m]."""
+    return 1 / (circle.radius_m * circle.sharpness(circle.speed_m_s))

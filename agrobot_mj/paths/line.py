@@ -7,16 +7,15 @@ from math import radians
 from typing import Literal
 
 from agrobot_mj.core.signals import Reference
-from agrobot_mj.core.spec import Positive, Spec
-from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, Speed, advance, progress, reference
+from agrobot_mj.core.spec import Positive
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference
+from agrobot_mj.paths.base import ReferencePath
 
 
-class Line(Spec):
+class Line(ReferencePath):
     """A straight line from (start_x_m, start_y_m) in direction heading_deg."""
 
     kind: Literal["line"] = "line"
-    speed_m_s: Speed = 1.2
-    """Speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
     ramp_s: Ramp = RAMP_S
     """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
     length_m: Positive = 144.0
@@ -34,18 +33,13 @@ class Line(Spec):
         return self.ramp_s / 2 + self.length_m / self.speed_m_s
 
     @property
-    def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """The line is one turn: ((start, end),) [s]."""
-        return ((0.0, self.duration_s),)
-
-    @property
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
         return 0.0
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest: everywhere, so the start."""
+        """Where the curvature is largest: it is zero everywhere, so the start."""
         return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:

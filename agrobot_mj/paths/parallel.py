@@ -1,28 +1,27 @@
 """Work on a field: parallel straight passes, driven to and fro, with a turn at either end.
 
-A `Parallel` says where its first pass heads and on which side the others lie. Turns keep to two shapes:
+A `Parallel` says where its first pass heads and on which side the others lie. `headland.py` has the turns: `u`, `omega`
+and `k`. Closer neighbours than a `u` can join are left for later: it goes on n passes farther and comes back n + 1,
+n = width of the turn / swath rounded up, in blocks of 2 n + 1.
 
-- `u`: two quarter arcs and a straight between them, for passes at least two radii apart. Closer neighbours are left
-  for later: it goes on n passes farther and comes back n + 1, n = 2 radii / swath rounded up, in blocks of 2 n + 1.
-- `omega`: away from the next pass, round in a bulb, and away again: three arcs of the same radius, so that neighbours
-  follow each other. Neighbours two radii apart or more take the `u`.
-
-The curvature steps where arcs and straights meet. The field ends where the passes end: turns lie outside. After the
-last pass the tractor leaves the field straight on. `passes_s` gives the times between which each pass counts: the first
-`run_in_m` metres, in which the tractor swings in, do not.
+The field ends where the passes end: turns lie outside. After the last pass the tractor leaves the field straight on.
+`passes_s` gives the times between which each pass counts: the first `run_in_m` metres, in which the tractor swings in,
+do not.
 """
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import acos, ceil, pi
+from math import ceil
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.paths.arc import Pose, Speed
+from agrobot_mj.paths.headland import half_turn_width, headland_turn
 from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.track import Course, Piece, chain
+from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 LEAVE_M = 5.0
@@ -30,7 +29,7 @@ LEAVE_M = 5.0
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
-class Parallel(Timed):
+class Parallel(Transitions, Timed):
     """Parallel passes; a kind says which way they run."""
 
     length_m: Positive = 100.0
@@ -39,12 +38,14 @@ class Parallel(Timed):
     """Working width: from each pass to its neighbour [m]. Estimate: implements of compact tractors."""
     count: Count = 4
     """Number of passes [-]; estimate: a small field."""
-    turn: Literal["u", "omega"] = "omega"
-    """Shape of the turns; with `u` and a swath below two turn radii, passes are skipped and taken later."""
+    turn: Literal["u", "omega", "k"] = "omega"
+    """Shape of the turns between close passes: left for later (`u`), a bulb, or three arcs with a piece in reverse."""
     turn_radius_m: Positive = 3.0
     """Radius of all arcs of a turn [m]. Estimate: 25 deg of steering, half of what the tractor has."""
     turn_speed_m_s: Speed = 1.0
     """Largest speed in a turn [m/s]. Estimate: what a driver takes."""
+    cusp_pause_s: NonNegative = 2.0
+    """Standstill at each cusp of a `k` turn [s]. Estimate: to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
     """Beginning of each pass that `passes_s` leaves out, at most half a pass [m]. Estimate: until it has swung in."""
     start_x_m: Coordinate = 0.0
@@ -63,8 +64,9 @@ class Parallel(Timed):
 
         Raises ValueError where U turns leave no order.
         """
-        across = ceil(2 * self.turn_radius_m / self.swath_m - 1e-9)
-        if self.turn == "omega" or across <= 1:
+        width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
+        across = ceil(width / self.swath_m - 1e-9)
+        if self.turn != "u" or across <= 1:
             return tuple(range(self.count))
         if 1 < self.count < 2 * across + 1:
             raise ValueError(
@@ -88,29 +90,19 @@ class Parallel(Timed):
         if self.run_in_m > self.length_m / 2:
             raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g})")
         start = Pose(self.start_x_m, self.start_y_m, self.lie[0])
-        return chain(start, (piece for piece, _ in self._pieces()))
+        return chain(start, (piece for piece, _ in self._pieces()), self.cusp_pause_s)
 
     def _pieces(self) -> Iterator[tuple[Piece, bool]]:
         """Each piece, and whether it is a pass."""
         side, order = self.lie[1], self.order
+        turn = self.turn, self.turn_radius_m, self.sharpness(self.turn_speed_m_s), self.turn_speed_m_s
         yield Piece(self.length_m), True
         for k, (here, there) in enumerate(pairwise(order)):
             forth = 1 if k % 2 == 0 else -1
-            for piece in self._turn(side * forth * (there - here) * self.swath_m):
+            for piece in headland_turn(side * forth * (there - here) * self.swath_m, *turn):
                 yield piece, False
             yield Piece(self.length_m), True
         yield Piece(LEAVE_M), False
-
-    def _turn(self, left: float) -> list[Piece]:
-        """A turn to the opposite pass `left` metres to the left."""
-        r, v, away = self.turn_radius_m, self.turn_speed_m_s, abs(left)
-        bend = 1 / r if left > 0 else -1 / r
-        if away >= 2 * r * (1 - 1e-9):
-            quarter = Piece(r * pi / 2, bend, v)
-            return [quarter, Piece(away - 2 * r, 0.0, v), quarter]
-        flare = acos((1 + away / (2 * r)) / 2)
-        outwards = Piece(r * flare, -bend, v)
-        return [outwards, Piece(r * (pi + 2 * flare), bend, v), outwards]
 
 
 def skipping(count: int, across: int) -> Iterator[int]:

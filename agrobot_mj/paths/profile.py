@@ -1,9 +1,9 @@
 """When a course is where: the fastest speed from rest within all limits, and the reference that follows from it.
 
 The limits are the path's `speed_m_s`, the speed that a piece of the course allows, the lateral acceleration v^2 kappa
-and the acceleration along the path. The squared speed is linear in the distance between two joints, so that the
-position is the exact integral of the velocity. The reference waits at the start before time 0 and goes straight on at
-its last speed beyond the end.
+and the acceleration along the path. At a cusp the speed is zero. The squared speed is linear in the distance between
+two joints, so that the position is the exact integral of the velocity. The reference waits at the start before time 0
+and goes straight on at its last speed beyond the end.
 """
 
 from bisect import bisect_right
@@ -15,19 +15,25 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.signals import Array, Reference
-from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
-from agrobot_mj.paths.track import Course, affordable
+from agrobot_mj.paths.base import ReferencePath
+from agrobot_mj.paths.track import Course, Mask, affordable
 
 Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
 
-def fastest(lengths: Array, limits: Array, acceleration: float) -> Array:
+def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
     """Largest speeds at the joints of pieces of `lengths` [m], shape (n,), from rest, shape (n + 1,) [m/s].
 
-    `limits` [m/s], shape (n,), hold on the whole piece; the speed changes by at most `acceleration` [m/s2].
+    `limits` [m/s], shape (n,), hold on the whole piece; the speed changes by at most `acceleration` [m/s2], and is zero
+    at the inner joints marked in `stops`, shape (n - 1,).
     """
-    most = np.concatenate(([0.0], np.minimum(limits[:-1], limits[1:]), limits[-1:])) ** 2
+    between = np.minimum(limits[:-1], limits[1:])
+    if stops is not None:
+        between = np.where(stops, 0.0, between)
+    most = np.concatenate(([0.0], between, limits[-1:])) ** 2
+    # In v^2 over distance the acceleration is a slope: shear it away, and each limit reaches forward (then backward)
+    # as a running minimum.
     gained = 2 * acceleration * np.concatenate(([0.0], np.cumsum(lengths)))
     rising = np.minimum.accumulate(most - gained) + gained
     falling = np.minimum.accumulate((most + gained)[::-1])[::-1] - gained
@@ -40,10 +46,11 @@ class TimedCourse:
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
         """Limits: `speed` [m/s], `lateral` acceleration and `acceleration` along the course [m/s2]."""
         course = course.divided()
-        curvature = np.abs(course.curvatures)
-        in_bends = np.sqrt(lateral / np.maximum(curvature, 1e-12))
-        v = fastest(course.lengths, np.minimum(np.minimum(speed, course.speeds), in_bends), acceleration)
-        durations = 2 * course.lengths / (v[:-1] + v[1:])
+        in_bends = np.sqrt(lateral / np.maximum(course.peaks, 1e-12))
+        limits = np.minimum(np.minimum(speed, course.speeds), in_bends)
+        v = fastest(course.lengths, limits, acceleration, course.cusps)
+        mean = np.where(course.lengths > 0, (v[:-1] + v[1:]) / 2, 1.0)  # nothing to drive during a pause
+        durations = np.where(course.lengths > 0, course.lengths / mean, course.pauses)
         self.course = course
         self.distances = course.distances()
         self.times = np.concatenate(([0.0], np.cumsum(durations)))
@@ -51,6 +58,9 @@ class TimedCourse:
         self._starts: list[float] = self.times.tolist()
         self._poses = [Pose(*pose) for pose in zip(*(part.tolist() for part in course.joints()), strict=True)]
         self._curvatures = [*course.curvatures.tolist(), 0.0]
+        self._sharpnesses = [*course.sharpnesses.tolist(), 0.0]
+        self._trends = [*course.trends.tolist(), 0.0]
+        self._directions = [*course.directions.tolist(), float(course.directions[-1])]
         self._speeds: list[float] = v.tolist()
         self._gains = [*(np.diff(v) / durations).tolist(), 0.0]
 
@@ -62,7 +72,7 @@ class TimedCourse:
     @cached_property
     def max_curvature(self) -> float:
         """Largest absolute curvature [1/m]."""
-        return float(np.abs(self.course.curvatures).max())
+        return float(self.course.peaks.max())
 
     @cached_property
     def sharpest(self) -> Place:
@@ -80,15 +90,18 @@ class TimedCourse:
         if t <= 0.0:
             return reference(self._poses[0], self._curvatures[0], 0.0)
         k = bisect_right(self._starts, t) - 1
-        dt, v, a = t - self._starts[k], self._speeds[k], self._gains[k]
-        curvature = self._curvatures[k]
-        return reference(advance(self._poses[k], curvature, dt * (v + a * dt / 2)), curvature, v + a * dt)
+        dt, v, a, direction = t - self._starts[k], self._speeds[k], self._gains[k], self._directions[k]
+        driven, speed = dt * (v + a * dt / 2), direction * (v + a * dt)
+        curvature, sharpness = self._curvatures[k], direction * self._sharpnesses[k]
+        pose = advance(self._poses[k], curvature, direction * driven, sharpness)
+        if sharpness:
+            curvature += self._sharpnesses[k] * driven
+        return reference(pose, curvature, speed, direction * self._trends[k])
 
 
-class Timed(Spec):
-    """What paths have in common whose speed follows from limits; a kind gives its `course`."""
+class Timed(ReferencePath):
+    """A path whose speed follows from limits; a kind gives its `course`."""
 
-    kind: str
     speed_m_s: Speed = 1.2
     """Largest speed of the reference [m/s]; estimate: as the paper's figure 8."""
     acceleration_m_s2: Acceleration = 0.3
@@ -114,11 +127,6 @@ class Timed(Spec):
     def duration_s(self) -> float:
         """From rest to the end [s]."""
         return self.motion.duration
-
-    @property
-    def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """The whole way is one turn: ((start, end),) [s]."""
-        return ((0.0, self.duration_s),)
 
     @property
     def max_curvature(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.signals import Array, PathPoint, Reference
 from agrobot_mj.paths.arc import Pose, advance
-from agrobot_mj.paths.base import PathLike
+from agrobot_mj.paths.base import ReferencePath
 
 STEP_M = 0.05
 """Spacing of the samples [m]."""
@@ -35,7 +35,7 @@ T, X, Y, YAW, CURVATURE, SPEED, S, TURNED = range(8)
 class SampledRoute:
     """A path with a memory of its samples."""
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: ReferencePath) -> None:
         self.path = path
         self._samples = np.array([_sample(0.0, path.at(0.0))])
         self._until = 0.0

@@ -29,37 +29,38 @@ class Bumps(Generated):
 
     kind: Literal["bumps"] = "bumps"
     height_m: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Of a bump; negative for a pit [m]. Estimate: a clod or a stone; 0.05-0.2."""
+    """Height of a bump; negative for a pit [m]. Estimate: a clod or a stone; 0.05-0.2."""
     length_m: Positive = 1.0
-    """Of a bump, along its heading [m]. Estimate: 0.5-2."""
+    """Length of a bump along its heading [m]. Estimate: 0.5-2."""
     width_m: Positive = 0.8
-    """Of a bump, across [m]. Estimate: wider than a tyre; 0.4-4."""
+    """Width of a bump, across its heading [m]. Estimate: wider than a tyre; 0.4-4."""
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
-    """How many there are."""
+    """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
     """A regular row, or places and headings drawn from `seed`."""
     x_m: float = 5.0
     """Centre of the first bump of a row, east [m]."""
     y_m: float = -0.5
-    """Likewise, north [m]. The default lies under the right wheels of a tractor that drives east from the origin."""
+    """Centre of the first bump of a row, north [m]. The default lies under the right wheels of a tractor that drives
+    east from the origin."""
     heading_deg: float = 0.0
-    """Of a row and of its bumps, from east, counter-clockwise [deg]."""
+    """Direction of a row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Between the centres of a row [m]. Estimate: 2-10."""
+    """Distance between the centres of a row [m]. Estimate: 2-10."""
     stagger_m: float = 0.0
-    """Every second bump of a row lies as far to the left; the track width puts them under left and right wheels [m]."""
+    """Distance by which every second bump of a row lies to the left [m]: one track for both wheels by turns."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Of the scattered bumps."""
+    """Seed of the scattered bumps."""
 
     def finest(self) -> float:
         """Five nodes a bump."""
         return min(self.length_m, self.width_m) / 4
 
-    def bare(self, nodes: Array) -> Array:
+    def bare(self, x: Array, y: Array) -> Array:
         """Heights over level ground. Raises ValueError for a row that leaves the field."""
-        heights = np.zeros((nodes.size, nodes.size))
+        heights = np.zeros((y.size, x.size))
         for bump in self.places():
-            _raise(heights, nodes, bump, (self.length_m, self.width_m))
+            _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
@@ -68,19 +69,21 @@ class Bumps(Generated):
 
     def _scattered(self) -> list[Bump]:
         rng = stream(self.seed, "terrain.bumps")
-        places = rng.uniform(-self.half_size_m, self.half_size_m, (self.count, 2))
+        half = np.array(self.half_sizes)
+        places = rng.uniform(-half, half, (self.count, 2))
         return [(x, y, h) for (x, y), h in zip(places.tolist(), rng.uniform(0, pi, self.count).tolist(), strict=True)]
 
     def _row(self) -> list[Bump]:
         heading, found = radians(self.heading_deg), []
+        half_x, half_y = self.half_sizes
         for k in range(self.count):
             along, left = k * self.spacing_m, (k % 2) * self.stagger_m
             x = self.x_m + along * cos(heading) - left * sin(heading)
             y = self.y_m + along * sin(heading) + left * cos(heading)
-            if max(abs(x), abs(y)) > self.half_size_m:
+            if abs(x) > half_x or abs(y) > half_y:
                 raise ValueError(
                     f"count: bump {k + 1} of the row lies at ({x:.1f}, {y:.1f}) m, outside the field; "
-                    f"set count to {k} or less, or make half_size_m larger"
+                    f"set count to {k} or less, or make the field larger"
                     if k
                     else f"x_m: the first bump lies at ({x:.1f}, {y:.1f}) m, outside the field; move it"
                 )
@@ -88,16 +91,19 @@ class Bumps(Generated):
         return found
 
 
-def _raise(heights: Array, nodes: Array, bump: Bump, size: tuple[float, float]) -> None:
-    """Lay one bump of height 1 over `heights` (n, n), in the window of nodes around it."""
+def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
+    """Lay one bump of height 1 over `heights`, in the window around it; `nodes` are those to the east and north."""
     x, y, heading = bump
     reach = np.hypot(*size) / 2
-    step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
-    row, column = (
-        slice(max(0, ceil((c - reach - nodes[0]) / step)), ceil((c + reach - nodes[0]) / step)) for c in (y, x)
-    )
-    dx, dy = nodes[None, column] - x, nodes[row, None] - y
+    column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))
+    dx, dy = nodes[0][None, column] - x, nodes[1][row, None] - y
     a = (cos(heading) * dx + sin(heading) * dy) / size[0]
     b = (cos(heading) * dy - sin(heading) * dx) / size[1]
     shape = (np.cos(pi * np.clip(a, -0.5, 0.5)) * np.cos(pi * np.clip(b, -0.5, 0.5))) ** 2
     np.maximum(heights[row, column], shape, out=heights[row, column])
+
+
+def _between(nodes: Array, low: float, high: float) -> slice:
+    """The nodes of an axis from `low` to `high` [m]."""
+    step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
+    return slice(max(0, ceil((low - nodes[0]) / step)), max(0, ceil((high - nodes[0]) / step)))

@@ -1,6 +1,10 @@
-"""What reliefs made from a formula share: a square field, its nodes, and a level run-in around the origin."""
+"""Reliefs made from a formula: their field, the nodes of its grid, and a level run-in around the origin.
 
-from math import ceil, radians, sqrt, tan
+Nodes have one spacing both ways. It divides the longer side of the field evenly; a shorter side that it does not divide
+grows by less than a node.
+"""
+
+from math import radians, sqrt, tan
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -9,26 +13,27 @@ from pydantic import Field
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
+from agrobot_mj.terrain.extent import Sized, cells_of
 from agrobot_mj.terrain.grid import MOST_NODES, Ground, rounded_down, rounded_up
 
 Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 
 
-class Generated(Tilted):
+class Generated(Sized, Tilted):
     """A relief from a formula; a kind overrides `bare`, and `finest` if it has details to resolve."""
 
     VERTICAL: ClassVar[str] = "grade_deg"
     """The key that says how high the relief is."""
 
-    half_size_m: Positive = 75.0
-    """From the origin to each edge of the field [m]."""
+    half_size_m: Positive | None = 75.0
+    """From the origin to each edge of a square field [m]."""
     node_m: Node = 0.1
     """Largest distance between nodes of the grid [m]. Estimate: less than the length of a tyre's contact patch."""
     run_in_m: NonNegative = 0.0
     """The relief is missing as far from the origin, and has its full height at twice that distance [m]."""
 
-    def bare(self, nodes: Array) -> Array:
-        """Heights without plane and run-in, shape (n, n), at nodes (n,) along both axes [m]."""
+    def bare(self, x: Array, y: Array) -> Array:
+        """Heights [m] without plane and run-in, shape (rows, columns), at nodes `x` (columns,), `y` (rows,) [m]."""
         raise NotImplementedError
 
     def finest(self) -> float:
@@ -37,31 +42,51 @@ class Generated(Tilted):
 
     def relief(self) -> Ground:
         """The height grid."""
-        half, cells = self.half_size_m, self._cells()
-        nodes = np.linspace(-half, half, cells + 1)
-        heights = self.bare(nodes)
+        columns, rows = self._cells()
+        half_x, half_y = self.half_sizes
+        spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
+        x, y = _nodes(half_x, columns, spacing), _nodes(half_y, rows, spacing)
+        heights: Array = self.bare(x, y)
         if self.run_in_m > 0:
-            heights = heights * _fade(np.hypot(nodes[None, :], nodes[:, None]) / self.run_in_m - 1.0)
-        ground = Ground(-half, -half, 2 * half / cells, np.ascontiguousarray(heights))
+            heights = heights * _fade(np.hypot(x[None, :], y[:, None]) / self.run_in_m - 1.0)
+        ground = Ground(float(x[0]), float(y[0]), spacing, np.ascontiguousarray(heights))
         if ground.steepest > tan(radians(STEEPEST_DEG)):
             raise ValueError(f"{self.VERTICAL}: makes flanks steeper than {STEEPEST_DEG:g} deg; make it smaller")
         return self.tilted(ground)
 
-    def _cells(self) -> int:
-        """Along a side of the field. Raises ValueError for a grid that is too coarse or has too many nodes."""
+    def _cells(self) -> tuple[int, int]:
+        """Cells to the east and to the north. Raises ValueError for a grid that is too coarse or has too many nodes."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set at most {self.finest():.3g}"
             )
-        cells = max(1, ceil(2 * self.half_size_m / self.node_m - 1e-9))
-        if (cells + 1) ** 2 > MOST_NODES:
-            most = int(sqrt(MOST_NODES)) - 1
-            node, half = rounded_up(2 * self.half_size_m / most), rounded_down(self.node_m * most / 2)
+        columns, rows = cells_of(self.half_sizes, self.node_m)
+        if (columns + 1) * (rows + 1) > MOST_NODES:
             raise ValueError(
-                f"node_m: {cells + 1} x {cells + 1} nodes are more than {MOST_NODES}; "
-                f"set {f'node_m to {node:g} or ' if node <= self.finest() else ''}half_size_m to {half:g}"
+                f"node_m: {columns + 1} x {rows + 1} nodes are more than {MOST_NODES}; set {self._fitting()}"
             )
-        return cells
+        return columns, rows
+
+    def _fitting(self) -> str:
+        """Values of keys with which there are few enough nodes, for a message."""
+        east, north = (2 * half for half in self.half_sizes)
+        # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: two more than cells, since those are rounded up
+        linear, square = east + north, east * north
+        per_metre = (sqrt(linear**2 + square * (MOST_NODES - 4)) - linear) / square
+        node, share, fits = rounded_up(1 / per_metre), per_metre * self.node_m, []
+        if node <= self.finest():
+            fits.append(f"node_m to {node:g}")
+        if self.size_m is None:
+            fits.append(f"half_size_m to {rounded_down(share * east / 2):g}")
+        else:
+            fits.append(f"size_m to [{rounded_down(share * east):g}, {rounded_down(share * north):g}]")
+        return " or ".join(fits)
+
+
+def _nodes(half: float, cells: int, spacing: float) -> Array:
+    """Nodes of one axis, about the origin, shape (cells + 1,) [m]."""
+    half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
+    return np.linspace(-half, half, cells + 1)
 
 
 def _fade(share: Array) -> Array:

@@ -6,6 +6,7 @@ heights go on, and `Ground.covers` says whether a point lies on it. The properti
 own, each uniform; outside it the ground is as the tyre's law has it.
 """
 
+from fractions import Fraction
 from math import ceil, floor, log10, nan
 from typing import NamedTuple
 
@@ -16,6 +17,8 @@ from agrobot_mj.core.signals import Array
 
 MOST_NODES = 4_200_000
 """In a height grid: 34 MB, 200 m at 0.1 m."""
+MOST_STEPS = 1000
+"""Most cells along the longer side of a rectangular plane; the shorter side is right within a thousandth of it [-]."""
 
 
 class Surface(NamedTuple):
@@ -50,6 +53,8 @@ class Ground(NamedTuple):
     """Shape (rows, columns), both at least 2 [m]."""
     surface: Surface = NOTHING_SPECIAL
     """Friction and soil."""
+    planar: bool = False
+    """Whether a plane of more than one cell was made as such."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -74,9 +79,9 @@ class Ground(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether the grid is one bilinear cell without twist, so that a plane stands for it exactly."""
+        """Whether all nodes lie on one plane, so that it stands for the grid exactly."""
         h = self.heights
-        return h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9
+        return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
 
 @kernel
@@ -116,11 +121,19 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
     return found.reshape(x.shape)
 
 
-def plane(grade_x: float, grade_y: float, half_size: float) -> Ground:
-    """A plane through the origin with slopes `grade_x`, `grade_y` [-], `half_size` [m] to each side."""
-    nodes = np.array([-half_size, half_size])
-    heights = grade_x * nodes[None, :] + grade_y * nodes[:, None]
-    return Ground(-half_size, -half_size, 2 * half_size, np.ascontiguousarray(heights))
+def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = None) -> Ground:
+    """A plane through the origin with slopes `grade_x`, `grade_y` [-].
+
+    It reaches `half_x` [m] to the east and west and `half_y` (as far when left out) to the north and south. A square is
+    one cell; a rectangle has as many square cells as its sides have a ratio in whole numbers, at most MOST_STEPS.
+    """
+    half_y = half_x if half_y is None else half_y
+    ratio = Fraction(min(half_x, half_y) / max(half_x, half_y)).limit_denominator(MOST_STEPS)
+    columns, rows = (ratio.denominator, ratio.numerator) if half_y <= half_x else (ratio.numerator, ratio.denominator)
+    spacing = 2 * half_x / columns if half_y <= half_x else 2 * half_y / rows
+    x, y = (spacing * (np.arange(n + 1) - n / 2) for n in (columns, rows))
+    heights = grade_x * x[None, :] + grade_y * y[:, None]
+    return Ground(float(x[0]), float(y[0]), spacing, np.ascontiguousarray(heights), planar=True)
 
 
 def rounded_up(value: float) -> float:

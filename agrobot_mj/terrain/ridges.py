@@ -5,7 +5,9 @@ Across the furrows the height is, with d the distance from a crest over the spac
     sine:  h = (depth / 2) cos(2 pi d)
     flat:  h = +- depth / 2 on level crests and troughs, joined by flanks of half a cosine.
 
-Wheels touch the ground in one point each, so that they follow furrows that a real tyre would partly bridge.
+A wheel touches the ground in one point of its circumference (`tyres/envelope.py`): as a rigid circle it bridges furrows
+that are narrower than itself, and rolls down into wider ones. Bumps shorter than its contact patch, around which a real
+carcass would wrap, act too hard.
 """
 
 from math import cos, radians, sin
@@ -18,7 +20,7 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3
-"""Of the spacing that is level on a flat crest, and as much in a trough [-]. Estimate."""
+"""Share of the spacing that is level on a flat crest, and as much in a trough [-]. Estimate."""
 
 
 class Ridges(Generated):
@@ -27,8 +29,8 @@ class Ridges(Generated):
     VERTICAL: ClassVar[str] = "depth_m"
 
     kind: Literal["ridges"] = "ridges"
-    half_size_m: Positive = 60.0
-    """From the origin to each edge of the field [m]."""
+    half_size_m: Positive | None = 60.0
+    """From the origin to each edge of a square field [m]."""
     node_m: Node = 0.0625
     """Largest distance between nodes of the grid [m]. Twelve nodes a furrow, so that the depth is right within 3 %."""
     depth_m: Positive = 0.1
@@ -38,7 +40,7 @@ class Ridges(Generated):
     furrow_direction_deg: float = 90.0
     """Direction in which the furrows run, from east, counter-clockwise [deg]. 90: a path to the east crosses them."""
     offset_m: float = 0.0
-    """Of a crest from the origin, to the right of that direction [m]."""
+    """Distance of a crest from the origin, to the right of that direction [m]."""
     profile: Literal["sine", "flat"] = "sine"
     """Round, or with level crests and troughs as of beds."""
 
@@ -46,10 +48,10 @@ class Ridges(Generated):
         """Eight nodes a furrow."""
         return self.spacing_m / 8
 
-    def bare(self, nodes: Array) -> Array:
+    def bare(self, x: Array, y: Array) -> Array:
         """Heights about the mean level."""
         direction = radians(self.furrow_direction_deg)
-        right = sin(direction) * nodes[None, :] - cos(direction) * nodes[:, None]
+        right = sin(direction) * x[None, :] - cos(direction) * y[:, None]
         d = np.abs(_wrapped((right - self.offset_m) / self.spacing_m))
         if self.profile == "flat":
             d = np.clip((d - LEVEL_SHARE / 2) / (1 - 2 * LEVEL_SHARE), 0.0, 0.5)

@@ -48,26 +48,30 @@ class Rough(Generated):
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
     """ISO 8608 class: A a very good road, C a gravel road or farm track, D and E fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Of the phases; the same field for every seed of the run."""
+    """Seed of the phases; the same field for every seed of the run."""
 
-    def bare(self, nodes: Array) -> Array:
+    def bare(self, x: Array, y: Array) -> Array:
         """Heights, zero at the middle node."""
-        cells = nodes.size - 1
-        size = float(nodes[-1] - nodes[0])
-        nyquist = cells / (2 * size)
+        columns, rows = x.size - 1, y.size - 1
+        east, north = float(x[-1] - x[0]), float(y[-1] - y[0])
+        nyquist = columns / (2 * east)
         end = min(HIGHEST_WAVE_NUMBER / ROLL_OFF, nyquist)
-        k = np.hypot(fftfreq(cells, size / cells)[:, None], rfftfreq(cells, size / cells)[None, :])
-        noise = rfft2(stream(self.seed, "terrain.rough").normal(size=(cells, cells)))
-        amplitude = np.sqrt(plane_spectrum(k, ROUGHNESS[self.iso_class], end)) / size
-        tile = irfft2(noise / np.maximum(np.abs(noise), 1e-300) * amplitude * cells**2, s=(cells, cells))
-        return np.pad(tile - tile[cells // 2, cells // 2], ((0, 1), (0, 1)), mode="wrap")
+        k = np.hypot(fftfreq(rows, north / rows)[:, None], rfftfreq(columns, east / columns)[None, :])
+        # White noise gives the phases; its amplitudes are replaced. A cell of the discrete spectrum has the area
+        # 1 / (east * north), and irfft2 divides by the number of nodes.
+        noise = rfft2(stream(self.seed, "terrain.rough").normal(size=(rows, columns)))
+        amplitude = np.sqrt(plane_spectrum(k, ROUGHNESS[self.iso_class], end)) / np.sqrt(east * north)
+        tile = irfft2(noise / np.maximum(np.abs(noise), 1e-300) * amplitude * (rows * columns), s=(rows, columns))
+        return np.pad(tile - tile[rows // 2, columns // 2], ((0, 1), (0, 1)), mode="wrap")
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
     """Two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m] that ends at `end`; zero at k = 0."""
     table = end * np.geomspace(1e-4, 1.0, 800)
+    # The substitution u = k cosh(v) takes away the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
     s = np.trapezoid(-_line_slope(table[:, None] * np.cosh(v), roughness, end), v, axis=1) / np.pi
+    # S k^3 is flat where the power law holds, so that linear interpolation of it is all but exact.
     inside = (k > 0) & (k < end)
     safe = np.where(inside, k, end)
     return np.where(inside, np.interp(safe, table, s * table**3) / safe**3, 0.0)

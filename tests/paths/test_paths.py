@@ -17,6 +17,7 @@ from agrobot_mj.paths import (
     FigureEight,
     LaneChange,
     Line,
+    Manoeuvre,
     Path,
     Sinusoid,
     Swaths,
@@ -41,14 +42,45 @@ TIMED = [cls() for cls in every(Path) if issubclass(cls, Timed)] + [
     Sinusoid(amplitude_m=-4, wavelength_m=25, count=2, heading_deg=75, speed_m_s=3, acceleration_m_s2=1),
     LaneChange(offset_m=-4, double=True, heading_deg=-100, start_x_m=6, speed_m_s=2),
     Waypoints(smoothing_m=0.5, speed_m_s=1.4),
+    Waypoints(corners="spline"),
+    Waypoints(transition="none", corner_radius_m=7),
+    *(
+        Swaths(length_m=25, run_in_m=5, swath_m=swath, turn=turn, count=9, transition="clothoid")
+        for turn in ("u", "omega", "k")
+        for swath in (2.5, 6.5, 7.5, 9.0)
+    ),
+    Swaths(length_m=25, run_in_m=5, turn="k", first_turn="right", heading_deg=50, cusp_pause_s=0),
+    Manoeuvre(heading_deg=77, start_x_m=3, cusp_pause_s=0),
 ]
+SMOOTH = [
+    FigureEight(transition="clothoid"),
+    FigureEight(radius_m=4, straight_m=9, speed_m_s=1.7, turns=1, run_in_m=2, transition="clothoid", ramp_s=0),
+    Circle(transition="clothoid", radius_m=4, direction="right", ramp_s=0),
+]
+RAMPED += SMOOTH
 VARIANTS = RAMPED + TIMED
+CONTINUOUS = [
+    *SMOOTH,
+    Waypoints(),
+    *(path for path in TIMED if isinstance(path, Swaths) and path.transition == "clothoid"),
+]
+"""Paths whose curvature never steps."""
 EPS = 1e-5
 
 
 def times(path: Any) -> list[float]:
     """Times over the whole path, its beginning and a stretch beyond its end included."""
     return [*np.linspace(0, 1.1 * path.duration_s, 400).tolist(), path.duration_s]
+
+
+def signed_speed(r: Any) -> float:
+    """Speed along the heading, negative in reverse."""
+    return float(r.vx * cos(r.yaw) + r.vy * sin(r.yaw))
+
+
+def reverses(path: Any) -> bool:
+    """Whether parts of it are driven in reverse."""
+    return isinstance(path, Timed) and bool((path.motion.course.directions < 0).any())
 
 
 def test_every_kind_takes_part() -> None:
@@ -61,10 +93,11 @@ def test_velocity_is_the_derivative_of_position_along_the_heading(path: Any) -> 
         before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
         assert (after.x - before.x) / (2 * EPS) == pytest.approx(now.vx, abs=1e-4)
         assert (after.y - before.y) / (2 * EPS) == pytest.approx(now.vy, abs=1e-4)
-        speed = hypot(now.vx, now.vy)
-        assert now.vx == pytest.approx(speed * cos(now.yaw))
-        assert now.vy == pytest.approx(speed * sin(now.yaw))
-        assert 0 < speed <= path.speed_m_s * (1 + 1e-9)
+        speed = signed_speed(now)
+        assert now.vx == pytest.approx(speed * cos(now.yaw), abs=1e-12)
+        assert now.vy == pytest.approx(speed * sin(now.yaw), abs=1e-12)
+        assert abs(speed) <= path.speed_m_s * (1 + 1e-9)
+        assert speed > 0 or reverses(path)
 
 
 @pytest.mark.parametrize("path", RAMPED, ids=repr)
@@ -128,17 +161,88 @@ def test_a_reference_takes_microseconds(path: Any) -> None:
 def test_curvature_is_the_change_of_heading_over_distance(path: Any) -> None:
     for t in times(path)[1:]:
         before, after = path.at(t - EPS), path.at(t + EPS)
-        speed = hypot(path.at(t).vx, path.at(t).vy)
+        speed = signed_speed(path.at(t))
         turned = wrap(after.yaw - before.yaw)
-        low, high = sorted((before.curvature, after.curvature))
-        assert low - 1e-4 <= turned / (2 * EPS * speed) <= high + 1e-4
+        if abs(speed) > 1e-2:  # no distance to divide by at a cusp
+            low, high = sorted((before.curvature, after.curvature))
+            assert low - 1e-4 <= turned / (2 * EPS * speed) <= high + 1e-4
         assert -pi < path.at(t).yaw <= pi
-        assert abs(path.at(t).curvature) <= path.max_curvature
+        assert abs(path.at(t).curvature) <= path.max_curvature * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
+def test_the_steering_keeps_to_its_rate_on_clothoids_and_reaches_it(path: Any) -> None:
+    L, grid = path.wheelbase_m, np.linspace(0, path.duration_s, 20001)
+    kappa, rate = np.array([(r.curvature, r.curvature_rate) for r in map(path.at, grid.tolist())]).T
+    steer_rate = np.degrees(np.diff(np.arctan(L * kappa)) / np.diff(grid))
+    stated = np.degrees(L * rate / (1 + (L * kappa) ** 2))
+    assert np.abs(stated).max() <= path.steer_rate_deg_s * (1 + 1e-9)
+    assert np.abs(stated).max() > 0.95 * path.steer_rate_deg_s
+    # Nor does the steering angle change faster from sample to sample, which it would at a step of the curvature.
+    assert np.abs(steer_rate).max() <= path.steer_rate_deg_s * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
+def test_the_curvature_rate_is_the_derivative_of_the_curvature(path: Any) -> None:
+    for t in times(path)[1:]:
+        before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
+        slope = (after.curvature - before.curvature) / (2 * EPS)
+        low, high = sorted((before.curvature_rate, after.curvature_rate))
+        assert low - 1e-5 <= slope <= high + 1e-5
+        assert low - 1e-3 <= now.curvature_rate <= high + 1e-3
+
+
+@pytest.mark.parametrize("path", CONTINUOUS + [Manoeuvre(), Swaths(turn="k", length_m=40)], ids=repr)
+def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any) -> None:
+    """An independent integration from the start, by the trapezoidal rule, ends where the path does."""
+    starts = path.motion.times if isinstance(path, Timed) else []
+    grid = np.unique(np.concatenate([np.linspace(0, path.duration_s, 60001), starts]))
+    x, y, yaw, kappa, u = np.array(
+        [(r.x, r.y, r.yaw, r.curvature, signed_speed(r)) for r in map(path.at, grid.tolist())]
+    ).T
+
+    def integral(values: Any) -> Any:
+        return np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(grid))))
+
+    tolerance = 1e-4 if path in CONTINUOUS else 3e-2  # a step of the curvature within a step of the grid costs some
+    heading = yaw[0] + integral(u * kappa)
+    assert np.abs(np.angle(np.exp(1j * (heading - yaw)))).max() < tolerance
+    assert x - x[0] == pytest.approx(integral(u * np.cos(yaw)), abs=1e-4)
+    assert y - y[0] == pytest.approx(integral(u * np.sin(yaw)), abs=1e-4)
+
+
+@pytest.mark.parametrize("path", [path for path in TIMED if path.motion.course.cusps.any()], ids=repr)
+def test_it_stops_at_each_cusp_and_brakes_no_harder_than_it_may(path: Any) -> None:
+    motion, course = path.motion, path.motion.course
+    turns = np.flatnonzero(np.diff(course.directions)) + 1
+    assert turns.size > 0
+    assert motion.speeds[turns] == pytest.approx(0.0, abs=1e-12)
+    for k in turns.tolist():
+        t, pause = motion.times[k], path.cusp_pause_s
+        before, after = path.at(t - 1e-3), path.at(t + pause + 1e-3)
+        assert signed_speed(before) * signed_speed(after) < 0
+        for close in (before, after):
+            assert 0 < hypot(close.vx, close.vy) <= 1e-3 * path.acceleration_m_s2 * (1 + 1e-6)
+            assert wrap(close.yaw - path.at(t).yaw) == pytest.approx(0, abs=1e-6)
+        if pause:
+            standing = path.at(t + pause / 2)
+            assert standing[2:4] == (0, 0)
+            assert standing.curvature_rate == 0
+    pauses = course.pauses.sum()
+    assert pauses == pytest.approx(path.cusp_pause_s * turns.size)
+
+
+def test_every_joint_is_met_within_a_micrometre() -> None:
+    for path in (p for p in TIMED if isinstance(p, Timed)):
+        for start in path.motion.times[1:].tolist():
+            a, b = path.at(np.nextafter(start, 0.0)), path.at(start)
+            assert hypot(a.x - b.x, a.y - b.y) < 1e-6
+            assert abs(wrap(a.yaw - b.yaw)) < 1e-6
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
 def test_turns_cover_the_duration_and_join(path: Any) -> None:
-    assert (path.turns_s[0][0] > 0) == (path.kind == "figure_eight")
+    assert (path.turns_s[0][0] > 0) == (path.kind == "figure_eight" or (path.kind == "circle" and path in SMOOTH))
     assert path.turns_s[-1][1] == pytest.approx(path.duration_s)
     assert all(before[1] == after[0] for before, after in zip(path.turns_s, path.turns_s[1:], strict=False))
 

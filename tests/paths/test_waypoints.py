@@ -38,14 +38,14 @@ def gaps(path, points):
 @pytest.mark.parametrize("header", ["", "x,y\n", '"east [m]", north\n\n'])
 def test_without_smoothing_the_way_passes_every_waypoint(tmp_path, header):
     points = ring()[:18]
-    path = Waypoints(file=route(tmp_path, points, header), smoothing_m=0)
+    path = Waypoints(file=route(tmp_path, points, header), smoothing_m=0, corners="spline")
     assert gaps(path, points).max() < 0.02
     assert path.at(0)[:2] == pytest.approx(points[0])
     assert path.at(path.duration_s)[:2] == pytest.approx(points[-1], abs=0.01)
 
 
 def test_a_ring_of_waypoints_is_a_circle(tmp_path):
-    path = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, laps=2)
+    path = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, laps=2, corners="spline")
     way = polyline(path)
     assert np.hypot(*way.T) == pytest.approx(20, abs=0.01)
     assert path.max_curvature == pytest.approx(1 / 20, rel=0.03)
@@ -57,8 +57,10 @@ def test_a_ring_of_waypoints_is_a_circle(tmp_path):
 
 
 def test_a_last_row_that_repeats_the_first_may_stand(tmp_path):
-    closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0)
-    repeated = Waypoints(file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0)
+    closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, corners="spline")
+    repeated = Waypoints(
+        file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0, corners="spline"
+    )
     assert repeated.duration_s == pytest.approx(closed.duration_s)
 
 
@@ -66,7 +68,10 @@ def test_smoothing_takes_noise_out(tmp_path):
     x = np.arange(0, 60, 1.0)
     noisy = np.column_stack([x, np.random.default_rng(1).normal(0, 0.05, x.size)])
     file = route(tmp_path, noisy)
-    smooth, through = Waypoints(file=file, smoothing_m=0.06), Waypoints(file=file, smoothing_m=0)
+    smooth, through = (
+        Waypoints(file=file, smoothing_m=0.06, corners="spline"),
+        Waypoints(file=file, smoothing_m=0, corners="spline"),
+    )
     assert smooth.max_curvature < 0.05 * through.max_curvature
     assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
 
@@ -177,7 +182,7 @@ def test_what_never_ends_is_not_opened(tmp_path):
 def test_too_much_smoothing_is_refused(tmp_path):
     file = route(tmp_path, ring(radius=3))
     with pytest.raises(ValueError, match="smoothing_m: 900 m leaves no way"):
-        Waypoints(file=file, closed=True, smoothing_m=900)
+        Waypoints(file=file, closed=True, smoothing_m=900, corners="spline")
 
 
 def test_a_hairpin_beyond_the_steering_names_its_place(tmp_path):

@@ -1,17 +1,22 @@
 """What every terrain must be, and that MuJoCo's height field is the grid that the tyres read."""
 
+import json
 from math import radians, tan
 
 import mujoco
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Drive, Reference
 from agrobot_mj.core.spec import every
 from agrobot_mj.studies.validation.base import mujoco_plant, warnings
 from agrobot_mj.terrain import Bumps, Flat, Heightmap, Ridges, Rough, Slope, Terrain, height_and_gradient, surface_at
 from agrobot_mj.terrain.generated import Generated
 from agrobot_mj.terrain.grid import MOST_NODES
+from agrobot_mj.terrain.rough import HIGHEST_WAVE_NUMBER, ROLL_OFF, ROUGHNESS, plane_spectrum
 from agrobot_mj.terrain.shapes import CirclePatch
 from agrobot_mj.tyres import Contact, MagicFormula
 
@@ -96,8 +101,8 @@ def test_too_many_nodes_are_refused_with_values_that_fit(kind):
     ) as error:
         kind(half_size_m=80.0, node_m=0.05).ground()
     node, half = (float(part.split()[0]) for part in str(error.value).partition("set ")[2].split(" to ")[1:])
-    assert kind(half_size_m=80.0, node_m=node)._cells() + 1 <= MOST_NODES**0.5
-    assert kind(half_size_m=half, node_m=0.05)._cells() + 1 <= MOST_NODES**0.5
+    for fits in (kind(half_size_m=80.0, node_m=node), kind(half_size_m=half, node_m=0.05)):
+        assert max(fits._cells()) + 1 <= MOST_NODES**0.5
     assert 0.05 < node < 0.085
     assert 48.0 < half <= 52.0
 
@@ -121,6 +126,97 @@ def test_no_spacing_of_nodes_is_offered_that_misses_the_furrows():
 def test_what_makes_no_relief_is_told_by_key(terrain, key):
     with pytest.raises(ValueError, match="^" + key):
         terrain.ground()
+
+
+# --- rectangles ----------------------------------------------------------------------------------------------------
+
+
+SIZED = [kind for kind in TERRAINS if "size_m" in kind.model_fields]
+
+
+def test_every_kind_but_those_of_files_has_a_size():
+    assert {kind for kind in TERRAINS if kind is not Heightmap} == set(SIZED)
+
+
+@pytest.mark.parametrize("kind", SIZED)
+@pytest.mark.parametrize("size", [(30.0, 20.0), (12.5, 40.0)])
+def test_a_field_may_be_a_rectangle(kind, size):
+    keys = {"x_m": 0.0, "y_m": 0.0, "count": 2} if kind is Bumps else {}
+    terrain = kind(size_m=size, **keys)
+    ground = terrain.ground()
+    x_min, x_max, y_min, y_max = ground.extent
+    assert (x_max - x_min, y_max - y_min) == pytest.approx(size)
+    assert (x_max + x_min, y_max + y_min) == pytest.approx((0, 0), abs=1e-9)
+    assert ground.heights.shape[0] != ground.heights.shape[1]
+    assert (ground.covers(size[0] / 2 - 0.1, 0.0), ground.covers(0.0, size[0] / 2 + 0.1)) == (True, size[1] > size[0])
+    again = TypeAdapter(Terrain).validate_json(json.dumps(terrain.model_dump(mode="json")))
+    assert (again.size_m, again.half_size_m) == (size, None)
+    assert ground.is_plane == (kind in (Flat, Slope))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SIZED if kind is not Rough])
+def test_a_rectangle_is_a_part_of_the_square(kind):
+    """Where both have ground it is the same ground (a rough field draws other phases for another size)."""
+    keys = {"grade_deg": 5.0} if kind in TILTED else {}
+    keys |= {"x_m": 1.0, "count": 3} if kind is Bumps else {}
+    square, part = kind(half_size_m=15.0, **keys).ground(), kind(size_m=(30.0, 20.0), **keys).ground()
+    for x, y in np.random.default_rng(1).uniform((-15, -10), (15, 10), (200, 2)).tolist():
+        assert height_and_gradient(part, x, y) == pytest.approx(height_and_gradient(square, x, y), abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [(60.0, 30.0), (30.0, 60.0)])
+def test_a_rough_rectangle_has_the_variance_of_its_class(size):
+    """Parseval: the variance is the integral of the spectrum over the discrete wave numbers of the field."""
+    ground = Rough(size_m=size, iso_class="D").ground()
+    tile = ground.heights[:-1, :-1]
+    rows, columns = tile.shape
+    k = np.hypot(np.fft.fftfreq(rows, ground.spacing)[:, None], np.fft.fftfreq(columns, ground.spacing)[None, :])
+    spectrum = plane_spectrum(k, ROUGHNESS["D"], min(HIGHEST_WAVE_NUMBER / ROLL_OFF, 0.5 / ground.spacing))
+    assert tile.var() == pytest.approx(spectrum.sum() / (size[0] * size[1]), rel=0.01)
+
+
+def test_a_shorter_side_grows_to_whole_nodes():
+    x_min, x_max, y_min, y_max = Rough(size_m=(30.0, 20.03)).ground().extent
+    assert x_max - x_min == pytest.approx(30.0)
+    assert 20.03 <= y_max - y_min < 20.13
+    assert y_max == -y_min
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("half_size_m = 20\nsize_m = [30, 20]", "size_m: stands beside half_size_m; leave one of them out"),
+        ("size_m = [30, -2]", r"terrain.size_m\[1\]: must be above 0"),
+        ("size_m = [3000, 2]", "size_m: one side is more than 1000 times the other; make it longer"),
+        ("size_m = [30]", "terrain.size_m"),
+    ],
+)
+def test_a_size_that_is_none_is_told_by_key(tmp_path, keys, message):
+    file = tmp_path / "mine.toml"
+    file.write_text(f'[terrain]\nkind = "rough"\n{keys}\n')
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(file)
+
+
+def test_a_resolved_scenario_keeps_its_rectangle(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('[path]\nkind = "line"\nlength_m = 5\n[terrain]\nkind = "flat"\nsize_m = [30, 20]\n')
+    scenario = load_scenario(file)
+    (tmp_path / "again.toml").write_text(scenario.to_toml())
+    assert "half_size_m" not in scenario.to_toml()
+    assert load_scenario(tmp_path / "again.toml").terrain == scenario.terrain
+    rough = load_scenario(file, {"terrain.kind": "rough", "plant.settle_s": 0.5, "duration_s": 1})
+    assert rough.terrain.size_m == (30.0, 20.0)
+    log = run(rough)
+    assert log.metrics["outcome"] == "completed"
+
+
+def test_too_many_nodes_of_a_rectangle_are_refused_with_a_size_that_fits():
+    with pytest.raises(ValueError, match=r"set node_m to 0.076 or size_m to \[190, 52\]$"):
+        Rough(size_m=(300.0, 80.0), node_m=0.05).ground()
+    for fits in (Rough(size_m=(300.0, 80.0), node_m=0.076), Rough(size_m=(190.0, 52.0), node_m=0.05)):
+        columns, rows = fits._cells()
+        assert 0.85 * MOST_NODES < (columns + 1) * (rows + 1) <= MOST_NODES
 
 
 # --- MuJoCo -------------------------------------------------------------------------------------------------------

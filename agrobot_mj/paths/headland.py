@@ -1,0 +1,86 @@
+"""Turns on a headland: from the end of a pass to the beginning of an opposite one, some metres to the side.
+
+- Quarters: two quarter bends and a straight between them, for passes far enough apart.
+- `omega`: away from the next pass, round in a bulb, and away again: three bends of one radius.
+- `k`: forward round the first part of the turn, back in reverse with the wheels turned the other way, and forward into
+  the next pass: three bends of one radius with a cusp on either side of the middle one. It is as long as a half turn,
+  and needs no more of the headland than a radius.
+
+All are mirror images of themselves about the line halfway between the passes, so that one angle settles them: the flare
+f of an omega (f outwards, pi + 2 f round, f outwards), the first angle a of a k (a forward, pi - 2 a in reverse, a
+forward). Of arcs of radius r alone, these end to the side by
+
+    omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a);
+
+with clothoids the angle is found numerically.
+"""
+
+from functools import lru_cache
+from math import acos, isinf, pi
+
+from scipy.optimize import brentq
+
+from agrobot_mj.paths.arc import Pose, advance
+from agrobot_mj.paths.track import Piece
+from agrobot_mj.paths.transition import Bend, bend
+
+ROUNDING = 1e-9
+"""Share by which passes may be too close for a turn, from rounding of their distance [-]."""
+ORIGIN = Pose(0.0, 0.0, 0.0)
+
+
+def half_turn_width(radius: float, sharpness: float) -> float:
+    """Distance between passes that one bend through a half turn joins [m]."""
+    return 2 * bend(pi, radius, sharpness).centre[1]
+
+
+@lru_cache(maxsize=64)
+def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
+    """The turn to the opposite pass `left` metres to the left, at most at `speed` [m/s].
+
+    `shape` counts for passes too close for quarters, and `radius` [m] is that of its arcs; `sharpness` [1/m2] that of
+    its clothoids.
+    """
+    away, quarter = abs(left), bend(pi / 2, radius, sharpness)
+    if away >= 2 * quarter.tangent * (1 - ROUNDING):
+        there = quarter.pieces(left, speed)
+        return (*there, Piece(away - 2 * quarter.tangent, 0.0, speed), *there)
+    if away >= half_turn_width(radius, sharpness) * (1 - ROUNDING):
+        return tuple(_half_turn(away, radius, sharpness).pieces(left, speed))
+    angle = _angle(away, shape, radius, sharpness)
+    return tuple(_three(angle, left, shape, radius, sharpness, speed))
+
+
+def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
+    """A half turn so wide that it joins passes `away` metres apart; its radius is at least `radius` [m]."""
+    if half_turn_width(radius, sharpness) >= away:
+        return bend(pi, radius, sharpness)
+    wide: float = brentq(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
+    return bend(pi, wide, sharpness)
+
+
+def _three(angle: float, left: float, shape: str, radius: float, sharpness: float, speed: float) -> list[Piece]:
+    """Three bends of an omega of flare `angle`, or of a k of first angle `angle` [rad]."""
+    outer = bend(angle, radius, sharpness)
+    if shape == "k":
+        middle = bend(pi - 2 * angle, radius, sharpness).pieces(-left, speed, -1.0)
+        return [*outer.pieces(left, speed), *middle, *outer.pieces(left, speed)]
+    middle = bend(pi + 2 * angle, radius, sharpness).pieces(left, speed)
+    return [*outer.pieces(-left, speed), *middle, *outer.pieces(-left, speed)]
+
+
+def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
+    """Angle of `_three` that leads to a pass `away` metres to the side [rad]."""
+    if isinf(sharpness):
+        share = away / (2 * radius)
+        return acos((1 - share) / 2) if shape == "k" else acos((1 + share) / 2)
+
+    def too_far(angle: float) -> float:
+        pose = ORIGIN
+        for piece in _three(angle, 1.0, shape, radius, sharpness, 1.0):
+            d = piece.direction
+            pose = advance(pose, piece.curvature, d * piece.length, d * piece.sharpness)
+        return pose.y - away
+
+    found: float = brentq(too_far, 1e-6, pi / 2 - 1e-6, xtol=1e-13)
+    return found

@@ -1,0 +1,111 @@
+"""Clothoid transitions: bends whose curvature changes no faster than the steering can follow.
+
+On a clothoid the curvature grows linearly with the distance, kappa = sharpness * s. At the speed v the steering angle
+delta = atan(L kappa) of a bicycle of wheelbase L then turns at
+
+    d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v,
+
+so that sharpness = steering rate / (L v) keeps to the rate all along, and reaches it where the bend begins. A bend is
+a clothoid in, an arc, and the mirrored clothoid out; where it turns too little to reach its radius, the two clothoids
+meet. Without transitions (infinite sharpness) it is the arc alone.
+"""
+
+from math import cos, inf, isinf, radians, sin, sqrt
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.core.spec import Positive, Spec
+from agrobot_mj.paths.track import Piece
+
+SteerRate = Annotated[float, Field(ge=1, le=90)]
+
+
+class Transitions(Spec):
+    """Keys of the paths that have bends."""
+
+    transition: Literal["none", "clothoid"] = "none"
+    """How a bend begins and ends: with a step of the curvature, or with a clothoid."""
+    steer_rate_deg_s: SteerRate = 15.0
+    """Largest steering rate in a clothoid [deg/s]. Estimate: 60 % of what the valve gives, the rest is for control."""
+    wheelbase_m: Positive = 1.40
+    """Wheelbase for which `steer_rate_deg_s` holds [m]. Estimate: the tractor's default."""
+
+    def sharpness(self, speed: float) -> float:
+        """Change of curvature per metre of a bend driven at most at `speed` [m/s]; infinite without transitions
+        [1/m2]."""
+        if self.transition == "none":
+            return inf
+        return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
+
+    def speed_for(self, sharpness: float) -> float:
+        """Largest speed at which a clothoid of that sharpness keeps to the steering rate [m/s]."""
+        return inf if self.transition == "none" else radians(self.steer_rate_deg_s) / (self.wheelbase_m * sharpness)
+
+
+class Bend(NamedTuple):
+    """A bend through an angle, symmetric about its middle, in the frame of its beginning."""
+
+    angle: float
+    """Change of heading [rad]."""
+    radius: float
+    """Radius of the arc, or where the clothoids meet [m]."""
+    sharpness: float
+    """Change of curvature per metre in the clothoids; infinite where there are none [1/m2]."""
+    arc: float
+    """Length of the arc [m]."""
+
+    @property
+    def curvature(self) -> float:
+        """Largest curvature [1/m]."""
+        return 1 / self.radius
+
+    @property
+    def clothoid(self) -> float:
+        """Length of each clothoid [m]."""
+        return 0.0 if isinf(self.sharpness) else self.curvature / self.sharpness
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centre of the arc: how far ahead of the bend's beginning, and to its side [m]."""
+        x, y, turned = spiral(self.clothoid, self.curvature)
+        return x - sin(turned) * self.radius, y + cos(turned) * self.radius
+
+    @property
+    def tangent(self) -> float:
+        """Distance from the beginning to the corner that the bend rounds, for angles below pi [m]."""
+        ahead, aside = self.centre
+        return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
+
+    def pieces(self, left: float, speed: float = inf, direction: float = 1.0) -> list[Piece]:
+        """The bend with the wheels turned to the left (`left` > 0) or right, forward or in reverse (-1)."""
+        k = self.curvature if left > 0 else -self.curvature
+        arc = Piece(self.arc, k, speed, direction=direction)
+        if isinf(self.sharpness):
+            return [arc]
+        c = k / self.clothoid
+        inward = Piece(self.clothoid, 0.0, speed, c, direction)
+        return [inward, arc, Piece(self.clothoid, k, speed, -c, direction)]
+
+
+def bend(angle: float, radius: float, sharpness: float) -> Bend:
+    """The bend through `angle` [rad] with an arc of `radius` [m], or a wider one where it turns too little for that."""
+    if isinf(sharpness):
+        return Bend(angle, radius, sharpness, radius * angle)
+    radius = max(radius, 1 / sqrt(angle * sharpness))
+    return Bend(angle, radius, sharpness, max(0.0, radius * angle - 1 / (radius * sharpness)))
+
+
+def spiral(length: float, curvature: float) -> tuple[float, float, float]:
+    """End of a clothoid that begins straight: ahead [m], aside [m] and turned [rad]."""
+    # Series of the Fresnel integrals: cos and sin of turned * (s / length)^2, integrated term by term.
+    turned = curvature * length / 2
+    term, x, y = length, 0.0, 0.0
+    for n in range(40):
+        x += term / (4 * n + 1)
+        term *= turned / (2 * n + 1)
+        y += term / (4 * n + 3)
+        term *= -turned / (2 * n + 2)
+        if abs(term) < 1e-17 * length:
+            break
+    return x, y, turned
