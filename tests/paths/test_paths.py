@@ -150,11 +150,13 @@ def test_a_path_survives_its_serialisation(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_a_reference_takes_microseconds(path: Any) -> None:
-    grid = np.linspace(0, path.duration_s, 2000).tolist()
-    path.at(0.0)
-    best = min(timeit(lambda: [path.at(t) for t in grid], number=1) for _ in range(5))
-    assert best / len(grid) < 20e-6
+def test_a_reference_costs_no_more_than_a_few_of_a_circle(path: Any) -> None:
+    def cost(of: Any) -> float:
+        grid = np.linspace(0, of.duration_s, 2000).tolist()
+        of.at(0.0)
+        return min(timeit(lambda: [of.at(t) for t in grid], number=1) for _ in range(5))
+
+    assert cost(path) < 8 * cost(Circle())
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
