@@ -24,6 +24,11 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """A data file that a scenario names: as given, or one that comes with the scenarios."""
+    """Path of a data file that a scenario names: as given, or one that comes with the scenarios."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
+
+
+def scenario_files() -> dict[str, Path]:
+    """Name to file of every scenario that comes with the package."""
+    return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}

@@ -12,10 +12,10 @@ FILE_KEY = "file"
 """A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
 
 
-def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) -> None:
+def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
     """Set one key (of a list, items count from 0); a new `kind` keeps those keys of the old one that it has too.
 
-    `root` is the schema of `data`. Raises `ScenarioError`.
+    `default` is what `data` says only a part of: a table without a kind is of the default's. Raises `ScenarioError`.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -32,13 +32,13 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
-    if last == "kind" and table.get("kind", value) != value:
-        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
+    if last == "kind" and table.get("kind", _default_kind(data, tables, default)) != value:
+        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), type(default))
         for key in [key for key in table if key not in known]:
             del table[key]
     if isinstance(value, Mapping) and isinstance(table.get(last), dict):
         for key, inner in value.items():
-            override(data, f"{dotted}.{key}", inner, root)
+            override(data, f"{dotted}.{key}", inner, default)
     else:
         table[last] = dict(value) if isinstance(value, Mapping) else value
 
@@ -51,6 +51,21 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
             f"--set {dotted}: the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
         )
     return items[int(name)]
+
+
+def _default_kind(data: Any, tables: list[str], default: Spec) -> str | None:
+    """Kind of the table under `tables` as long as the data names none; None where there is no default."""
+    part: Any = default
+    for name in tables:
+        data, field = data[int(name)] if isinstance(data, list) else data[name], type(part).model_fields.get(name)
+        part = getattr(part, name, None)
+        kind = data.get("kind") if isinstance(data, dict) else None
+        kinds = members(field.annotation) if field else {}
+        if kind is not None and kind != getattr(part, "kind", None):
+            part = kinds[kind]() if isinstance(kind, str) and kind in kinds else None
+        if not isinstance(part, Spec):
+            return None
+    return getattr(part, "kind", None)
 
 
 def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
