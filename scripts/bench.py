@@ -229,7 +229,7 @@ def start_up_report(times: dict[str, float]) -> str:
     return "\n".join(
         [
             "",
-            "start-up, best of several",
+            "start-up [s], best of several",
             *(f"  {line:32}{times[line]:6.2f} s aim: {START_UP[line]} s" for line in times),
         ]
     )

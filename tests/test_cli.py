@@ -77,7 +77,7 @@ def test_the_command_itself_works_from_any_folder(elsewhere):
     assert "figure_eight" in done.stdout
 
 
-HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy", "numpy", "pydantic")
+HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy", "numpy")
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"], ["run", "--help"]])
