@@ -66,7 +66,7 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Where the results go: `out`, or a folder of the default's letters, digits, dots and dashes under runs/."""
+    """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/."""
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")

@@ -19,9 +19,9 @@ def run(
 ) -> None:
     """Run one scenario."""
     from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.storage import write_log
 
     scenario = load_scenario(source, overrides(sets))

@@ -1,4 +1,4 @@
-"""Where `models/` and `scenarios/` lie: inside an installed wheel, or beside the package in a checkout."""
+"""The folders `models/` and `scenarios/`: inside an installed wheel, or beside the package in a checkout."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def resource_dir(name: str) -> Path:
-    """Folder `name` ("models" or "scenarios")."""
+    """Path of the folder `name` ("models" or "scenarios")."""
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
 

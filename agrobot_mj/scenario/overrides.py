@@ -1,4 +1,4 @@
-"""Configuration as plain data, before it is checked: dotted overrides, defaults filled in, the files that it names."""
+"""Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -78,7 +78,7 @@ def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
 
 
 def complete(table: dict[str, Any], default: Spec) -> None:
-    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
+    """Add to a partial table its kind, and the values in which the default differs from its class."""
     for name, field in type(default).model_fields.items():
         value, given = getattr(default, name), table.get(name)
         if isinstance(given, dict) and isinstance(value, Spec):
@@ -95,7 +95,7 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
+    """Values set explicitly on a spec, defaults left out, as plain data; kinds always stay."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
@@ -111,7 +111,7 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
     Files of the library keep their names, unless one of the folders has a file of the same name.
     """
-    for table in _below(data):
+    for table in _children(data):
         absolute_paths(table, *folders)
     beside = [folder for folder in folders if folder != SCENARIOS.resolve()]
     if beside and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
@@ -122,11 +122,11 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 def files(data: Any) -> list[Path]:
     """Every file that plain data names."""
-    found = [file for table in _below(data) for file in files(table)]
+    found = [file for table in _children(data) for file in files(table)]
     if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
         found.append(library_file(file))
     return found
 
 
-def _below(data: Any) -> Iterable[Any]:
+def _children(data: Any) -> Iterable[Any]:
     return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()

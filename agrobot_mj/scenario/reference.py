@@ -1,4 +1,4 @@
-"""What scenario files may say, read off the schema: kinds of every part, one key explained, a JSON schema for editors.
+"""Reference of scenario files, read from the schema: kinds of every part, one key explained, a JSON schema for editors.
 
 A part's kinds may share a key, so that a dotted key can belong to several classes: its `places`.
 """
@@ -16,7 +16,7 @@ from agrobot_mj.scenario.schema import Scenario
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
 SOURCE = re.compile(r"(?:^|(?<=\. )|(?<=; ))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
-"""Where a description begins to name its source."""
+"""Start of the source in a description."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
     "number": "number",
@@ -39,14 +39,14 @@ class Place(NamedTuple):
 
 
 class Doc(NamedTuple):
-    """What there is to say about one key."""
+    """Documentation of one key."""
 
     text: str
     """Description without its source."""
     unit: str
     """Unit as the description has it, empty where there is none."""
     source: str
-    """Where the default comes from, empty where it is not said."""
+    """Source of the default, empty where none is given."""
     kind: str
     """Type and range in words."""
     default: str
@@ -102,7 +102,7 @@ def kinds_text() -> str:
 
 
 def document(place: Place, name: str) -> Doc:
-    """What the schema says about the key `name` at a place."""
+    """Documentation of the key `name` at a place."""
     field = place.owner.model_fields[name]
     text, kind = field.description or "", _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
@@ -146,7 +146,7 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """All that the schema says about a dotted key, or about the whole scenario. Raises `ScenarioError`."""
+    """Documentation of a dotted key, or of the whole scenario, as text. Raises `ScenarioError`."""
     steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places([])))

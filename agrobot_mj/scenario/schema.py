@@ -59,7 +59,7 @@ class Scenario(Spec):
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     expected_outcome: Outcome = "completed"
-    """How the run should end; another end makes the exit status 1."""
+    """Outcome that the run should have; any other makes the exit status 1."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
@@ -123,7 +123,7 @@ class Scenario(Spec):
 
 
 def _misfits(s: Scenario) -> list[str]:
-    """What is wrong between keys that are right by themselves; opens no file."""
+    """Contradictions between keys that are valid by themselves; opens no file."""
     found = []
     if abs(s.steps_per_tick * s.physics_dt_s - TICK_S) > 1e-9:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.physics_dt_s)
@@ -139,7 +139,7 @@ def _misfits(s: Scenario) -> list[str]:
 
 
 def _beyond_the_bicycle(s: Scenario) -> list[str]:
-    """What the scenario asks for and the bicycle does not have."""
+    """Features of the scenario that the bicycle does not have."""
     found = []
     if s.terrain.kind != "flat":
         found.append(
@@ -178,7 +178,7 @@ def check_files(scenario: Scenario, source: str) -> None:
 
 
 def _path_errors(s: Scenario) -> list[str]:
-    """What of the path the tractor cannot drive."""
+    """Reasons why the tractor cannot drive the path."""
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
@@ -194,7 +194,7 @@ def _path_errors(s: Scenario) -> list[str]:
 
 
 def _ground_errors(s: Scenario) -> list[str]:
-    """Why there is no ground, or none under the start of the path."""
+    """Reasons why there is no ground, or none under the start of the path."""
     start = s.path.at(0.0)
     try:
         if s.terrain.ground().covers(start.x, start.y):

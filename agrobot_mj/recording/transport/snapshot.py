@@ -21,13 +21,13 @@ from agrobot_mj.simulation.storage import whole
 SIZE = "1920x1080"
 """Size of the pictures [pixels]."""
 TRIES = 3
-"""How many viewers are started one after the other; each has that many times the patience of the first."""
+"""Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
 START_S = 30.0
-"""How long the viewer may take to start [s]."""
+"""Longest start of the first viewer [s]."""
 LOAD_S = 60.0
-"""How long a recording may take to load [s]."""
+"""Longest loading of a recording in the first viewer [s]."""
 TOASTS_S = 4.5
-"""How long the viewer's own messages lie over the picture after its start [s]."""
+"""Time for which the viewer's own messages lie over the picture after its start [s]."""
 SETTLE_S = 0.4
 """Time from a new time or tab until all views are drawn [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
@@ -158,7 +158,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
 
 
 def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
-    """Whether the viewer said, before it ended, that it has nothing to draw with."""
+    """Whether the viewer reported, before it ended, that it has nothing to draw with."""
     end(process)
-    said = process.stderr.read().decode(errors="replace") if process.stderr else ""
-    return "adapter" in said or "render context" in said
+    output = process.stderr.read().decode(errors="replace") if process.stderr else ""
+    return "adapter" in output or "render context" in output
