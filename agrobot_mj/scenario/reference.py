@@ -27,7 +27,7 @@ TYPES = {
 }
 
 
-class Place(NamedTuple):
+class TableClass(NamedTuple):
     """A class that a table may be of."""
 
     kinds: tuple[tuple[str, str], ...]
@@ -53,21 +53,21 @@ class Doc(NamedTuple):
     """Default as TOML has it."""
 
 
-def places(tables: list[str]) -> list[Place]:
+def places(tables: list[str]) -> list[TableClass]:
     """Every class that the table under these keys may be of; empty where there is no such table."""
-    found = [Place((), Scenario, Scenario())]
+    found = [TableClass((), Scenario, Scenario())]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]
     return found
 
 
-def _inside(place: Place, name: str, table: str) -> Iterator[Place]:
+def _inside(place: TableClass, name: str, table: str) -> Iterator[TableClass]:
     if name not in place.owner.model_fields:
         return
     given = getattr(place.default, name, None)
     for kind, owner in members(place.owner.model_fields[name].annotation).items():
         chosen = (*place.kinds, (table, kind)) if "kind" in owner.model_fields else place.kinds
-        yield Place(chosen, owner, given if type(given) is owner else owner.model_construct())
+        yield TableClass(chosen, owner, given if type(given) is owner else owner.model_construct())
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
@@ -101,7 +101,7 @@ def kinds_text() -> str:
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
 
 
-def document(place: Place, name: str) -> Doc:
+def document(place: TableClass, name: str) -> Doc:
     """Documentation of the key `name` at a place."""
     field = place.owner.model_fields[name]
     text, kind = field.description or "", _in_words(_schema_of(place.owner, name))
@@ -159,7 +159,7 @@ def explain_key(key: str) -> str:
     if inner := places(steps):
         text = document(owners[0], steps[-1]).text
         return "\n".join([dotted, *_indented(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
-    docs: dict[Doc, list[Place]] = {}
+    docs: dict[Doc, list[TableClass]] = {}
     for place in owners:
         docs.setdefault(document(place, steps[-1]), []).append(place)
     return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
@@ -169,7 +169,7 @@ def _indented(text: str) -> list[str]:
     return [f"  {line.strip()}" for line in text.splitlines() if line.strip()]
 
 
-def _doc_lines(doc: Doc, having: list[Place]) -> list[str]:
+def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
     """Description, unit, value, default and source of a key, and the kinds that have it where not all do."""
     rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
     lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
@@ -196,7 +196,7 @@ def usual_kind(table: str) -> str | None:
     return next((kind for part in found if (kind := getattr(part, "kind", None))), None)
 
 
-def _keys_of(table: str, having: list[Place]) -> list[str]:
+def _keys_of(table: str, having: list[TableClass]) -> list[str]:
     """The keys of a table, each with its default, and the kinds that have it where not all do."""
     rows: dict[str, tuple[str, str, list[str]]] = {}
     for place in having:
@@ -212,7 +212,7 @@ def _keys_of(table: str, having: list[Place]) -> list[str]:
     return ["keys and defaults", *lines]
 
 
-def _in_short(place: Place, name: str) -> tuple[str, str]:
+def _in_short(place: TableClass, name: str) -> tuple[str, str]:
     """Default and description of a key in a line; of a table without a description its kinds."""
     doc, parts = document(place, name), members(place.owner.model_fields[name].annotation)
     text = " ".join(doc.text.split())

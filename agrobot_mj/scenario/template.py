@@ -11,7 +11,7 @@ import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
-from agrobot_mj.scenario.reference import Place, families, first_line, places, usual_kind
+from agrobot_mj.scenario.reference import TableClass, families, first_line, places, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
 SKIPPED = ("name", "title", "version", "seed")
@@ -52,7 +52,7 @@ def template(name: str) -> str:
     return "\n".join([*lines, "", f"# Further tables: {', '.join(others)}; see `agrobot-mj explain {others[0]}`.", ""])
 
 
-def _key(place: Place, name: str) -> list[str]:
+def _key(place: TableClass, name: str) -> list[str]:
     """A key as a comment, under what it means."""
     about = wrap(" ".join((place.owner.model_fields[name].description or "").split()), 118)
     value = getattr(place.default, name, None)
