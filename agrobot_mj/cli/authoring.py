@@ -5,14 +5,17 @@ from typing import Annotated
 
 import typer
 
+from agrobot_mj.cli.options import Plugins, load_plugins
 from agrobot_mj.core.resources import scenario_files
 
 
 def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
+    plugins: Plugins = None,
 ) -> None:
     """List the scenarios that come with the package."""
     if kinds:
+        load_plugins(plugins)
         from agrobot_mj.scenario.reference import kinds_text
 
         print(kinds_text())
@@ -29,8 +32,10 @@ def list_(
 
 def explain(
     key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
+    plugins: Plugins = None,
 ) -> None:
     """Explain a key: unit, default, range, kinds, source."""
+    load_plugins(plugins)
     from agrobot_mj.scenario.reference import explain_key
 
     print(explain_key(key))
@@ -46,8 +51,9 @@ def init(
     print(f"{path}: written; drive it with `agrobot-mj run {path}`")
 
 
-def schema() -> None:
+def schema(plugins: Plugins = None) -> None:
     """Print the JSON schema of scenario files, for editors."""
+    load_plugins(plugins)
     import json
 
     from agrobot_mj.scenario.reference import json_schema

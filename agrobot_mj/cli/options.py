@@ -26,6 +26,10 @@ Source = Annotated[
 Sets = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. plant.tyre.kind=linear.")
 ]
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable."),
+]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
@@ -44,6 +48,14 @@ def overrides(sets: list[str] | None) -> dict[str, Any]:
         except tomllib.TOMLDecodeError:
             found[key.strip()] = value.strip()
     return found
+
+
+def load_plugins(plugins: list[Path] | None) -> None:
+    """Register what plugin files and installed plugins define. Raises `ScenarioError`."""
+    from agrobot_mj.scenario.plugins import load_files, load_installed
+
+    load_installed()
+    load_files(tuple(plugins or ()))
 
 
 def names(text: str, option: str) -> list[str]:

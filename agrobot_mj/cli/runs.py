@@ -6,12 +6,24 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
-from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
+from agrobot_mj.cli.options import (
+    NoRrd,
+    Out,
+    Plugins,
+    Quiet,
+    Sets,
+    Source,
+    load_plugins,
+    names,
+    overrides,
+    results_folder,
+)
 
 
 def run(
     source: Source,
     sets: Sets = None,
+    plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
@@ -24,6 +36,7 @@ def run(
     from agrobot_mj.simulation.run import run as run_scenario
     from agrobot_mj.simulation.storage import write_log
 
+    load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers: list[Watcher] = [] if quiet else [Progress()]
@@ -52,6 +65,7 @@ def compare(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
     sets: Sets = None,
+    plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
@@ -66,6 +80,7 @@ def compare(
     from agrobot_mj.studies.compare import compare as run_cases
     from agrobot_mj.studies.report import table
 
+    load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     if plants is None:
         kinds, left_out = runnable(scenario)

@@ -51,7 +51,8 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         keys = [*keys, "kind"]
         tag, expected = str(context.get("tag", "")), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
-        text = f"unknown kind {tag!r}{suggestion(tag, known)} (known: {', '.join(known)})"
+        hint = suggestion(tag, known) or "; if it is a plugin's, give its file as --plugin FILE.py"
+        text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
     elif kind == "tuple_type" and isinstance(error["input"], Mapping):
         text = f"must be a list of tables; write [[{'.'.join(keys)}]]"
     elif kind == "value_error":

@@ -9,6 +9,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.scenario.overrides import absolute_paths, override
+from agrobot_mj.scenario.plugins import load_installed
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
@@ -20,6 +21,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
     Raises `ScenarioError` with every fault of the input in one message.
     """
+    load_installed()
     path = _find(source)
     data, folder = read_toml(path), path.parent.resolve()
     try:
