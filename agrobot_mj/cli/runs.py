@@ -78,7 +78,7 @@ def compare(
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.studies.compare import cases, runnable
     from agrobot_mj.studies.compare import compare as run_cases
-    from agrobot_mj.studies.report import table
+    from agrobot_mj.studies.tables import table
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
