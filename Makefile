@@ -9,6 +9,10 @@ STAMP := $(VENV)/.installed
 DEMO := runs/demo
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
+# One line per package out of what pip says; fails if pip did. Its errors are on stderr and pass by.
+TELL := awk '/^Collecting/ { n += 1; printf "    %2d  %s\n", n, $$2 } /^Installing collected/ { print "    unpacking them" } \
+	/^FAILED$$/ { failed = 1 } { fflush() } END { exit failed }'
+
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
@@ -71,8 +75,11 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
 		echo "$(PYTHON) cannot make virtual environments: its venv or ensurepip module is missing." >&2; \
 		echo "On Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
-	@$(PY) -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	@echo "Installing the locked versions into $(VENV); the first time this takes a minute or two."
-	@$(PY) -m pip install --quiet --require-hashes --only-binary :all: -r requirements.lock
+	@$(PY) -m pip --version >/dev/null 2>&1 || { \
+		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; $(PYTHON) -m venv --clear $(VENV); }
+	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes a minute or two."
+	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
+	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
+	@echo "Done: $(VENV)/bin/agrobot-mj, or agrobot-mj after . $(VENV)/bin/activate"

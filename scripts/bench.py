@@ -1,16 +1,19 @@
-"""What a closed-loop run costs beside bare MuJoCo, what recording adds, and where a tick spends its time.
+"""What a closed-loop run costs beside bare MuJoCo, what recording adds, where a tick spends its time, and start-up.
 
-All in one process, compiled code warm. What is compared alternates, and a ratio is the median over the
+Runs in one process, compiled code warm. What is compared alternates, and a ratio is the median over the
 repetitions of that of neighbours, so that a machine that is busy or changes its clock slows both. Times are
 for information; only the ratios mean something from one machine to the next.
 """
 
 import argparse
+import subprocess
+import sys
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -38,6 +41,8 @@ AIM_RATIO, AIM_RECORDING = 2.0, 0.15
 """The project's aims: closed loop over bare step, and what recording adds [-]."""
 AIM_TYRE, GRID = 1.3, 200
 """The aim for physics with tyres over a bare step, and the nodes of its ground each way [-]."""
+START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 2.0}
+"""Command lines and the aims for their wall time [s]."""
 HELD_STEPS = 500
 """The bare model then goes on from its first state again: held tyre forces balance it for a while only."""
 MOVING_S = 12.0
@@ -207,6 +212,29 @@ def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:
     return tyred / bare
 
 
+def start_up_times(repeats: int) -> dict[str, float]:
+    """Least wall time of short command lines, each in a process of its own; the first one warms up [s]."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = {}
+        for line in START_UP:
+            where = ["--out", folder] if line.startswith("run") else []
+            command = [sys.executable, "-m", "agrobot_mj", *line.split(), *where]
+            call = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
+            found[line] = min([seconds_of(call) for _ in range(repeats + 1)][1:])
+    return found
+
+
+def start_up_report(times: dict[str, float]) -> str:
+    """The start-up times as text."""
+    return "\n".join(
+        [
+            "",
+            "start-up [s], best of several",
+            *(f"  {line:32}{times[line]:6.2f} s aim: {START_UP[line]} s" for line in times),
+        ]
+    )
+
+
 def report(scenario: Scenario, cost: Cost, parts: dict[str, float], tyres: dict[str, float]) -> str:
     """The measurements as text."""
     steps, simulated = steps_of(scenario), scenario.ticks * simulate.TICK_S
@@ -238,12 +266,17 @@ def main() -> None:
     parser.add_argument("--scenario", default="figure_eight")
     parser.add_argument("--duration", type=float, help="simulated time [s]; the scenario's own when left out")
     parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--start-up", action="store_true", help="measure start-up times only")
     arguments = parser.parse_args()
     overrides = {} if arguments.duration is None else {"duration_s": arguments.duration}
     scenario = load_scenario(arguments.scenario, overrides)
+    if arguments.start_up:
+        print(start_up_report(start_up_times(arguments.repeats)))
+        return
     cost = compare_costs(scenario, arguments.repeats)
     parts = tick_parts(scenario, min(3, arguments.repeats))
     print(report(scenario, cost, parts, tyre_costs(arguments.repeats)))
+    print(start_up_report(start_up_times(arguments.repeats)))
 
 
 if __name__ == "__main__":

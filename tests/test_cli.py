@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from typer.main import get_command
 
 from agrobot_mj import __version__, cli
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
@@ -70,10 +71,69 @@ def test_version_and_help(call):
 
 def test_the_command_itself_works_from_any_folder(elsewhere):
     command = [sys.executable, "-m", "agrobot_mj", "list"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert "figure_eight" in done.stdout
+
+
+HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy", "numpy")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"], ["run", "--help"]])
+def test_what_needs_no_simulator_imports_none(elsewhere, arguments):
+    code = f"import sys; from agrobot_mj.cli import app; app({arguments!r}, standalone_mode=False); print(*sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=True)
+    modules = set(done.stdout.splitlines()[-1].split())
+    assert "agrobot_mj.cli.runs" in modules
+    assert not modules & set(HEAVY)
+
+
+@pytest.mark.parametrize("command", ["", *sorted(get_command(cli.app).commands)])
+def test_help_fits_80_columns_and_nothing_is_cut(call, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    status, out, _ = call(*command.split(), "--help")
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= 80
+    assert "..." not in out.replace("S,S,...", "").replace("ARGS]...", "")
+
+
+def test_the_shell_completes_commands_and_scenarios(monkeypatch, elsewhere):
+    for words, last, offered in (("agrobot-mj ru", 1, {"run"}), ("agrobot-mj run side_slope_1", 2, None)):
+        settings = {"_AGROBOT_MJ_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(last)}
+        code = "import sys; sys.argv = ['agrobot-mj']; from agrobot_mj.cli import main; main()"
+        environment = {**os.environ, **settings, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=False)
+        expected = offered or {name for name in scenario_files() if name.startswith("side_slope_1")}
+        assert set(done.stdout.split()) == expected
+
+
+# --- help for writing scenarios -----------------------------------------------------------------------------------
+
+
+def test_kinds_keys_and_schema_are_told(call):
+    status, out, err = call("list", "--kinds")
+    assert (status, err) == (0, "")
+    assert any(line.split()[:2] == ["plant.tyre", "soil"] for line in out.splitlines())
+    status, out, err = call("explain", "path.radius_m")
+    assert (status, err) == (0, "")
+    assert "figure_eight" in out
+    assert call("explain")[0] == 0
+    status, out, err = call("schema")
+    assert (status, err) == (0, "")
+    assert "plant" in json.loads(out)["properties"]
+
+
+def test_a_new_scenario_can_be_driven_and_is_not_written_over(call, elsewhere):
+    status, out, err = call("init", "mine")
+    assert (status, err) == (0, "")
+    assert "agrobot-mj run mine.toml" in out
+    assert call("run", "mine.toml", *QUICK, "--out", "out")[0] == 0
+    assert load_scenario("out/scenario.toml").title == "mine"
+    assert call("init", "mine")[0] == 2
 
 
 # --- run ----------------------------------------------------------------------------------------------------------
@@ -144,7 +204,25 @@ def test_another_plant_for_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
+@pytest.mark.parametrize("arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd")])
+def test_quiet_prints_nothing_when_all_is_well(call, arguments):
+    assert call(*arguments, *QUICK, "--out", "out", "--quiet") == (0, "", "")
+    assert names("out")
+
+
 # --- runs that end otherwise --------------------------------------------------------------------------------------
+
+
+def test_a_run_that_ends_as_its_scenario_expects_has_status_0(call):
+    off = ("--no-rrd", "--set", "terrain.half_size_m=2", "--set", "plant.kind=bicycle", "--out", "out")
+    expected = ("--set", "expected_outcome=left_terrain")
+    status, out, err = call("run", "straight_line", *off, *expected)
+    assert (status, err) == (0, "")
+    assert "left_terrain" in out
+    status, _, err = call("run", "circle", *QUICK, *expected, "--out", "other")
+    assert status == 1
+    assert "completed; expected_outcome is left_terrain" in err
+    assert call("compare", "straight_line", "--controllers", "pd", "--plants", "bicycle", *off, *expected)[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -229,6 +307,10 @@ BAD = [
     (["compare", "circle", "--plants", "bicicle"], "did you mean 'bicycle'"),
     (["compare", "circle", "--seeds", "0"], "--seeds"),
     (["compare", "nothing"], "unknown scenario 'nothing'"),
+    (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
+    (["init", ""], "not a name"),
+    (["init", "broken"], "broken.toml: is there already"),
+    (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),
     (["view", "broken.toml"], "not a Rerun recording"),
     (["snapshot", "missing.rrd"], "missing.rrd: no such file"),
@@ -253,6 +335,17 @@ def test_an_out_folder_that_cannot_be_made_is_told_before_the_run(call, monkeypa
     (elsewhere / "file").write_text("")
     monkeypatch.setattr(simulate.Loop, "act", lambda *_: pytest.fail("ran all the same"))
     assert call("run", "circle", "--no-rrd", "--out", "file/inside")[0] == 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
+def test_without_a_display_view_names_what_works(call, monkeypatch, elsewhere):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    (elsewhere / "run.rrd").write_bytes(b"RRF2")
+    status, out, err = call("view", "run.rrd")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "--web run.rrd" in err
+    assert "snapshot run.rrd" in err
 
 
 # --- compare ------------------------------------------------------------------------------------------------------
@@ -337,7 +430,7 @@ def test_a_comparison_that_is_stopped_leaves_no_process_behind(number):
     """Hours of driving lie before it, and further runs behind those where there are few processors."""
     arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=20000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env=environment, start_new_session=True, **pipes) as process:
         workers = []

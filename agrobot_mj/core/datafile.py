@@ -14,7 +14,7 @@ Stamp = tuple[str, int, int]
 
 
 def stamp(name: str) -> Stamp | None:
-    """What tells this state of the file from others; None where there is no such file."""
+    """Identity of the file's present content; None where there is no such file."""
     path = library_file(name)
     try:
         status = path.stat()

@@ -1,4 +1,4 @@
-"""Where `models/` and `scenarios/` lie: inside an installed wheel, or beside the package in a checkout."""
+"""The folders `models/` and `scenarios/`: inside an installed wheel, or beside the package in a checkout."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def resource_dir(name: str) -> Path:
-    """Folder `name` ("models" or "scenarios")."""
+    """Path of the folder `name` ("models" or "scenarios")."""
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
@@ -24,6 +24,11 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """A data file that a scenario names: as given, or one that comes with the scenarios."""
+    """Path of a data file that a scenario names: as given, or one that comes with the scenarios."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
+
+
+def scenario_files() -> dict[str, Path]:
+    """Name to file of every scenario that comes with the package."""
+    return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}

@@ -1,4 +1,4 @@
-"""The base of every piece of configuration: frozen, strict about unknown keys, finite numbers only."""
+"""Base class of all configuration: frozen, strict about unknown keys, finite numbers only."""
 
 from math import isclose
 from typing import Annotated, Any, get_args
@@ -12,14 +12,14 @@ HUGE = 1e9
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
 Scale = Annotated[float, Field(gt=0, le=10)]
-"""Of something that is 1 on a good day [-]."""
+"""Factor on a nominal value [-]."""
 Spread = Annotated[float, Field(ge=0, le=10)]
 """Standard deviation over the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 def whole_ticks(seconds: float) -> float:
-    """`seconds` as they are. Raises ValueError when they are no whole number of ticks."""
+    """Return `seconds` unchanged. Raises ValueError when they are not a whole number of ticks."""
     ticks = round(seconds / TICK_S)
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
         raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
@@ -27,7 +27,7 @@ def whole_ticks(seconds: float) -> float:
 
 
 Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
-"""[s]."""
+"""Delay of whole ticks [s]."""
 
 
 class Spec(BaseModel):

@@ -7,32 +7,31 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.resources import SCENARIOS
-from agrobot_mj.scenario.overrides import absolute_paths, complete, override
+from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.scenario.overrides import absolute_paths, override
+from agrobot_mj.scenario.plugins import load_installed
 from agrobot_mj.scenario.schema import Scenario, resolve
 
-
-def scenario_files() -> dict[str, FilePath]:
-    """Name to file of every scenario that comes with the package."""
-    return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
+__all__ = ["load_scenario", "read_toml", "scenario_files"]
 
 
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """A scenario by name or path, with overrides by (dotted) key.
+    """Load a scenario by name or path, with overrides by (dotted) key.
 
     Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
     Raises `ScenarioError` with every fault of the input in one message.
     """
+    load_installed()
     path = _find(source)
     data, folder = read_toml(path), path.parent.resolve()
     try:
         absolute_paths(data, folder)
-        complete(data, Scenario())
+        default = Scenario()
         for key, value in (overrides or {}).items():
             last = key.rpartition(".")[2]
             given = {last: deepcopy(value)}
             absolute_paths(given, FilePath.cwd(), folder)
-            override(data, key, given[last], Scenario)
+            override(data, key, given[last], default)
         data.setdefault("name", path.stem)
         return resolve(data, path.name)
     except RecursionError:
@@ -40,7 +39,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def read_toml(path: FilePath) -> dict[str, Any]:
-    """The plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:

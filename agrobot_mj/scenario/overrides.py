@@ -1,4 +1,4 @@
-"""Configuration as plain data, before it is checked: dotted overrides, defaults filled in, the files that it names."""
+"""Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,10 +12,10 @@ FILE_KEY = "file"
 """A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
 
 
-def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) -> None:
+def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
     """Set one key (of a list, items count from 0); a new `kind` keeps those keys of the old one that it has too.
 
-    `root` is the schema of `data`. Raises `ScenarioError`.
+    `default` is what `data` says only a part of: a table without a kind is of the default's. Raises `ScenarioError`.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -32,13 +32,13 @@ def override(data: dict[str, Any], dotted: str, value: Any, root: type[Spec]) ->
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
-    if last == "kind" and table.get("kind", value) != value:
-        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), root)
+    if last == "kind" and table.get("kind", _default_kind(data, tables, default)) != value:
+        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), type(default))
         for key in [key for key in table if key not in known]:
             del table[key]
     if isinstance(value, Mapping) and isinstance(table.get(last), dict):
         for key, inner in value.items():
-            override(data, f"{dotted}.{key}", inner, root)
+            override(data, f"{dotted}.{key}", inner, default)
     else:
         table[last] = dict(value) if isinstance(value, Mapping) else value
 
@@ -53,6 +53,21 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     return items[int(name)]
 
 
+def _default_kind(data: Any, tables: list[str], default: Spec) -> str | None:
+    """Kind of the table under `tables` as long as the data names none; None where there is no default."""
+    part: Any = default
+    for name in tables:
+        data, field = data[int(name)] if isinstance(data, list) else data[name], type(part).model_fields.get(name)
+        part = getattr(part, name, None)
+        kind = data.get("kind") if isinstance(data, dict) else None
+        kinds = members(field.annotation) if field else {}
+        if kind is not None and kind != getattr(part, "kind", None):
+            part = kinds[kind]() if isinstance(kind, str) and kind in kinds else None
+        if not isinstance(part, Spec):
+            return None
+    return getattr(part, "kind", None)
+
+
 def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
     """Field names of the member `kind` of the union under `tables`; empty if there is none."""
     models: dict[str, type[Spec]] = {"": root}
@@ -63,7 +78,7 @@ def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
 
 
 def complete(table: dict[str, Any], default: Spec) -> None:
-    """Complete a table that says only a part: its kind, and what the default says beyond its class."""
+    """Add to a partial table its kind, and the values in which the default differs from its class."""
     for name, field in type(default).model_fields.items():
         value, given = getattr(default, name), table.get(name)
         if isinstance(given, dict) and isinstance(value, Spec):
@@ -80,7 +95,7 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """What was given to a spec, defaults left out, as plain data; kinds always stay."""
+    """Values set explicitly on a spec, defaults left out, as plain data; kinds always stay."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
@@ -96,7 +111,7 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
     Files of the library keep their names, unless one of the folders has a file of the same name.
     """
-    for table in _below(data):
+    for table in _children(data):
         absolute_paths(table, *folders)
     beside = [folder for folder in folders if folder != SCENARIOS.resolve()]
     if beside and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
@@ -107,11 +122,11 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 def files(data: Any) -> list[Path]:
     """Every file that plain data names."""
-    found = [file for table in _below(data) for file in files(table)]
+    found = [file for table in _children(data) for file in files(table)]
     if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
         found.append(library_file(file))
     return found
 
 
-def _below(data: Any) -> Iterable[Any]:
+def _children(data: Any) -> Iterable[Any]:
     return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()

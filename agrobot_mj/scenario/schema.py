@@ -16,7 +16,8 @@ from pydantic import Field, ValidationError, model_validator
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
-from agrobot_mj.core.errors import ScenarioError, explain
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
@@ -34,7 +35,7 @@ from agrobot_mj.terrain import Flat, Terrain
 LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Steps in a tick whose length is a short decimal."""
+"""Numbers of steps in a tick that make a step with few decimals."""
 
 
 class Steering(Spec):
@@ -58,11 +59,11 @@ class Scenario(Spec):
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     expected_outcome: Outcome = "completed"
-    """How the run should end; for information and tests."""
+    """Outcome that the run should have; any other makes the exit status 1."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
-    """All randomness follows from it."""
+    """Seed from which all randomness follows."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
-    """[s]. The path's own when left out."""
+    """Simulated time; the path's own when left out [s]."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
     """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
     tractor: TractorParameters = TractorParameters()
@@ -109,53 +110,36 @@ class Scenario(Spec):
 
     def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
         """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
-        data = explicit_values(self)
+        data, default = explicit_values(self), Scenario()
         for key, value in overrides.items():
-            override(data, key, value, Scenario)
+            override(data, key, value, default)
         return resolve(data, self.name or "scenario")
 
     @model_validator(mode="after")
     def _parts_fit(self) -> "Scenario":
-        problems = list(_misfits(self))
-        if problems:
-            raise ValueError("\n".join(problems))
+        if errors := list(_misfits(self)):
+            raise ValueError("\n".join(errors))
         return self
 
 
 def _misfits(s: Scenario) -> list[str]:
-    """What is wrong between keys that are right by themselves."""
+    """Contradictions between keys that are valid by themselves; opens no file."""
     found = []
     if abs(s.steps_per_tick * s.physics_dt_s - TICK_S) > 1e-9:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.physics_dt_s)
         found.append(f"physics_dt_s: {s.physics_dt_s:g} does not divide the {TICK_S} s tick; try {better:g}")
-    if s.ticks > LONGEST_S / TICK_S:
-        found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
     if s.plant.kind == "bicycle":
         found += _beyond_the_bicycle(s)
     found += clashes(s.fault)
-    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
-    if needed >= s.tractor.steer_limit_deg:
-        place = s.path.sharpest
-        found.append(
-            f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
-            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
-            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
-        )
     if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
         found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
     if s.estimator.needs_imu and not s.sensors.imu.enabled:
         found.append("estimator.terrain_compensation: needs sensors.imu.enabled = true")
-    start = s.path.at(0.0)
-    try:
-        if not s.terrain.ground().covers(start.x, start.y):
-            found.append(f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger")
-    except ValueError as error:
-        found.append(f"terrain.{error}")
     return found
 
 
 def _beyond_the_bicycle(s: Scenario) -> list[str]:
-    """What the scenario asks for and the bicycle does not have."""
+    """Features of the scenario that the bicycle does not have."""
     found = []
     if s.terrain.kind != "flat":
         found.append(
@@ -173,9 +157,48 @@ def _beyond_the_bicycle(s: Scenario) -> list[str]:
 
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:
-    """A scenario from plain data; `source` names it in messages. Raises `ScenarioError`."""
+    """A scenario from plain data, checked; `source` names it in messages. Raises `ScenarioError`."""
     complete(data, Scenario())
     try:
-        return Scenario.model_validate_json(json.dumps(data, default=str))
+        # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
+        scenario = Scenario.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
+    check_files(scenario, source)
+    return scenario
+
+
+def check_files(scenario: Scenario, source: str) -> None:
+    """Build path and ground, which reads the files that they name, and check that they fit the tractor and each other.
+
+    Raises `ScenarioError` with all that is wrong; `source` names the scenario.
+    """
+    if errors := [*_path_errors(scenario), *_ground_errors(scenario)]:
+        raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
+
+
+def _path_errors(s: Scenario) -> list[str]:
+    """Reasons why the tractor cannot drive the path."""
+    found = []
+    if s.ticks > LONGEST_S / TICK_S:
+        found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
+    if needed >= s.tractor.steer_limit_deg:
+        place = s.path.sharpest
+        found.append(
+            f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
+            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
+        )
+    return found
+
+
+def _ground_errors(s: Scenario) -> list[str]:
+    """Reasons why there is no ground, or none under the start of the path."""
+    start = s.path.at(0.0)
+    try:
+        if s.terrain.ground().covers(start.x, start.y):
+            return []
+    except ValueError as error:
+        return [f"terrain.{error}"]
+    return [f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger"]

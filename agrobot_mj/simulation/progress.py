@@ -1,36 +1,46 @@
 """Progress on a terminal; silence in a pipe."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
+from typing import TYPE_CHECKING
 
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
-def bar() -> Bar:
-    """A progress bar on stderr, switched off when that is no terminal."""
-    console = Console(stderr=True)
+
+def bar() -> "Bar | None":
+    """A progress bar on stderr; None where that is no terminal."""
+    if not sys.stderr.isatty():
+        return None
+    # Imported here, since a run in a pipe does without.
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
     return Bar(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
+        console=Console(stderr=True),
         transient=True,
     )
 
 
 @contextmanager
-def task(description: str, total: int) -> Iterator[Callable[[], None]]:
-    """A bar for `total` pieces of work; call what is given after each."""
-    with bar() as progress:
+def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable[[], None]]:
+    """Show a bar for `total` pieces of work; call what is given after each."""
+    progress = None if quiet else bar()
+    if progress is None:
+        yield lambda: None
+        return
+    with progress:
         number = progress.add_task(description, total=total)
         yield lambda: progress.advance(number)
 
@@ -44,17 +54,21 @@ class Progress:
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Show an empty bar."""
         self.rows = rows
-        self.bar.start()
-        self.number = self.bar.add_task(scenario.name or "run", total=len(rows.values))
+        if self.bar:
+            self.bar.start()
+            self.number = self.bar.add_task(scenario.name or "run", total=len(rows.values))
 
     def advance(self, first: int) -> None:
         """Move the bar."""
-        self.bar.update(self.number, completed=self.rows.filled)
+        if self.bar:
+            self.bar.update(self.number, completed=self.rows.filled)
 
     def finish(self, log: Log) -> None:
         """Take the bar away."""
-        self.bar.stop()
+        if self.bar:
+            self.bar.stop()
 
     def fail(self, error: BaseException) -> None:
         """Take the bar away."""
-        self.bar.stop()
+        if self.bar:
+            self.bar.stop()

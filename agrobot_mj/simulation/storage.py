@@ -1,4 +1,4 @@
-"""What a run leaves on disk: `signals.parquet`, `metrics.json`, `scenario.toml`; each appears whole or not at all."""
+"""Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml`; each appears whole or not at all."""
 
 import json
 import os

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording, write_comparison
+from agrobot_mj.scenario.plugins import load_files, loaded_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
@@ -97,7 +98,7 @@ def compare(
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A process pool that leaves no process behind, however the block ends."""
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_signals_to_the_parent)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(loaded_files(),))
     try:
         yield pool
     except BaseException:
@@ -106,6 +107,12 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(wait=True, cancel_futures=True)
         raise
     pool.shutdown()
+
+
+def _begin_worker(plugins: tuple[Path, ...]) -> None:
+    """In a worker: the parent's plugins first, since its scenarios may be of their kinds."""
+    _leave_signals_to_the_parent()
+    load_files(plugins)
 
 
 def _leave_signals_to_the_parent() -> None:

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, ValidationError, model_validator
 
-from agrobot_mj.core.errors import ScenarioError, explain, suggestion
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.messages import explain
 from agrobot_mj.core.spec import Fraction, Positive, Spec
 
 

@@ -87,6 +87,51 @@ def test_a_viewer_that_does_not_start_is_no_traceback(eight, tmp_path, monkeypat
         snapshots(eight.path, [1.0], tmp_path)
 
 
+def test_a_viewer_that_is_late_is_tried_again_with_more_patience(eight, tmp_path, monkeypatch):
+    """As on a busy machine; in the end the message names the file, the cause and what to do."""
+    patience = []
+
+    def late(process, port, seconds):
+        patience.append(seconds)
+        raise RuntimeError("the viewer did not start")
+
+    monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(snapshot, "_connected", late)
+    with pytest.raises(SnapshotError) as error:
+        snapshots(eight.path, [1.0], tmp_path / "none")
+    assert patience == [snapshot.START_S * k for k in range(1, snapshot.TRIES + 1)]
+    assert str(error.value).startswith(f"{eight.path}: no pictures after 3 tries: the viewer did not start")
+    assert "busy" in str(error.value)
+    assert not (tmp_path / "none").exists()
+
+
+def test_what_was_drawn_before_a_viewer_broke_off_is_not_drawn_again(eight, tmp_path, monkeypatch):
+    class Client:
+        def __init__(self):
+            self.breaks = len(clients) == 0
+            clients.append(self)
+
+        def set_blueprint(self, layout, scope):
+            """As the viewer's."""
+
+    layout = {"root": {"ContainerBlueprint": {"active_tab": ""}}}
+    clients, drawn = [], []
+
+    def picture(viewer, t):
+        if viewer.breaks and drawn:
+            raise ConnectionError("gone")
+        drawn.append(t)
+        return b"png"
+
+    monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(snapshot, "_connected", lambda process, port, seconds: Client())
+    monkeypatch.setattr(snapshot, "_opened", lambda viewer, file, patience: layout)
+    monkeypatch.setattr(snapshot, "_tabs", lambda file, layout: ("root", {"Drive": "a"}))
+    monkeypatch.setattr(snapshot, "_picture", picture)
+    assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]
+    assert (drawn, len(clients)) == ([1.0, 2.0], 2)
+
+
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
 def test_the_browser_is_served_on_loopback_only(eight):
     environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[3]), "BROWSER": "true"}

@@ -1,6 +1,7 @@
 """Pictures of a recording without a display: Rerun's own viewer, drawing into memory.
 
-The viewer needs a Vulkan driver; Mesa's software one will do. Pictures are written whole or not at all.
+The viewer needs a Vulkan driver; Mesa's software one will do. Pictures are written whole or not at all. A viewer that
+is late or breaks off, as on a busy machine, is started again with more patience.
 """
 
 import os
@@ -18,20 +19,26 @@ from agrobot_mj.recording.transport.viewer import RERUN, end, free_port
 from agrobot_mj.simulation.storage import whole
 
 SIZE = "1920x1080"
-"""Of the pictures [pixels]."""
+"""Size of the pictures [pixels]."""
+TRIES = 3
+"""Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
 START_S = 30.0
-"""How long the viewer may take to start [s]."""
+"""Longest start of the first viewer [s]."""
 LOAD_S = 60.0
-"""How long a recording may take to load [s]."""
+"""Longest loading of a recording in the first viewer [s]."""
 TOASTS_S = 4.5
-"""How long the viewer's own messages lie over the picture after its start [s]."""
+"""Time for which the viewer's own messages lie over the picture after its start [s]."""
 SETTLE_S = 0.4
-"""From a new time or tab until all views are drawn [s]."""
+"""Time from a new time or tab until all views are drawn [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """No pictures, and why; the message says what to do."""
+    """No pictures, and why; the message names the file and what to do."""
+
+
+class _LateError(Exception):
+    """The viewer was late or broke off; another may do."""
 
 
 def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[str] = ()) -> list[Path]:
@@ -39,24 +46,45 @@ def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[s
 
     Raises `SnapshotError` if the viewer cannot draw, cannot open the file, or has no such tab.
     """
-    written = []
-    with _viewer() as viewer:
-        layout = _opened(viewer, file)
-        root, named = _tabs(layout)
-        unknown = [name for name in tabs if name.lower() not in {there.lower() for there in named}]
-        if unknown:
-            raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
-        for name, place in named.items():
-            if tabs and name.lower() not in {wanted.lower() for wanted in tabs}:
-                continue
-            layout[root]["ContainerBlueprint"]["active_tab"] = place
-            viewer.set_blueprint(layout, "recording")
-            for t in times:
-                path = folder / f"{name.lower()}_{t:g}.png"
+    drawn: dict[Path, None] = {}
+    for patience in range(1, TRIES + 1):
+        try:
+            with _viewer(file, patience) as viewer:
+                _draw(viewer, file, times, folder, tabs, drawn, patience)
+            return list(drawn)
+        except _LateError as error:
+            cause = str(error)
+    raise SnapshotError(
+        f"{file}: no pictures after {TRIES} tries: {cause}; is the machine busy? Try again, with fewer --tab and --at"
+    )
+
+
+def _draw(
+    viewer: ViewerClient,
+    file: Path,
+    times: Sequence[float],
+    folder: Path,
+    tabs: Sequence[str],
+    drawn: dict[Path, None],
+    patience: int,
+) -> None:
+    """Draw what is not in `drawn` yet."""
+    layout = _opened(viewer, file, patience)
+    root, named = _tabs(file, layout)
+    asked, known = {name.lower() for name in tabs}, {name.lower() for name in named}
+    if unknown := [name for name in tabs if name.lower() not in known]:
+        raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
+    for name, place in named.items():
+        if asked and name.lower() not in asked:
+            continue
+        layout[root]["ContainerBlueprint"]["active_tab"] = place
+        viewer.set_blueprint(layout, "recording")
+        for t in times:
+            path = folder / f"{name.lower()}_{t:g}.png"
+            if path not in drawn:
                 with whole(path) as temporary:
                     temporary.write_bytes(_picture(viewer, t))
-                written.append(path)
-    return written
+                drawn[path] = None
 
 
 def _picture(viewer: ViewerClient, t: float) -> bytes:
@@ -66,26 +94,26 @@ def _picture(viewer: ViewerClient, t: float) -> bytes:
     return viewer.take_screenshot()
 
 
-def _opened(viewer: ViewerClient, file: Path) -> dict[str, Any]:
+def _opened(viewer: ViewerClient, file: Path, patience: int) -> dict[str, Any]:
     """Load `file` and return its layout."""
-    deadline = time.monotonic() + LOAD_S
+    deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(file.resolve())).store_ids:
         raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
     while viewer.get_state().loading:
         if time.monotonic() > deadline:
-            raise SnapshotError(f"{file}: not loaded after {LOAD_S:g} s")
+            raise _LateError(f"the recording was not loaded within {patience * LOAD_S:g} s")
         time.sleep(0.1)
     time.sleep(TOASTS_S)
     return viewer.get_blueprint().blueprint
 
 
-def _tabs(layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Where the tabs are in the layout, and the place of each by its name."""
+def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
+    """Place of the tabs in the layout, and the place of each by its name."""
     for place, parts in layout.items():
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
-    raise SnapshotError("the recording has no tabs; was it written by agrobot-mj?")
+    raise SnapshotError(f"{file}: the recording has no tabs; was it written by agrobot-mj?")
 
 
 def _name(parts: dict[str, Any]) -> str:
@@ -93,7 +121,7 @@ def _name(parts: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _viewer() -> Iterator[ViewerClient]:
+def _viewer(file: Path, patience: int) -> Iterator[ViewerClient]:
     """A viewer without a window, on loopback, that ends with the block."""
     port = free_port()
     command = [*RERUN, "--headless", "--window-size", SIZE]
@@ -102,16 +130,18 @@ def _viewer() -> Iterator[ViewerClient]:
     quiet = subprocess.DEVNULL
     process = subprocess.Popen(command, env=environment, stdout=quiet, stderr=subprocess.PIPE, start_new_session=True)
     try:
-        yield _connected(process, port)
-    except (RuntimeError, ConnectionError) as error:
-        raise SnapshotError(_why(process, error)) from None
+        yield _connected(process, port, patience * START_S)
+    except (RuntimeError, ConnectionError, TimeoutError) as error:
+        if _lacks_driver(process):
+            raise SnapshotError(f"{file}: no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
+        raise _LateError(str(error)) from None
     finally:
         end(process)
 
 
-def _connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
+def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
     """A client of the viewer once it draws."""
-    deadline = time.monotonic() + START_S
+    deadline = time.monotonic() + seconds
     while process.poll() is None and time.monotonic() < deadline:
         try:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
@@ -120,13 +150,15 @@ def _connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
             time.sleep(0.2)
         else:
             return client
-    raise RuntimeError("the viewer did not start")
+    raise RuntimeError(
+        f"the viewer did not start within {seconds:g} s"
+        if process.poll() is None
+        else f"the viewer ended by itself with status {process.returncode}"
+    )
 
 
-def _why(process: "subprocess.Popen[bytes]", error: Exception) -> str:
-    """What went wrong, from what the viewer said before it ended."""
+def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
+    """Whether the viewer reported, before it ended, that it has nothing to draw with."""
     end(process)
-    said = process.stderr.read().decode(errors="replace") if process.stderr else ""
-    if "adapter" in said or "render context" in said:
-        return f"no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}"
-    return f"no pictures: {error}; if the viewer finds no Vulkan driver, {REMEDY}"
+    output = process.stderr.read().decode(errors="replace") if process.stderr else ""
+    return "adapter" in output or "render context" in output

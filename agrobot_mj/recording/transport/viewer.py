@@ -11,14 +11,14 @@ from urllib.parse import quote
 
 RERUN = (sys.executable, "-m", "rerun_cli")
 PORT = 9876
-"""Where viewers listen by default."""
+"""Port on which viewers listen by default."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (
     *(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)),
     *("--hide-welcome-screen", "--expect-data-soon"),
 )
 PATIENCE_S = 15.0
-"""How long a viewer may take to start [s]."""
+"""Longest start of a viewer [s]."""
 
 
 def view(file: Path) -> int:

@@ -1,0 +1,32 @@
+"""The application: its commands in the order of the help, and the options before any command."""
+
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli import authoring, recordings, runs, studies
+from agrobot_mj.core.version import __version__
+
+app = typer.Typer(
+    name="agrobot-mj",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Does a guidance stack survive a real tractor? MuJoCo physics, the paper's controllers, Rerun recordings.",
+)
+for command in (
+    *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
+    *(runs.run, runs.compare),
+    *(recordings.view, recordings.snapshot),
+    *(studies.rig, studies.identify, studies.validate),
+):
+    app.command(command.__name__.rstrip("_"))(command)
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+) -> None:
+    if version:
+        print(__version__)
+        raise typer.Exit(0)

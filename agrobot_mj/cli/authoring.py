@@ -1,0 +1,61 @@
+"""Commands that help to write a scenario: what there is, what a key means, a file to start from, its schema."""
+
+import tomllib
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.options import Plugins, load_plugins
+from agrobot_mj.core.resources import scenario_files
+
+
+def list_(
+    kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
+    plugins: Plugins = None,
+) -> None:
+    """List the scenarios that come with the package."""
+    if kinds:
+        load_plugins(plugins)
+        from agrobot_mj.scenario.reference import kinds_text
+
+        print(kinds_text())
+        return
+    # Read as plain TOML: to validate each against the whole schema would take seconds.
+    titles = {
+        name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "")
+        for name, path in scenario_files().items()
+    }
+    width = max(map(len, titles))
+    for name, title in titles.items():
+        print(f"{name:{width}}  {title}")
+
+
+def explain(
+    key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
+    plugins: Plugins = None,
+) -> None:
+    """Explain a key: unit, default, range, kinds, source."""
+    load_plugins(plugins)
+    from agrobot_mj.scenario.reference import explain_key
+
+    print(explain_key(key))
+
+
+def init(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")],
+) -> None:
+    """Write a commented scenario file to start from."""
+    from agrobot_mj.scenario.template import write_template
+
+    path = write_template(name)
+    print(f"{path}: written; drive it with `agrobot-mj run {path}`")
+
+
+def schema(plugins: Plugins = None) -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    load_plugins(plugins)
+    import json
+
+    from agrobot_mj.scenario.reference import json_schema
+
+    print(json.dumps(json_schema(), indent=1))

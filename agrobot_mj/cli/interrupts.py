@@ -1,0 +1,42 @@
+"""Ctrl-C and SIGTERM: a run ends cleanly as aborted, other work is broken off and cleared away."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM in the list given, so that a run can end cleanly; a second one kills."""
+    received: list[int] = []
+
+    def handle(number: int, _frame: Any) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    with handled_by(handle):
+        yield received
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away."""
+
+    def interrupt(number: int, _frame: Any) -> NoReturn:
+        raise KeyboardInterrupt
+
+    with handled_by(interrupt):
+        yield
+
+
+@contextmanager
+def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """SIGINT and SIGTERM go to `handler` within the block."""
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)

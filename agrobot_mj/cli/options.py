@@ -1,0 +1,90 @@
+"""Arguments and options that commands share, and how their texts become values."""
+
+import re
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import scenario_files
+
+
+def _starting_with(incomplete: str) -> list[str]:
+    """Names of the library for the shell to complete."""
+    return [name for name in scenario_files() if name.startswith(incomplete)]
+
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help="A name from `agrobot-mj list` or a TOML file.", autocompletion=_starting_with
+    ),
+]
+Sets = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. plant.tyre.kind=linear.")
+]
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable."),
+]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
+
+
+def overrides(sets: list[str] | None) -> dict[str, Any]:
+    """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
+    found: dict[str, Any] = {}
+    for text in sets or []:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {text}: write it as key=value")
+        try:
+            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+        except tomllib.TOMLDecodeError:
+            found[key.strip()] = value.strip()
+    return found
+
+
+def load_plugins(plugins: list[Path] | None) -> None:
+    """Register what plugin files and installed plugins define. Raises `ScenarioError`."""
+    from agrobot_mj.scenario.plugins import load_files, load_installed
+
+    load_installed()
+    load_files(tuple(plugins or ()))
+
+
+def names(text: str, option: str) -> list[str]:
+    """A comma-separated list without repetition."""
+    found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not found:
+        raise ScenarioError(f"{option}: name at least one")
+    return found
+
+
+def seconds(text: str) -> list[float]:
+    """Comma-separated times [s]."""
+    try:
+        times = [float(name) for name in names(text, "--at")]
+    except ValueError:
+        times = []
+    if not times or not all(0 <= t < float("inf") for t in times):
+        raise ScenarioError(f"--at {text}: write seconds as 5,60,120")
+    return times
+
+
+def results_folder(out: Path | None, default: str) -> Path:
+    """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/."""
+    folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"--out {folder}: is a file; name a folder")
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        tempfile.TemporaryDirectory(dir=there).cleanup()
+    except OSError as error:
+        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
+    return folder

@@ -1,0 +1,66 @@
+"""Commands that show recordings."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.interrupts import interruptible
+from agrobot_mj.cli.options import Out, Quiet, Recorded, results_folder, seconds
+from agrobot_mj.core.errors import ScenarioError
+
+MAGIC = (b"RRF2", b"RRF0", b"RRIO")
+"""First bytes of a recording."""
+
+
+def view(
+    file: Recorded,
+    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
+) -> None:
+    """Open a recording in the Rerun viewer; needs no network."""
+    from agrobot_mj.recording.transport import viewer
+
+    _check_recording(file)
+    if not web and not _has_display():
+        remedy = f"`agrobot-mj view --web {file}` (browser) or `agrobot-mj snapshot {file}` (pictures)"
+        raise ScenarioError(f"view: there is no display for the viewer; use {remedy}")
+    with interruptible():
+        raise typer.Exit((viewer.serve if web else viewer.view)(file))
+
+
+def snapshot(
+    file: Recorded,
+    at: Annotated[str, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated.")] = "60",
+    tabs: Annotated[list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab; repeatable.")] = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw the tabs of a recording as PNGs; needs no display."""
+    from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
+
+    _check_recording(file)
+    folder = results_folder(out, f"snapshots-{file.stem}")
+    try:
+        paths = snapshots(file, seconds(at), folder, tabs or [])
+    except SnapshotError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(1) from None
+    if not quiet:
+        print("\n".join(map(str, paths)))
+
+
+def _has_display() -> bool:
+    """Whether windows can open; elsewhere than on Linux they always can."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(key) for key in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def _check_recording(file: Path) -> None:
+    """Raise `ScenarioError` unless `file` is a recording."""
+    if not file.is_file():
+        raise ScenarioError(f"{file}: no such file")
+    with file.open("rb") as stream:
+        magic = stream.read(4)
+    if magic not in MAGIC:
+        raise ScenarioError(f"{file}: not a Rerun recording (.rrd)")

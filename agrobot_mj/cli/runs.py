@@ -1,0 +1,101 @@
+"""Commands that drive: one run, or one scenario under several controllers, plants and seeds."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
+from agrobot_mj.cli.options import (
+    NoRrd,
+    Out,
+    Plugins,
+    Quiet,
+    Sets,
+    Source,
+    load_plugins,
+    names,
+    overrides,
+    results_folder,
+)
+
+
+def run(
+    source: Source,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run one scenario."""
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import Progress
+    from agrobot_mj.simulation.run import Watcher
+    from agrobot_mj.simulation.run import run as run_scenario
+    from agrobot_mj.simulation.storage import write_log
+
+    load_plugins(plugins)
+    scenario = load_scenario(source, overrides(sets))
+    folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
+    watchers: list[Watcher] = [] if quiet else [Progress()]
+    if live or not no_rrd:
+        from agrobot_mj.recording import Recording
+
+        watchers.append(Recording(None if no_rrd else folder / "run.rrd", live=live))
+    with stop_on_signals() as stopped:
+        log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
+    write_log(log, folder)
+    if no_rrd:
+        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
+    if not quiet:
+        print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
+    if log.outcome != scenario.expected_outcome:
+        wanted = f"; expected_outcome is {scenario.expected_outcome}"
+        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{wanted}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def compare(
+    source: Source,
+    controllers: Annotated[str, typer.Option(help="Comma-separated controller kinds.")] = "pd,pd_t2fnn",
+    plants: Annotated[
+        str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run one scenario under several controllers and plants.
+
+    Writes a folder for each run, comparison.json, and the paper's figures.
+    """
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import task
+    from agrobot_mj.studies.compare import cases, runnable
+    from agrobot_mj.studies.compare import compare as run_cases
+    from agrobot_mj.studies.tables import table
+
+    load_plugins(plugins)
+    scenario = load_scenario(source, overrides(sets))
+    if plants is None:
+        kinds, left_out = runnable(scenario)
+        for line in left_out:
+            print(line, file=sys.stderr)
+    else:
+        kinds = names(plants, "--plants")
+    todo = cases(scenario, names(controllers, "--controllers"), kinds, seeds)
+    folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
+    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
+        rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())
+    if not quiet:
+        print(table(rows))
+        print(f"figures and runs: {folder}")
+    if any(row["outcome"] != scenario.expected_outcome for row in rows):
+        if quiet:
+            print(f"{scenario.name}: not every run ended as {scenario.expected_outcome}", file=sys.stderr)
+        raise typer.Exit(1)

@@ -1,0 +1,64 @@
+"""Commands that study a part: tyres on the rig, the valve in a run, the plants against theory."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from agrobot_mj.cli.options import Out, Quiet, results_folder
+
+if TYPE_CHECKING:
+    from agrobot_mj.studies.validation import Check
+
+
+def rig(
+    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Test one tyre on the rig: force curves and figures."""
+    from agrobot_mj.studies.rig import rig_command
+
+    folder = results_folder(out, f"rig-{Path(tyre).stem}")
+    for path in rig_command(tyre, folder):
+        if not quiet:
+            print(path)
+
+
+def identify(
+    run: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `agrobot-mj run` has written.")],
+) -> None:
+    """Fit the steering valve to a run's signals.
+
+    Prints dead band, gains, rate limit, lag and delay with their uncertainty.
+    """
+    from agrobot_mj.studies.identify import identify_command
+
+    print(identify_command(run))
+
+
+def validate(
+    out: Out = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Drive manoeuvres with a known answer on every plant.
+
+    Every tyre is tested; the exit status is 1 when a number leaves its band.
+    """
+    from agrobot_mj.studies.validation import validate as drive_all
+
+    def tell(name: str, checks: "list[Check]", duration: float) -> None:
+        passed = sum(check.passed for check in checks)
+        if not quiet:
+            print(f"{name:20} {passed:3} of {len(checks):3} as they should be, {duration:.0f} s", flush=True)
+
+    folder = results_folder(out, "validation")
+    failed = [check for check in drive_all(folder, quick, tell) if not check.passed]
+    if not quiet:
+        print(f"table and figures: {folder}")
+    for check in failed:
+        print(check.line, file=sys.stderr)
+    if failed:
+        raise typer.Exit(1)

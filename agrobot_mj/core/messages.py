@@ -1,0 +1,88 @@
+"""Validation errors as sentences: every fault of a file in one message, each naming its key and the fix."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from agrobot_mj.core.errors import suggestion
+from agrobot_mj.core.spec import Spec, members
+
+_TEXTS = {
+    "greater_than": "must be above {gt:g}, got {input}",
+    "greater_than_equal": "must be at least {ge:g}, got {input}",
+    "less_than": "must be below {lt:g}, got {input}",
+    "less_than_equal": "must be at most {le:g}, got {input}",
+    "finite_number": "must be a finite number, got {input}",
+    "float_type": "must be a number, got {input!r}",
+    "int_type": "must be a whole number, got {input!r}",
+    "int_from_float": "must be a whole number, got {input}",
+    "string_type": "must be a text, got {input!r}",
+    "bool_type": "must be true or false, got {input!r}",
+    "list_type": "must be a list, got {input!r}",
+    "tuple_type": "must be a list, got {input!r}",
+    "literal_error": "must be one of {expected}, got {input!r}",
+    "model_type": "must be a table, got {input!r}",
+    "dict_type": "must be a table, got {input!r}",
+    "missing": "is missing",
+    "too_long": "must have at most {max_length} items",
+    "too_short": "must have at least {min_length} items, got {actual_length}",
+}
+
+
+def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: type[Spec]) -> str:
+    """All faults of `data`, one a line, as `source: key: what is wrong and what to do`."""
+    errors = [_line(dict(e), data, root) for e in error.errors(include_url=False)]
+    lines = [f"{source}: {line}" for text in errors for line in text.split("\n")]
+    return "\n".join(dict.fromkeys(lines))
+
+
+def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> str:
+    keys, owner = _walk(error["loc"], data, root)
+    kind, context = str(error["type"]), {**error.get("ctx", {}), "input": error["input"]}
+    if kind == "extra_forbidden":
+        known = sorted(owner.model_fields) if owner else []
+        text = f"unknown key{suggestion(keys[-1], known)} (known: {', '.join(known)})"
+    elif kind == "union_tag_not_found":
+        field = owner.model_fields.get(keys[-1].partition("[")[0]) if owner else None
+        keys, text = [*keys, "kind"], f"is missing (known: {', '.join(members(field.annotation) if field else ())})"
+    elif kind == "union_tag_invalid":
+        keys = [*keys, "kind"]
+        tag, expected = str(context.get("tag", "")), str(context.get("expected_tags", ""))
+        known = re.findall(r"'([^']+)'", expected)
+        hint = suggestion(tag, known) or "; if it is a plugin's, give its file as --plugin FILE.py"
+        text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
+    elif kind == "tuple_type" and isinstance(error["input"], Mapping):
+        text = f"must be a list of tables; write [[{'.'.join(keys)}]]"
+    elif kind == "value_error":
+        text = str(error["msg"]).removeprefix("Value error, ")
+        if keys and re.match(r"[a-z0-9_.]+: ", text):
+            return ".".join(keys) + "." + text
+    elif kind in _TEXTS:
+        text = _TEXTS[kind].format(**context)
+    else:
+        text = str(error["msg"])
+    return f"{'.'.join(keys)}: {text}" if keys else text
+
+
+def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
+    """The keys of an error's place without the unions' tags, and the model that owns the last key."""
+    keys: list[str] = []
+    owner: type[Spec] | None = root
+    following: type[Spec] | None = root
+    tags: dict[str, type[Spec]] = {}
+    for step in loc:
+        if isinstance(step, int):
+            keys[-1] += f"[{step}]"
+            data = data[step] if isinstance(data, list) and step < len(data) else None
+            continue
+        if step in tags and isinstance(data, Mapping) and data.get("kind") == step:
+            following, tags = tags[step], {}
+            continue
+        owner = following
+        keys.append(str(step))
+        data = data.get(step) if isinstance(data, Mapping) else None
+        tags = members(owner.model_fields[step].annotation) if owner and step in owner.model_fields else {}
+        following = next(iter(tags.values())) if len(tags) == 1 else None
+    return keys, owner

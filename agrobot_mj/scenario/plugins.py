@@ -1,0 +1,183 @@
+"""Members from outside the package: a law, tyre, path or fault of one's own joins the family of its base class.
+
+`register` adds a class to the unions of the schema, so that it is validated, overridden, listed and written to
+`scenario.toml` like any other kind. Code comes from an explicit call, from `--plugin FILE.py`, or from an entry point
+of the group `agrobot_mj.plugins`; never from a scenario file.
+"""
+
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated, Any, TypeGuard, TypeVar, Union, get_args, get_origin
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors import Sensor, Sensors
+
+GROUP = "agrobot_mj.plugins"
+"""Entry points whose modules or functions register members when the first scenario is loaded."""
+Member = TypeVar("Member", bound=type[Spec])
+_files: dict[Path, ModuleType] = {}
+
+
+def register(member: Member, name: str | None = None) -> Member:
+    """Add a class to the family of its base class; serves as a decorator. Raises `ScenarioError`.
+
+    A sensor becomes the table `[sensors.NAME]`, by default its class name in small letters with underscores.
+    """
+    if not (isinstance(member, type) and issubclass(member, Spec)):
+        raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
+    try:
+        default = member()
+    except ValidationError as error:
+        keys = ", ".join(str(part["loc"][0]) for part in error.errors() if part["loc"])
+        raise ScenarioError(f"register: {member.__name__}: every key needs a valid default ({keys})") from None
+    if issubclass(member, Sensor):
+        _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
+    else:
+        _add_kind(member)
+    return member
+
+
+def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:
+    there = Sensors.model_fields.get(name)
+    if there and not _same(there.annotation, member):
+        raise ScenarioError(f"register: sensors.{name} is there already; choose another name for {member.__name__}")
+    field = FieldInfo.from_annotated_attribute(member, default)
+    field.description = inspect.getdoc(member)
+    Sensors.model_fields[name] = field
+    _rebuild(Scenario, {Sensors}, {})
+    Scenario.model_fields["sensors"].default = Sensors()
+    Scenario.model_rebuild(force=True)
+
+
+def _add_kind(member: type[Spec]) -> None:
+    kind = member.model_fields["kind"].default if "kind" in member.model_fields else None
+    if not isinstance(kind, str):
+        raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
+    key = _family(member)
+    places = [(owner, name) for dotted, owner, name in _unions(Scenario, "", ()) if dotted == key]
+    for owner, name in places:
+        field = owner.model_fields[name]
+        there = members(field.annotation).get(kind)
+        if there and not _same(there, member):
+            raise ScenarioError(f"register: {key}.kind {kind!r} is there already; choose another")
+        field.annotation = _with_member(field.annotation, member, there)
+    _rebuild(Scenario, {owner for owner, _ in places}, {})
+
+
+def _same(there: Any, member: type[Spec]) -> bool:
+    """Whether two classes are the same one, perhaps loaded twice."""
+    return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
+
+
+def _family(member: type[Spec]) -> str:
+    """Dotted key of the family that a class belongs to: the one whose members share a base with it."""
+    bases: dict[type, set[str]] = {}
+    for key, owner, name in _unions(Scenario, "", ()):
+        for known in members(owner.model_fields[name].annotation).values():
+            for base in known.__mro__[: known.__mro__.index(Spec)]:
+                bases.setdefault(base, set()).add(key)
+    for base in member.__mro__:
+        if len(keys := bases.get(base, set())) == 1:
+            return next(iter(keys))
+    # A family's base declares its kind as a plain text, its members as a literal.
+    public = sorted(base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str)
+    raise ScenarioError(f"register: {member.__name__}: is of no family; derive it from one of {', '.join(public)}")
+
+
+def _unions(owner: type[Spec], prefix: str, above: tuple[type[Spec], ...]) -> Iterator[tuple[str, type[Spec], str]]:
+    """(dotted key, class, name) of every field that comes in kinds, from `owner` down."""
+    for name, field in owner.model_fields.items():
+        inner = members(field.annotation)
+        if inner and all("kind" in member.model_fields for member in inner.values()):
+            yield prefix + name, owner, name
+        for member in inner.values():
+            if member not in above:
+                yield from _unions(member, f"{prefix}{name}.", (*above, member))
+
+
+def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
+    """The annotation with one more class in its union, or with it in place of an older one."""
+    if get_origin(annotation) is Annotated:
+        union, *metadata = get_args(annotation)
+        return Annotated[(_with_member(union, member, instead), *metadata)]
+    if get_origin(annotation) is tuple:
+        return tuple[_with_member(get_args(annotation)[0], member, instead), ...]  # type: ignore[misc]
+    known = [other for other in get_args(annotation) or (annotation,) if other is not instead]
+    return Union[(*known, member)]
+
+
+def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
+    """Rebuild the validators of every class that contains a changed one, from the inside out; whether `owner` does."""
+    if owner not in seen:
+        seen[owner] = False
+        inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]
+        rebuilt = [_rebuild(part, changed, seen) for part in inner]
+        seen[owner] = any(rebuilt) or owner in changed
+        if seen[owner]:
+            owner.model_rebuild(force=True)
+    return seen[owner]
+
+
+def load_files(paths: tuple[Path, ...]) -> None:
+    """Run plugin files and register the members that they define. Raises `ScenarioError`."""
+    for path in paths:
+        if (file := path.resolve()) not in _files:
+            _files[file] = _run(path)
+
+
+def loaded_files() -> tuple[Path, ...]:
+    """Plugin files that this process has run; a worker must run them too."""
+    return tuple(_files)
+
+
+def _run(path: Path) -> ModuleType:
+    name = f"agrobot_mj_plugin_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise ScenarioError(f"--plugin {path}: {'not a Python file (.py)' if path.exists() else 'no such file'}")
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        for part in list(vars(module).values()):
+            if _is_member(part) and part.__module__ == name:
+                register(part)
+    except ScenarioError as error:
+        raise ScenarioError(f"--plugin {path}: {error}") from None
+    except Exception as error:
+        place = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
+        raise ScenarioError(f"--plugin {path}: {place}{type(error).__name__}: {error}") from error
+    return module
+
+
+def _is_member(part: Any) -> TypeGuard[type[Spec]]:
+    """Whether an object of a plugin is a class to be registered: public, with a kind, or a sensor."""
+    if not inspect.isclass(part) or part.__name__.startswith("_") or not issubclass(part, Spec):
+        return False
+    return issubclass(part, Sensor) or isinstance(getattr(part.model_fields.get("kind"), "default", None), str)
+
+
+@cache
+def load_installed() -> None:
+    """Run the entry points of installed plugins, once."""
+    for entry in entry_points(group=GROUP):
+        try:
+            found = entry.load()
+            for part in [found] if inspect.isclass(found) else vars(found).values() if inspect.ismodule(found) else []:
+                if _is_member(part) and not part.__module__.startswith("agrobot_mj."):
+                    register(part)
+        except ScenarioError as error:
+            raise ScenarioError(f"plugin {entry.name}: {error}") from None
+        except Exception as error:
+            raise ScenarioError(f"plugin {entry.name}: {type(error).__name__}: {error}") from error

@@ -1,0 +1,262 @@
+"""Reference of scenario files, read from the schema: kinds of every part, one key explained, a JSON schema for editors.
+
+A part's kinds may share a key, so that a dotted key can belong to several classes: its `places`.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from difflib import SequenceMatcher
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.scenario.schema import Scenario
+
+CITATION = re.compile(r"[A-Z]\w*\d{4}")
+"""A bracket that holds a source and not a unit."""
+SOURCE = re.compile(r"(?:^|(?<=\. )|(?<=; ))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
+"""Start of the source in a description."""
+BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
+TYPES = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "null": "left out",
+}
+
+
+class TableClass(NamedTuple):
+    """A class that a table may be of."""
+
+    kinds: tuple[tuple[str, str], ...]
+    """(table, kind) of every choice that leads here."""
+    owner: type[Spec]
+    """The class."""
+    default: Spec
+    """Its values where the file says nothing."""
+
+
+class Doc(NamedTuple):
+    """Documentation of one key."""
+
+    text: str
+    """Description without its source."""
+    unit: str
+    """Unit as the description has it, empty where there is none."""
+    source: str
+    """Source of the default, empty where none is given."""
+    kind: str
+    """Type and range in words."""
+    default: str
+    """Default as TOML has it."""
+
+
+def places(tables: list[str]) -> list[TableClass]:
+    """Every class that the table under these keys may be of; empty where there is no such table."""
+    found = [TableClass((), Scenario, Scenario())]
+    for depth, name in enumerate(tables):
+        found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]
+    return found
+
+
+def _inside(place: TableClass, name: str, table: str) -> Iterator[TableClass]:
+    if name not in place.owner.model_fields:
+        return
+    given = getattr(place.default, name, None)
+    for kind, owner in members(place.owner.model_fields[name].annotation).items():
+        chosen = (*place.kinds, (table, kind)) if "kind" in owner.model_fields else place.kinds
+        yield TableClass(chosen, owner, given if type(given) is owner else owner.model_construct())
+
+
+def families() -> dict[str, dict[str, type[Spec]]]:
+    """Dotted key of every table that comes in kinds, with its kinds."""
+    found: dict[str, dict[str, type[Spec]]] = {}
+    for key, owner, name in _fields(Scenario, "", ()):
+        kinds = members(owner.model_fields[name].annotation)
+        if kinds and all("kind" in member.model_fields for member in kinds.values()):
+            found.setdefault(key, {}).update(kinds)
+    return found
+
+
+def _fields(owner: type[Spec], prefix: str, above: tuple[type[Spec], ...]) -> Iterator[tuple[str, type[Spec], str]]:
+    """(dotted key, class, name) of every field from `owner` down."""
+    for name, field in owner.model_fields.items():
+        yield prefix + name, owner, name
+        for member in members(field.annotation).values():
+            if member not in above:
+                yield from _fields(member, f"{prefix}{name}.", (*above, member))
+
+
+def first_line(part: type[Spec]) -> str:
+    """First line of a class's docstring."""
+    return (part.__doc__ or "").strip().partition("\n")[0]
+
+
+def kinds_text() -> str:
+    """Every kind of every part, one line each."""
+    rows = [(key, kind, first_line(part)) for key, kinds in families().items() for kind, part in kinds.items()]
+    wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
+    return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
+
+
+def document(place: TableClass, name: str) -> Doc:
+    """Documentation of the key `name` at a place."""
+    field = place.owner.model_fields[name]
+    text, kind = field.description or "", _in_words(_schema_of(place.owner, name))
+    source = SOURCE.search(text)
+    if source:
+        text = text[: source.start()].rstrip(" ;,.") + "."
+    units = [unit for unit in re.findall(r"\[([^\[\]]+)\]", text) if not CITATION.fullmatch(unit)]
+    default = _as_toml(getattr(place.default, name)) if hasattr(place.default, name) else "required"
+    return Doc(text, units[0] if units else "", source[1].rstrip(".") if source else "", kind, default)
+
+
+def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
+    found: dict[str, Any] = owner.model_json_schema()["properties"][name]
+    return found
+
+
+def _in_words(schema: dict[str, Any]) -> str:
+    """Type and range of a JSON schema."""
+    if options := schema.get("anyOf"):
+        return ", or ".join(_in_words(option) for option in options)
+    if "const" in schema or "enum" in schema:
+        return "one of " + ", ".join(json.dumps(value) for value in schema.get("enum", [schema.get("const")]))
+    if schema.get("type") == "array":
+        item = schema.get("items", {})
+        counts = [
+            f"{word} {schema[k]}" for k, word in (("minItems", "at least"), ("maxItems", "at most")) if k in schema
+        ]
+        return " ".join(["list of", _in_words(item) if isinstance(item, dict) and item else "values", *counts])
+    words = [TYPES.get(str(schema.get("type")), "table")]
+    return ", ".join(words + [f"{word} {schema[bound]:g}" for bound, word in BOUNDS.items() if bound in schema])
+
+
+def _as_toml(value: Any) -> str:
+    """A default as a file would have it, or a word for one that takes a table."""
+    if value is None:
+        return "left out"
+    if isinstance(value, Spec):
+        return getattr(value, "kind", "table")
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_as_toml, value))}]"
+    return json.dumps(value) if isinstance(value, str | bool) else str(value)
+
+
+def explain_key(key: str) -> str:
+    """Documentation of a dotted key, or of the whole scenario, as text. Raises `ScenarioError`."""
+    steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
+    if not key:
+        return "\n".join(_keys_of("", places([])))
+    owners = [place for place in places(steps[:-1]) if steps[-1] in place.owner.model_fields]
+    if not owners:
+        raise ScenarioError(f"{key}: unknown key{_nearest(key)}")
+    dotted = ".".join(steps)
+    if steps[-1] == "kind":
+        return "\n".join([dotted, *_kinds_of(dotted.removesuffix(".kind"))])
+    if inner := places(steps):
+        text = document(owners[0], steps[-1]).text
+        return "\n".join([dotted, *_indented(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
+    docs: dict[Doc, list[TableClass]] = {}
+    for place in owners:
+        docs.setdefault(document(place, steps[-1]), []).append(place)
+    return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
+
+
+def _indented(text: str) -> list[str]:
+    return [f"  {line.strip()}" for line in text.splitlines() if line.strip()]
+
+
+def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
+    """Description, unit, value, default and source of a key, and the kinds that have it where not all do."""
+    rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
+    lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
+    chosen = dict.fromkeys(choice for place in having for choice in place.kinds)
+    for table, known in families().items():
+        kinds = [kind for where, kind in chosen if where == table]
+        if kinds and len(kinds) < len(known):
+            lines.append(f"  {'with':8} {table}.kind = {', '.join(kinds)}")
+    return lines
+
+
+def _kinds_of(table: str) -> list[str]:
+    """The kinds of a table, the default marked; nothing where it has none."""
+    kinds, usual = families().get(table, {}), usual_kind(table)
+    width = max(map(len, kinds), default=0)
+    lines = [f"{'*' if kind == usual else ' '} {kind:{width}}  {first_line(part)}" for kind, part in kinds.items()]
+    return ["", f"kinds{' (* default)' if usual else ''}", *lines] if kinds else []
+
+
+def usual_kind(table: str) -> str | None:
+    """The kind of a table that names none; None in a list, where every item must."""
+    *above, last = table.split(".")
+    found = (getattr(place.default, last, None) for place in places(above) if last in place.owner.model_fields)
+    return next((kind for part in found if (kind := getattr(part, "kind", None))), None)
+
+
+def _keys_of(table: str, having: list[TableClass]) -> list[str]:
+    """The keys of a table, each with its default, and the kinds that have it where not all do."""
+    rows: dict[str, tuple[str, str, list[str]]] = {}
+    for place in having:
+        for name in place.owner.model_fields:
+            if name != "kind":
+                kinds = rows.setdefault(name, (*_in_short(place, name), []))[2]
+                kinds += [kind for where, kind in place.kinds if where == table]
+    wide = [max((len(name) for name in rows), default=0), max((len(row[0]) for row in rows.values()), default=0)]
+    most, lines = len({place.owner for place in having}), []
+    for name, (default, text, kinds) in rows.items():
+        only = f" ({', '.join(dict.fromkeys(kinds))})" if kinds and len(set(kinds)) < most else ""
+        lines.append(f"  {name:{wide[0]}}  {default:{wide[1]}}  {text}{only}".rstrip())
+    return ["keys and defaults", *lines]
+
+
+def _in_short(place: TableClass, name: str) -> tuple[str, str]:
+    """Default and description of a key in a line; of a table without a description its kinds."""
+    doc, parts = document(place, name), members(place.owner.model_fields[name].annotation)
+    text = " ".join(doc.text.split())
+    if not text and parts:
+        text = first_line(next(iter(parts.values()))) if len(parts) == 1 else f"One of {', '.join(parts)}."
+    return doc.default, text
+
+
+def _nearest(key: str) -> str:
+    """Up to three keys that look like `key` or end as it does."""
+
+    def likeness(dotted: str) -> float:
+        whole = SequenceMatcher(None, key, dotted).ratio()
+        return max(whole, 0.8 * SequenceMatcher(None, key.rpartition(".")[2], dotted.rpartition(".")[2]).ratio())
+
+    known = dict.fromkeys(dotted for dotted, _, _ in _fields(Scenario, "", ()))
+    near = sorted((dotted for dotted in known if likeness(dotted) > 0.65), key=likeness, reverse=True)[:3]
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near else "; `agrobot-mj explain` lists the tables"
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of a scenario file; a table without a kind is of the default's, as when a scenario is loaded."""
+    schema = Scenario.model_json_schema()
+    _drop_titles(schema)
+    implied = {type(field.get_default()) for owner in _owners() for field in owner.model_fields.values()}
+    for kinds in families().values():
+        for part in set(kinds.values()) - implied:
+            schema["$defs"][part.__name__].setdefault("required", []).append("kind")
+    return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}
+
+
+def _owners() -> set[type[Spec]]:
+    return {owner for _, owner, _ in _fields(Scenario, "", ())}
+
+
+def _drop_titles(schema: Any) -> None:
+    """Take away the titles that only repeat the keys."""
+    if isinstance(schema, list):
+        for item in schema:
+            _drop_titles(item)
+    elif isinstance(schema, dict):
+        if isinstance(schema.get("title"), str):
+            del schema["title"]
+        for name, inner in schema.items():
+            for part in inner.values() if name in ("properties", "$defs") else [inner]:
+                if name != "default":
+                    _drop_titles(part)

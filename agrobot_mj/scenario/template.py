@@ -1,0 +1,85 @@
+"""A scenario file to start from: the title, the seed, and every key of the parts that come in kinds, with its default.
+
+Written from the schema, so that it says what `agrobot-mj explain` says; as all values are defaults, it runs as it is.
+"""
+
+import json
+from pathlib import Path
+from textwrap import wrap
+
+import tomli_w
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import members
+from agrobot_mj.scenario.reference import TableClass, families, first_line, places, usual_kind
+from agrobot_mj.scenario.schema import Scenario
+
+SKIPPED = ("name", "title", "version", "seed")
+"""Keys of the scenario that stand in the head, or that a run writes by itself."""
+HEAD = """\
+# {name}: what does this experiment show?
+# Look at: ...
+#
+# Every key has a default, so that a file holds only what it is about: take away the `# ` before a key to change it, and
+# delete what you do not need. `agrobot-mj explain KEY` tells more of each, e.g. `agrobot-mj explain path.kind`.
+"""
+
+
+def write_template(name: str) -> Path:
+    """Write the file `name`.toml, which must not exist yet. Raises `ScenarioError`."""
+    path = Path(name if name.endswith(".toml") else f"{name}.toml")
+    if path.stem in ("", ".toml") or not path.stem.strip("."):
+        raise ScenarioError(f"init {name!r}: not a name; write it as my_field")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(template(path.stem))
+    except FileExistsError:
+        raise ScenarioError(f"{path}: is there already; choose another name") from None
+    return path
+
+
+def template(name: str) -> str:
+    """Text of a scenario file for the default experiment."""
+    shown, whole = "".join(letter if letter.isprintable() else " " for letter in name).strip(), places([])[0]
+    lines = [HEAD.format(name=shown), f"title = {json.dumps(shown, ensure_ascii=False)}", f"seed = {Scenario().seed}"]
+    for key, field in Scenario.model_fields.items():
+        if not members(field.annotation) and key not in SKIPPED:
+            lines += ["", *_key(whole, key)]
+    found = [key for key in families() if usual_kind(key) or "." not in key]
+    for key in sorted(found, key=lambda key: usual_kind(key) is None):
+        lines += ["", *(_table(key) if usual_kind(key) else _list(key))]
+    others = [key for key, field in Scenario.model_fields.items() if members(field.annotation) and key not in found]
+    return "\n".join([*lines, "", f"# Further tables: {', '.join(others)}; see `agrobot-mj explain {others[0]}`.", ""])
+
+
+def _key(place: TableClass, name: str) -> list[str]:
+    """A key as a comment, under what it means."""
+    about = wrap(" ".join((place.owner.model_fields[name].description or "").split()), 118)
+    value = getattr(place.default, name, None)
+    line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()
+    return [*(f"# {text}" for text in about), *(f"# {text}" for text in line.splitlines())]
+
+
+def _table(key: str) -> list[str]:
+    """A table of its usual kind."""
+    kind = usual_kind(key)
+    place = next(place for place in places(key.split(".")) if place.kinds[-1] == (key, kind))
+    lines = [*_kinds(key), f"[{key}]", f'kind = "{kind}"']
+    for name, field in place.owner.model_fields.items():
+        if members(field.annotation):
+            lines.append(f"# [{key}.{name}]: see `agrobot-mj explain {key}.{name}`")
+        elif name != "kind":
+            lines += _key(place, name)
+    return lines
+
+
+def _list(key: str) -> list[str]:
+    """A list of tables, of which the default has none."""
+    kind = next(iter(families()[key]))
+    return [*_kinds(key), f"# [[{key}]]", f'# kind = "{kind}"', f"# see `agrobot-mj explain {key}`"]
+
+
+def _kinds(key: str) -> list[str]:
+    kinds = families()[key]
+    width = max(map(len, kinds))
+    return ["# Kinds:", *(f"#   {kind:{width}}  {first_line(part)}" for kind, part in kinds.items())]

@@ -1,0 +1,140 @@
+"""Classes from outside join the families of the schema: every family, bad ones told with the reason.
+
+Each test runs in a process of its own, since a registration lasts as long as the process.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HEAD = "from typing import Literal\nfrom agrobot_mj import load_scenario, register, run\n"
+MEMBERS = {
+    "terrain": ("agrobot_mj.terrain", "Flat"),
+    "path": ("agrobot_mj.paths", "Line"),
+    "controller": ("agrobot_mj.control", "Pd"),
+    "guidance": ("agrobot_mj.control", "Kinematic"),
+    "estimator": ("agrobot_mj.estimation", "Ekf"),
+    "plant.tyre": ("agrobot_mj.tyres", "Linear"),
+}
+
+
+def python(folder, code):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    (folder / "own.py").write_text(HEAD + code, encoding="utf-8")
+    command = [sys.executable, "-W", "error::UserWarning", "own.py"]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_member_of_every_family_is_validated_overridden_written_and_found_again(tmp_path):
+    code = ""
+    for k, (key, (module, base)) in enumerate(MEMBERS.items()):
+        code += f"""
+from {module} import {base} as Base{k}
+@register
+class Own{k}(Base{k}):
+    \"\"\"A {key} of one's own.\"\"\"
+    kind: Literal["own"] = "own"
+    extra_m: float = 1.0
+    \"\"\"A further key [m].\"\"\"
+s = load_scenario("straight_line", {{"{key}.kind": "own", "{key}.extra_m": 2.0}})
+part = s
+for step in "{key}".split("."):
+    part = getattr(part, step)
+assert type(part) is Own{k} and part.extra_m == 2.0, part
+open("again.toml", "w").write(s.to_toml())
+assert load_scenario("again.toml") == s
+"""
+    code += """
+from agrobot_mj.faults import GnssLoss
+@register
+class OwnLoss(GnssLoss):
+    \"\"\"A fault of one's own.\"\"\"
+    kind: Literal["own_loss"] = "own_loss"
+(fault,) = load_scenario("straight_line", {"fault": [{"kind": "own_loss", "end_s": 1.0}]}).fault
+assert type(fault) is OwnLoss
+from agrobot_mj.core.errors import ScenarioError
+try:
+    load_scenario("straight_line", {"terrain.kind": "own", "terrain.extra_n": 1.0})
+except ScenarioError as error:
+    assert "terrain.extra_n: unknown key; did you mean 'extra_m'?" in str(error), error
+else:
+    raise AssertionError
+keys = ("guidance", "controller", "estimator", "path")
+short = {"duration_s": 1, "plant.kind": "bicycle"}
+log = run(load_scenario("straight_line", {**short, **{f"{key}.kind": "own" for key in keys}}))
+same = run(load_scenario("straight_line", {**short, "controller.kind": "pd"}))
+assert log.outcome == "completed"
+assert log.signals.column("x").equals(same.signals.column("x"))
+"""
+    done = python(tmp_path, code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_sensor_becomes_a_table_and_its_reading_reaches_the_estimator(tmp_path):
+    code = """
+from agrobot_mj.sensors import Sensor
+@register
+class FuelGauge(Sensor):
+    \"\"\"Level of the tank.\"\"\"
+    full_l: float = 30.0
+    \"\"\"Volume of the tank [l].\"\"\"
+    def init(self, seed):
+        return 0
+    def measure(self, state, truth, conditions, dt):
+        return state + 1, self.full_l - 0.01 * state
+s = load_scenario("straight_line", {"sensors.fuel_gauge.full_l": 20.0, "duration_s": 1, "plant.kind": "bicycle"})
+assert s.sensors.fuel_gauge.full_l == 20.0
+assert load_scenario("straight_line").sensors.fuel_gauge.full_l == 30.0
+from agrobot_mj.estimation import Ekf
+seen = []
+class Watching(Ekf):
+    \"\"\"Looks at the gauge.\"\"\"
+    kind: Literal["watching"] = "watching"
+    def update(self, state, measurement, dt):
+        seen.append(measurement.readings["fuel_gauge"])
+        return super().update(state, measurement, dt)
+register(Watching)
+run(s.changed({"estimator.kind": "watching"}))
+assert seen[:2] == [20.0, 19.99], seen[:3]
+"""
+    done = python(tmp_path, code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        (None, "own.py: no such file"),
+        ("def", "own.py: line 1: SyntaxError"),
+        ("1 / 0", "own.py: ZeroDivisionError: division by zero"),
+        ("import no_such_thing", "own.py: ModuleNotFoundError: No module named 'no_such_thing'"),
+        (
+            "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
+            'class A(Line):\n    """A."""\n    kind: Literal["circle"] = "circle"',
+            "own.py: register: path.kind 'circle' is there already; choose another",
+        ),
+        (
+            "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
+            'class A(Spec):\n    """A."""\n    kind: Literal["a"] = "a"',
+            "own.py: register: A: is of no family; derive it from one of ",
+        ),
+        (
+            "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
+            'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b_m: float',
+            "own.py: register: A: every key needs a valid default (b_m)",
+        ),
+    ],
+)
+def test_a_bad_plugin_is_told_in_one_message(tmp_path, file, message):
+    if file is not None:
+        (tmp_path / "own.py").write_text(file)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "agrobot_mj", "list", "--kinds", "--plugin", "own.py"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"--plugin {message}")
+    assert done.stderr.count("\n") == 1

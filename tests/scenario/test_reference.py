@@ -1,0 +1,215 @@
+"""What the command line tells about the schema: keys, kinds, the JSON schema, and the file to start from."""
+
+import json
+import re
+import tomllib
+
+import pytest
+
+from agrobot_mj.control import Controller
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import members
+from agrobot_mj.faults import Fault
+from agrobot_mj.scenario import reference
+from agrobot_mj.scenario.loading import load_scenario, scenario_files
+from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text
+from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.scenario.template import write_template
+from agrobot_mj.tyres import Tyre
+
+SCHEMA = json_schema()
+TYPES = {
+    "number": (int, float),
+    "integer": int,
+    "string": str,
+    "boolean": bool,
+    "array": list,
+    "object": dict,
+    "null": type(None),
+}
+
+
+def conforms(value, schema):
+    """Whether a value is as the JSON schema has it; knows the words that ours uses."""
+    if "$ref" in schema and not conforms(value, SCHEMA["$defs"][schema["$ref"].rpartition("/")[2]]):
+        return False
+    for word, count in (("oneOf", lambda n: n == 1), ("anyOf", lambda n: n > 0)):
+        if word in schema and not count(sum(conforms(value, option) for option in schema[word])):
+            return False
+    kind = schema.get("type")
+    if kind and (not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind in ("number", "integer"))):
+        return False
+    if "const" in schema and value != schema["const"]:
+        return False
+    if "enum" in schema and value not in schema["enum"]:
+        return False
+    if isinstance(value, int | float):
+        if not (schema.get("minimum", -1e99) <= value <= schema.get("maximum", 1e99)):
+            return False
+        if not (schema.get("exclusiveMinimum", -1e99) < value < schema.get("exclusiveMaximum", 1e99)):
+            return False
+    if isinstance(value, list):
+        return all(conforms(item, schema.get("items", {})) for item in value)
+    if isinstance(value, dict):
+        known = schema.get("properties", {})
+        if not set(schema.get("required", ())) <= set(value):
+            return False
+        if schema.get("additionalProperties") is False and not set(value) <= set(known):
+            return False
+        return all(conforms(item, known[key]) for key, item in value.items() if key in known)
+    return True
+
+
+# --- JSON schema --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", scenario_files())
+def test_every_scenario_of_the_library_conforms_to_the_json_schema(name):
+    assert conforms(tomllib.loads(scenario_files()[name].read_text(encoding="utf-8")), SCHEMA)
+    assert conforms(json.loads(json.dumps(tomllib.loads(load_scenario(name).to_toml()))), SCHEMA)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sead = 1",
+        "seed = -1",
+        "seed = true",
+        "seed = 'one'",
+        "physics_dt_s = 1.0",
+        "[terrain]\nkind = 'hill'",
+        "[terrain]\nkind = 'slope'\ngrade_deg = 80",
+        "[terrain]\ngrade_deg = 8",
+        "[plant.tyre]\nkind = 'linear'\nrelaxation_radi = 1.0",
+        "[[fault]]\nstart_s = 3",
+    ],
+)
+def test_what_loading_refuses_the_json_schema_refuses(text):
+    data = tomllib.loads(text)
+    assert not conforms(data, SCHEMA)
+    with pytest.raises(ScenarioError):
+        resolve(data, "mine.toml")
+
+
+def test_the_json_schema_has_descriptions_and_no_titles_of_the_generator():
+    text = json.dumps(SCHEMA)
+    assert '"title": "Wheelbase M"' not in text
+    assert SCHEMA["$defs"]["TractorParameters"]["properties"]["wheelbase_m"]["description"]
+    assert "title" in SCHEMA["properties"], "the key of that name stays"
+
+
+# --- kinds and keys -----------------------------------------------------------------------------------------------
+
+
+def test_families_are_the_unions_of_the_schema():
+    found = families()
+    assert found["plant.tyre"] == members(Tyre)
+    assert found["controller"] == members(Controller)
+    assert found["fault"] == members(Fault)
+    assert {"plant", "terrain", "terrain.patch", "path", "estimator"} <= set(found)
+
+
+def test_the_list_of_kinds_has_a_line_for_each_with_its_docstring():
+    lines = kinds_text().splitlines()
+    assert len(lines) == sum(map(len, families().values()))
+    (soil,) = [line for line in lines if line.startswith("plant.tyre ") and line.split()[1] == "soil"]
+    assert soil.endswith(members(Tyre)["soil"].__doc__.splitlines()[0])
+
+
+ALL_KEYS = list(dict.fromkeys(key for key, _, _ in reference._fields(Scenario, "", ())))
+
+
+def test_every_key_can_be_explained():
+    assert len(ALL_KEYS) > 250
+    for key in ALL_KEYS:
+        assert explain_key(key).splitlines()[0] == key
+
+
+def test_a_key_is_explained_by_unit_range_default_source_and_kinds():
+    text = explain_key("plant.tyre.relaxation_radii")
+    assert re.search(r"^  unit +-$", text, re.M)
+    assert re.search(r"^  value +number, above 0", text, re.M)
+    assert re.search(r"^  source +Estimate", text, re.M)
+    kinds = [kind for kind, part in members(Tyre).items() if "relaxation_radii" in part.model_fields]
+    assert 0 < len(kinds) < len(members(Tyre))
+    for kind in kinds:
+        assert re.search(rf"^  with +plant\.tyre\.kind = .*\b{kind}\b", text, re.M)
+
+
+def test_kinds_that_differ_in_a_key_are_told_apart():
+    text = explain_key("terrain.grade_deg")
+    defaults = {str(part().grade_deg) for part in families()["terrain"].values() if "grade_deg" in part.model_fields}
+    assert len(defaults) > 1
+    assert set(re.findall(r"^  default +(\S+)$", text, re.M)) == defaults
+
+
+def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
+    assert "* figure_eight" in explain_key("path")
+    assert "* figure_eight" in explain_key("path.kind")
+    assert "wheelbase_m" in explain_key("tractor")
+    assert explain_key("fault.0.start_s") == explain_key("fault.start_s") == explain_key("fault[3].start_s")
+    assert all(re.search(rf"^  {key} ", explain_key(""), re.M) for key in Scenario.model_fields)
+
+
+@pytest.mark.parametrize(
+    ("key", "near"),
+    [
+        ("relaxation_radi", "'plant.tyre.relaxation_radii'"),
+        ("path.speed", "'path.speed_m_s'"),
+        ("wheelbase_m", "'tractor.wheelbase_m'"),
+        ("tractor.wheelbase", "'tractor.wheelbase_m'"),
+        ("seed.x", "'seed'"),
+        ("terrain..", "'terrain'"),
+        ("qqqq", "`agrobot-mj explain` lists the tables"),
+        (".", "`agrobot-mj explain` lists the tables"),
+    ],
+)
+def test_an_unknown_key_is_told_with_the_near_ones(key, near):
+    with pytest.raises(ScenarioError, match=f"^{re.escape(key)}: unknown key") as error:
+        explain_key(key)
+    assert near in str(error.value)
+
+
+# --- a file to start from -----------------------------------------------------------------------------------------
+
+
+def test_the_file_to_start_from_is_the_default_scenario(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write_template("my field")
+    text = path.read_text(encoding="utf-8")
+    assert path.name == "my field.toml"
+    scenario = load_scenario(path)
+    assert scenario == Scenario().changed({"name": "my field", "title": "my field"})
+    assert all(f"#   {kind} " in text for table in ("path", "plant.tyre", "fault") for kind in families()[table])
+
+
+def test_every_comment_that_is_a_key_can_be_made_one(tmp_path):
+    """Uncommented, the file says every default aloud: the same scenario again."""
+    text = write_template(str(tmp_path / "mine")).read_text(encoding="utf-8")
+    keys = re.sub(r"^# (\w+ = .+)$", r"\1", text.partition("# [[fault]]")[0], flags=re.M)
+    assert keys.count("\n# ") < text.count("\n# ") - 30
+    (tmp_path / "full.toml").write_text(keys, encoding="utf-8")
+    full = load_scenario(tmp_path / "full.toml", {"name": "mine"})
+    assert full == load_scenario(tmp_path / "mine.toml")
+
+
+def test_a_file_that_is_there_is_not_written_over(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("seed = 4")
+    for name in ("mine", "mine.toml"):
+        with pytest.raises(ScenarioError, match=r"^mine\.toml: is there already"):
+            write_template(name)
+    assert (tmp_path / "mine.toml").read_text() == "seed = 4"
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", ".toml", "x/.toml"])
+def test_a_name_that_is_none_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ScenarioError, match="not a name"):
+        write_template(name)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ['a"b', "a\nb", "ümlaut", "a'''b", "a\\b", "\x07"])
+def test_hostile_names_still_make_a_scenario(name, tmp_path):
+    assert load_scenario(write_template(str(tmp_path / name))).seed == 1
