@@ -14,15 +14,20 @@ from agrobot_mj.control.pd_fnn import PdT1fnn, PdT2fnn
 from agrobot_mj.control.pd_isgn import PdIsgn
 
 Guidance = Annotated[
-    Kinematic | Feedforward,
+    Kinematic
+    | Feedforward,
     Field(discriminator="kind"),
-]
+]  # fmt: skip
 """Every guidance law, by `kind`."""
 
 Controller = Annotated[
-    OpenLoop | Pd | PdT2fnn | PdT1fnn | PdIsgn,
+    OpenLoop
+    | Pd
+    | PdT2fnn
+    | PdT1fnn
+    | PdIsgn,
     Field(discriminator="kind"),
-]
+]  # fmt: skip
 """Every yaw controller, by `kind`."""
 
 __all__ = [

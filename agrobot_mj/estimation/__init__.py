@@ -8,6 +8,10 @@ from agrobot_mj.estimation.base import EstimatorState
 from agrobot_mj.estimation.ekf import Ekf
 from agrobot_mj.estimation.ekf_bias import EkfBias
 
-Estimator = Annotated[Ekf | EkfBias, Field(discriminator="kind")]
+Estimator = Annotated[
+    Ekf
+    | EkfBias,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 __all__ = ["Ekf", "EkfBias", "Estimator", "EstimatorState"]

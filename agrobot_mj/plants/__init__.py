@@ -8,6 +8,10 @@ from agrobot_mj.plants.base import Clock, RunningPlant
 from agrobot_mj.plants.bicycle import Bicycle, BicyclePlant
 from agrobot_mj.plants.mujoco.plant import Mujoco, MujocoPlant
 
-Plant = Annotated[Bicycle | Mujoco, Field(discriminator="kind")]
+Plant = Annotated[
+    Bicycle
+    | Mujoco,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 __all__ = ["Bicycle", "BicyclePlant", "Clock", "Mujoco", "MujocoPlant", "Plant", "RunningPlant"]

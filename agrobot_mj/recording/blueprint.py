@@ -31,6 +31,7 @@ TABS = {
     "Tyres": ("tyres/", "attitude"),
     "Estimator": ("estimator/",),
     "Network": ("network/", "control/command"),
+    "More": ("reported/",),
 }
 """The same for each further tab, which is left out if nothing begins with its first."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)

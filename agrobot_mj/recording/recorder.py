@@ -16,9 +16,10 @@ from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.plots.axes import Frame
-from agrobot_mj.recording.plots.network import Firing, network_plots
+from agrobot_mj.recording.plots.catalogue import reported_plots
+from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
 from agrobot_mj.recording.plots.signals import Signals
-from agrobot_mj.recording.plots.states import States
+from agrobot_mj.recording.plots.states import LANES, States
 from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
 from agrobot_mj.recording.world.motion import BodyMotion
@@ -48,7 +49,9 @@ class Recording:
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
         self.motion = BodyMotion(rows, scene, ground, scenario)
-        self.signals, self.firing = Signals(rows, network_plots(rows.columns)), Firing(rows)
+        elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES))
+        more = (*network_plots(rows.columns), *reported_plots(rows.table, elsewhere))
+        self.signals, self.firing = Signals(rows, more), Firing(rows)
         self.states = States(rows, scenario.fault)
         self.recording = self.sink.flush()
         if not self.recording:

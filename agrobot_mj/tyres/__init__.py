@@ -10,6 +10,12 @@ from agrobot_mj.tyres.linear import Linear
 from agrobot_mj.tyres.magic_formula import MagicFormula
 from agrobot_mj.tyres.soil import Soil
 
-Tyre = Annotated[Contact | Linear | MagicFormula | Soil, Field(discriminator="kind")]
+Tyre = Annotated[
+    Contact
+    | Linear
+    | MagicFormula
+    | Soil,
+    Field(discriminator="kind"),
+]  # fmt: skip
 
 __all__ = ["Contact", "Linear", "MagicFormula", "Soil", "Tyre", "TyreBase"]

@@ -1,5 +1,6 @@
-"""docs/extending.md is true: a new terrain and a new fault take one file and one line in the union each."""
+"""docs/extending.md is true: a new member of every family takes one file and a few lines beside the others."""
 
+import json
 import os
 import re
 import shutil
@@ -14,16 +15,24 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-PYTHON = dict(re.findall(r"^`(agrobot_mj/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)```", TEXT, re.M | re.S))
+PYTHON = dict(re.findall(r"^`(agrobot_mj/[\w/]+\.py)`[^\n]*:\n\n```(?:python|text)\n(.*?)```", TEXT, re.M | re.S))
 (SCENARIO,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
+FAMILIES = {"terrain", "faults", "control", "tyres", "paths", "sensors", "metrics"}
 
 
 def add_lines(file: Path, block: str) -> None:
-    """An import goes before the first of the package's, a name before the second of the union."""
+    """An import goes before the first of the package's; any other line behind the one shown before it."""
     lines = file.read_text(encoding="utf-8").splitlines()
+    place = None
     for line in block.splitlines():
-        mark = "    | " if line.startswith("    | ") else "from agrobot_mj."
-        lines.insert(next(k for k, old in enumerate(lines) if old.startswith(mark)), line)
+        if line in lines:
+            place = lines.index(line)
+        elif line.startswith("from agrobot_mj."):
+            lines.insert(next(k for k, old in enumerate(lines) if old.startswith("from agrobot_mj.")), line)
+        else:
+            assert place is not None, f"{file}: nothing says where {line!r} goes"
+            place += 1
+            lines.insert(place, line)
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -50,33 +59,72 @@ def call(folder, *arguments):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_a_new_terrain_and_a_new_fault_take_one_file_and_one_line_in_the_union_each():
-    files = [path for path in PYTHON if not path.endswith("__init__.py")]
-    assert sorted(path.split("/")[1] for path in files) == ["faults", "terrain"]
-    assert not any((ROOT / path).exists() for path in files), "pick kinds that are not there yet"
-    for family in ("faults", "terrain"):
-        imported, named = PYTHON[f"agrobot_mj/{family}/__init__.py"].splitlines()
-        assert imported.startswith(f"from agrobot_mj.{family}.")
-        assert named == "    | " + imported.split()[-1]
-
-
-def test_the_new_kinds_run_and_do_what_they_say(checkout):
-    done = call(checkout, "run", "hill.toml", "--no-rrd", "--out", "out", "--set", "plant.settle_s=0.5")
+@pytest.fixture(scope="module")
+def results(checkout):
+    """The folder of a run of the page's scenario."""
+    done = call(checkout, "run", "hill.toml", "--out", "out", "--set", "plant.settle_s=0.5")
     assert (done.returncode, done.stderr) == (0, "")
     assert "completed" in done.stdout
-    scenario = tomllib.loads((checkout / "out" / "scenario.toml").read_text(encoding="utf-8"))
+    return checkout / "out"
+
+
+def test_a_new_member_takes_one_file_and_a_line_or_two_beside_the_others():
+    files = [path for path in PYTHON if not (ROOT / path).exists()]
+    assert {path.split("/")[1] for path in files} == FAMILIES
+    assert len(files) == len(FAMILIES), "pick kinds that are not there yet"
+    for path, block in PYTHON.items():
+        if path not in files:
+            there = (ROOT / path).read_text(encoding="utf-8").splitlines()
+            assert len([line for line in block.splitlines() if line not in there]) <= 3, path
+
+
+def test_the_scenario_says_what_was_chosen(results):
+    scenario = tomllib.loads((results / "scenario.toml").read_text(encoding="utf-8"))
     assert (scenario["terrain"]["kind"], scenario["terrain"]["height_m"]) == ("dome", 2.0)
     assert (scenario["fault"][0]["kind"], scenario["fault"][0]["east_m"]) == ("gnss_shift", 0.25)
-    signals = pq.read_table(checkout / "out" / "signals.parquet").to_pydict()
+    assert (scenario["guidance"]["kind"], scenario["guidance"]["gain"]) == ("carrot", 1.0)
+    assert (scenario["plant"]["tyre"]["kind"], scenario["path"]["kind"]) == ("brush", "racetrack")
+    assert scenario["sensors"]["gnss_compass"]["sigma_deg"] == 0.2
+
+
+def test_the_new_members_do_what_they_say(results):
+    table = pq.read_table(results / "signals.parquet")
+    signals = {name: np.array(column, dtype=float) for name, column in table.to_pydict().items()}
     assert signals["z_ref"][0] == pytest.approx(2.0, abs=0.01), "the reference runs over the top"
     assert signals["z"][0] == pytest.approx(2.0 + 0.55, abs=0.05), "and the tractor stands on it"
-    off = np.array(signals["gnss_x"]) - np.array(signals["rear_x"])
-    assert off[20:].mean() - off[:20].mean() == pytest.approx(0.25, abs=0.03)
-    assert signals["faults_active"] == 20 * [0.0] + 20 * [1.0]
+    off = signals["gnss_x"] - signals["rear_x"]
+    assert off[20:40].mean() - off[:20].mean() == pytest.approx(0.25, abs=0.03)
+    assert signals["faults_active"].tolist() == 20 * [0.0] + 20 * [1.0] + 40 * [0.0]
+    assert np.abs(signals["compass_yaw"] - signals["yaw"]).max() < np.radians(1.0)
+    assert signals["steer_ref"] == pytest.approx(signals["bearing"], abs=1e-12)
+    assert signals["lateral_acceleration"] == pytest.approx(signals["speed"] * signals["yaw_rate"])
+    assert signals["speed"][-1] > 0.5
+    used = np.hypot(signals["fx_rl"], signals["fy_rl"]) / signals["load_rl"]
+    assert 0 < used.max() < 0.7 + 0.06
+
+
+def test_columns_and_metrics_are_written_with_what_they_are(results):
+    schema = pq.read_schema(results / "signals.parquet")
+    assert schema.field("lateral_acceleration").metadata[b"unit"] == b"m/s2"
+    assert schema.field("bearing").metadata[b"description"].startswith(b"bearing of the carrot")
+    metrics = json.loads((results / "metrics.json").read_text(encoding="utf-8"))
+    assert 0 < metrics["lateral_acceleration_rms"] < 1
+
+
+def test_the_recording_has_the_plots(results):
+    from rerun.chunk import RrdReader
+
+    plots = {chunk.entity_path for chunk in RrdReader(str(results / "run.rrd")).stream().to_chunks()}
+    assert {"/plots/yaw_rate/lateral_acceleration", "/plots/reported/bearing", "/plots/reported/compass_yaw"} <= plots
 
 
 def test_the_new_kinds_are_known_by_name(checkout):
-    done = call(checkout, "run", "hill.toml", "--set", "terrain.kind=dom", "--set", "fault.0.kind=gnss_shif")
+    wrong = {"terrain.kind": "dom", "fault.0.kind": "gnss_shif", "guidance.kind": "carot", "plant.tyre.kind": "brussh"}
+    done = call(
+        checkout, "run", "hill.toml", *(part for key, kind in wrong.items() for part in ("--set", f"{key}={kind}"))
+    )
     assert done.returncode == 2
     assert "terrain.kind: unknown kind 'dom'; did you mean 'dome'?" in done.stderr
     assert "fault[0].kind: unknown kind 'gnss_shif'; did you mean 'gnss_shift'?" in done.stderr
+    assert "guidance.kind: unknown kind 'carot'; did you mean 'carrot'?" in done.stderr
+    assert "plant.tyre.kind: unknown kind 'brussh'; did you mean 'brush'?" in done.stderr

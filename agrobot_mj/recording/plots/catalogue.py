@@ -4,7 +4,7 @@ A plot of a recording is a member of `PLOTS` (or of `network.network_plots`), on
 whose columns the log does not have are left out. `derived` adds what the log implies without having it as a column.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from math import degrees
 from typing import NamedTuple
 
@@ -12,7 +12,8 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.palette import BRIGHT_BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILION, rgba
-from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.core.signals import WHEELS, Array, Column
+from agrobot_mj.simulation.columns import COLUMNS
 from agrobot_mj.simulation.log import Rows
 
 SI = {
@@ -21,7 +22,7 @@ SI = {
 }
 """Unit of the log by unit of a plot; the others are the same."""
 UNITS = {
-    **{"m": 1.0, "m/s": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
+    **{"m": 1.0, "m/s": 1.0, "s": 1.0, "1/m": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
     **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
 }
 """Factor from the unit of the log to the unit of a plot."""
@@ -145,6 +146,29 @@ COMPARED = (
 """Every plot of a comparison; each run has one line on it. The label and the colour are those of the run."""
 NEGATED = ("e_lateral", "tau_n")
 """Columns that a comparison shows with the opposite sign."""
+
+
+SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
+"""Unit of a plot by unit of the log, where nothing else is said."""
+REPORTED = "reported/"
+"""Beginning of the paths of plots that no catalogue names."""
+
+
+def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
+    """A plot for each column of a log that stages report and nothing else shows.
+
+    `elsewhere` are the columns that other plots and lanes show.
+    """
+    known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
+    return [
+        _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)
+        for c in table
+        if c.name not in known and SHOWN_IN.get(c.unit, c.unit) in UNITS
+    ]
+
+
+def _title(column: Column) -> str:
+    return column.description[:1].upper() + column.description[1:]
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:

@@ -105,6 +105,14 @@ def family(start: str, columns: Sequence[str]) -> list[str]:
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
+def network_columns(columns: Sequence[str]) -> list[str]:
+    """All columns of a network among those of a log; none without one."""
+    if not family("c1", columns):
+        return []
+    starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
+    return [name for start in starts for name in family(start, columns)]
+
+
 class Firing:
     """Sends the heat maps of a run; none without a network."""
 
