@@ -21,6 +21,8 @@ STEP_M = 0.05
 """Spacing of the samples [m]."""
 WINDOW_M = 4.0
 """How far from the named place the nearest point is sought, ahead and behind [m]."""
+ROUNDING_M = 1e-6
+"""How far a leg reaches beyond its ends, for rounding; a sample of the next leg stays outside [m]."""
 CHUNK_S = 20.0
 """Time by which the sampled part grows [s]."""
 BEND = 1.4
@@ -60,11 +62,11 @@ class SampledRoute:
         s, turned = self._samples[:, S], self._samples[:, TURNED]
         middle = min(int(np.searchsorted(s, near)), len(s) - 1)
         first = max(
-            int(np.searchsorted(s, max(near - WINDOW_M, low - STEP_M / 2))),
+            int(np.searchsorted(s, max(near - WINDOW_M, low - ROUNDING_M))),
             int(np.searchsorted(turned, turned[middle] - BEND - 1e-9)),
         )
         last = min(
-            int(np.searchsorted(s, min(near + WINDOW_M, high + STEP_M / 2), "right")),
+            int(np.searchsorted(s, min(near + WINDOW_M, high + ROUNDING_M), "right")),
             int(np.searchsorted(turned, turned[middle] + BEND + 1e-9, "right")),
         )
         window = self._samples[first : max(last, first + 1)]
