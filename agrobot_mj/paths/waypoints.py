@@ -16,7 +16,7 @@ between them; `speed_m_s` stays the largest. A curvature that the tractor cannot
 
 import warnings
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr
@@ -36,6 +36,8 @@ class Waypoints(Transitions, Timed):
     """Waypoints from a file."""
 
     kind: Literal["waypoints"] = "waypoints"
+    reads_file: ClassVar[bool] = True
+    """The course is that of the file."""
     file: str = "waypoints.csv"
     """CSV file with the columns x, y [m] and, if wanted, speed [m/s]; a header may stand above them."""
     corners: Literal["fillet", "spline"] = "fillet"

@@ -6,6 +6,7 @@ reads a file by name or path, applies dotted overrides and checks that the parts
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from math import atan, degrees
 from typing import Annotated, Any
@@ -173,8 +174,17 @@ def check_files(scenario: Scenario, source: str) -> None:
 
     Raises `ScenarioError` with all that is wrong; `source` names the scenario.
     """
+    try:
+        scenario.path.check()
+    except ValueError as error:
+        raise ScenarioError(f"{source}: {below('path', str(error))}") from None
     if errors := [*_path_errors(scenario), *_ground_errors(scenario)]:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
+
+
+def below(table: str, text: str) -> str:
+    """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
+    return f"{table}.{text}" if re.match(r"[a-z0-9_.]+: ", text) else f"{table}: {text}"
 
 
 def _path_errors(s: Scenario) -> list[str]:
@@ -200,5 +210,5 @@ def _ground_errors(s: Scenario) -> list[str]:
         if s.terrain.ground().covers(start.x, start.y):
             return []
     except ValueError as error:
-        return [f"terrain.{error}"]
+        return [below("terrain", str(error))]
     return [f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger"]

@@ -15,7 +15,9 @@ FIELD = [(0, -6), (40, -6), (40, 6), (0, 6), (0, 18), (40, 18)]
 def waypoints(tmp_path, rows, **keys):
     file = tmp_path / "route.csv"
     file.write_text("\n".join(",".join(str(value) for value in row) for row in rows) + "\n")
-    return Waypoints(file=str(file), **keys)
+    path = Waypoints(file=str(file), **keys)
+    path.check()  # reads the file
+    return path
 
 
 def points(path, count=40000):

@@ -182,7 +182,7 @@ def test_what_never_ends_is_not_opened(tmp_path):
 def test_too_much_smoothing_is_refused(tmp_path):
     file = route(tmp_path, ring(radius=3))
     with pytest.raises(ValueError, match="smoothing_m: 900 m leaves no way"):
-        Waypoints(file=file, closed=True, smoothing_m=900, corners="spline")
+        Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
 
 
 def test_a_hairpin_beyond_the_steering_names_its_place(tmp_path):
