@@ -214,15 +214,15 @@ def test_a_run_that_diverged_opens(short, tmp_path, broken):
 
 
 def test_a_lane_appears_with_its_column(short, tmp_path):
-    assert "/states/supervisor" not in replay(short, tmp_path / "without.rrd").entities()
+    assert "/states/link" not in replay(short, tmp_path / "without.rrd").entities()
     rows = short.rows
-    rows.columns = (*rows.columns, "supervisor_state")
+    rows.columns = (*rows.columns, "link_engaged")
     states = np.zeros(len(rows.values))
-    states[100:], states[300:], states[350:] = 2, np.nan, 4
+    states[100:], states[300:], states[350:] = 1, np.nan, 0
     rows.values = np.column_stack([rows.values, states])
-    times, labels = replay(short, tmp_path / "with.rrd").column("/states/supervisor", "StateChange:state")
+    times, labels = replay(short, tmp_path / "with.rrd").column("/states/link", "StateChange:state")
     assert list(times // 50_000_000) == [0, 100, 300, 350]
-    assert labels == [["idle"], ["tracking"], ["unknown"], ["stopping"]]
+    assert labels == [["not engaged"], ["engaged"], ["unknown"], ["not engaged"]]
 
 
 def test_a_dense_signal_gets_its_mean_and_a_calm_one_does_not(short, tmp_path):
