@@ -10,6 +10,7 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from agrobot_mj.core.signals import Reference
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line
 from agrobot_mj.studies import report, style
@@ -28,7 +29,7 @@ class RunLog:
     def __init__(self, path: Any, error: float, controller: str, end_s: float = np.inf) -> None:
         self.scenario = SimpleNamespace(path=path)
         t = np.arange(0, min(end_s, path.duration_s), 0.05)
-        r = np.array([path.at(s) for s in t]).reshape(-1, 6)
+        r = np.array([path.at(s) for s in t]).reshape(-1, len(Reference._fields))
         noise = np.random.default_rng(0).normal(0, 0.05, len(t))
         network = 0.1 if controller != "pd" else 0.0
         self.columns = {

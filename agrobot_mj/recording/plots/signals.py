@@ -29,6 +29,8 @@ PALE = 0x48
 """Opacity of a line below its mean, of 0xFF."""
 MEAN_S = 2.0
 """Length of the moving mean: two furrows of 0.75 m at 0.8 m/s [s]."""
+MEAN_TICKS = 5
+"""Ticks from one point of the mean to the next: it moves slowly."""
 MEAN = "mean"
 """Name of their entity below that of the plot."""
 WINDOWS = 100
@@ -134,6 +136,7 @@ def _send_means(stream: rr.RecordingStream, plot: Plot, t: Array, numbers: Array
     """The moving means of a dense plot, and the style that makes its signals pale."""
     means = np.column_stack([moving_mean(column, round(MEAN_S / TICK_S)) for column in numbers.T])
     there = np.isfinite(means).all(axis=1) & np.isfinite(numbers).all(axis=1)
+    there &= np.arange(len(t)) % MEAN_TICKS == 0
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, _style(plot, PALE, PALE_WIDTH), static=True)
     # A series and its mean share a name, for which the legend has one line, in the colour of the mean.

@@ -9,6 +9,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 import rerun as rr
 
+from agrobot_mj.control.supervisor import Mode
 from agrobot_mj.core.palette import GREEN, ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array, Outcome
 from agrobot_mj.faults import Scripted
@@ -47,11 +48,15 @@ class Lane(NamedTuple):
 
 UNKNOWN = "unknown"
 """Label where the log has no state, or one that the lane does not know."""
-SUPERVISOR = ("idle", "aligning", "tracking", "coasting", "stopping")
 LANES = (
     Lane("gnss", ("none", "float", "fix"), (BAD, DOUBTFUL, GOOD), "gnss_quality"),
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
-    Lane("supervisor", SUPERVISOR, (PLAIN, DOUBTFUL, GOOD, DOUBTFUL, BAD), "supervisor_state"),
+    Lane(
+        "supervisor",
+        tuple(mode.name.lower() for mode in Mode),
+        (PLAIN, DOUBTFUL, GOOD, DOUBTFUL, BAD),
+        "supervisor_state",
+    ),
     Lane("fix_gate", ("accepted", "rejected"), (GOOD, BAD), "fix_rejected"),
     Lane("estimator", ("consistent", "inconsistent"), (GOOD, BAD), "estimator_inconsistent"),
     Lane("link", ("not engaged", "engaged"), (PLAIN, GOOD), "link_engaged"),

@@ -11,7 +11,8 @@ import rerun as rr
 from agrobot_mj.core.signals import Array
 
 ENTITY = "world/contours"
-COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.04
+COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
+"""Lines lie below the reference path and the tracks, so that they hide neither."""
 MOST_LINES = 24
 """Lines between the lowest and the highest place, at most."""
 LEAST_RISE_M = 0.4
@@ -54,10 +55,10 @@ def _crossing(triangles: Array, level: float) -> Array:
     return found
 
 
-def contour_lines(corners: Array) -> rr.LineStrips3D | None:
-    """The lines through `corners` (rows, columns, 3) as drawn; None where the ground is level."""
+def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
+    """The lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is level."""
     pieces = contours(corners)
     if not len(pieces):
         return None
-    lifted = pieces + np.array([0.0, 0.0, LIFT_M])
+    lifted = pieces + np.array([0.0, 0.0, LIFT_M + lift])
     return rr.LineStrips3D(lifted.astype(np.float32), colors=COLOUR, radii=WIDTH)

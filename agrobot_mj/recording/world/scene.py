@@ -15,7 +15,7 @@ from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Scene
 from agrobot_mj.recording.world.contours import ENTITY as CONTOURS
 from agrobot_mj.recording.world.contours import contour_lines
-from agrobot_mj.recording.world.ground import ground_mesh, on_ground, smooth_corners
+from agrobot_mj.recording.world.ground import ROUGH_LIFT_M, ground_mesh, on_ground, smooth_corners
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
@@ -31,7 +31,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
     """Log everything static; `reference` is what `reference_line` returns."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
-    lines = contour_lines(smooth_corners(ground, reference[:, :2]))
+    lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
     if lines is not None:
         stream.log(CONTOURS, lines, static=True)
     stream.log("world/path", rr.LineStrips3D([reference], colors=PATH_COLOUR, radii=PATH_WIDTH), static=True)
