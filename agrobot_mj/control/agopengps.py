@@ -5,10 +5,15 @@ The tractor plays the steer module, the GNSS receiver and the inertial unit; a h
 drive the valve, which is what users of such programs tune. The speed is that of the path.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from math import nan
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
+from agrobot_mj.control.base import Guidance, Situation
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import NEUTRAL_V, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 Byte = Annotated[int, Field(ge=0, le=255)]
@@ -32,7 +37,20 @@ class BoardSettings(Spec):
     """Scale of angles to the left [%]. Default of AgOpenGPS boards."""
 
 
-class AgOpenGps(Spec):
+class Actuation(NamedTuple):
+    """What the board does to the steering in one tick; at first nothing."""
+
+    engaged: bool = False
+    """The host steers."""
+    steer: float = 0.0
+    """Angle for the tractor's steering loop, left positive [rad]."""
+    voltage: float | None = NEUTRAL_V
+    """Valve voltage in place of that loop [V]."""
+    asked: float = nan
+    """Set point of the host, left positive; alive while not engaged, NaN before the first [rad]."""
+
+
+class AgOpenGps(Guidance):
     """An outer program drives over UDP, see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
@@ -62,3 +80,31 @@ class AgOpenGps(Spec):
     """True scale of the mounted angle sensor [counts/deg]; the board's own `counts_per_degree` should match."""
     board: BoardSettings = BoardSettings()
     """Settings at power-up."""
+
+    @property
+    def outside(self) -> str:
+        """Command that runs it."""
+        return "link"
+
+    def init(self) -> Actuation:
+        """The board at power-up."""
+        return Actuation()
+
+    def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
+        """The steering that the link has left in the state, at the speed of the path."""
+        r = situation.reference
+        speed = to_heading(r.yaw, r.vx, r.vy)[0]
+        released = not state.engaged and state.voltage is not None  # the loop holds the wheels where they are
+        return state, Command(situation.steer if released else state.steer, speed, state.voltage)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What the host does."""
+        return (
+            Column("link_engaged", "-", "1 while the host steers, else 0"),
+            Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),
+        )
+
+    def report(self, state: Actuation) -> Sequence[float]:
+        """Values of `columns`."""
+        return float(state.engaged), state.asked

@@ -8,10 +8,10 @@ counts.
 A datagram identical to the one before it and less than 1 ms younger is the same one on another route.
 """
 
-from math import inf
+from math import inf, nan
 from typing import NamedTuple
 
-from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.links.agopengps.drive import angle_of, counts_of, pwm_of, true_angle, voltage_of
@@ -84,17 +84,6 @@ class BoardState(NamedTuple):
     tally: Tally = Tally()
 
 
-class Actuation(NamedTuple):
-    """What the board does to the steering in one tick."""
-
-    engaged: bool
-    """The host steers."""
-    steer: float
-    """Angle for the tractor's steering loop, left positive [rad]."""
-    voltage: float | None
-    """Valve voltage in place of that loop [V]."""
-
-
 class Board(NamedTuple):
     """A steer module of certain keys."""
 
@@ -144,16 +133,16 @@ class Board(NamedTuple):
         state, spec = self._watch(state._replace(steer=steer), t), self.spec
         asked = state.asked
         engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
-        set_point = clip(asked.steer, -self.limit, self.limit) if asked is not None and engaged else 0.0
-        pwm = pwm_of(set_point - self._believed(state), state.settings) if engaged else 0
+        wish = nan if asked is None else clip(asked.steer, -self.limit, self.limit)
+        pwm = pwm_of(wish - self._believed(state), state.settings) if engaged else 0
         tally = state.tally._replace(engagements=state.tally.engagements + (engaged and not state.engaged))
         state = state._replace(engaged=engaged, pwm=pwm, tally=tally)
         if not engaged:
-            return state, Actuation(False, 0.0, NEUTRAL_V if spec.released == "hold" else None)
+            return state, Actuation(False, 0.0, NEUTRAL_V if spec.released == "hold" else None, wish)
         if spec.steer_by == "pwm":
-            return state, Actuation(True, set_point, voltage_of(pwm, state.config))
-        wanted = true_angle(set_point, spec.sensor_counts_per_degree, state.settings, state.config)
-        return state, Actuation(True, clip(wanted, -self.limit, self.limit), None)
+            return state, Actuation(True, wish, voltage_of(pwm, state.config), wish)
+        wanted = true_angle(wish, spec.sensor_counts_per_degree, state.settings, state.config)
+        return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
         """The steering state for the host at the board's time `t` [s]."""

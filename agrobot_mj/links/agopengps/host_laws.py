@@ -1,7 +1,7 @@
 """Steering laws of the small host: a straight line, pure pursuit and Stanley in the form that such hosts use.
 
-Pure pursuit [Coulter1992] aims the rear axle at a point of the line, Stanley [Hoffmann2007] turns the front axle
-towards it; both may add an integral of the distance. Angles in rad and the distance `off` in m, left positive.
+Pure pursuit aims the rear axle at a point of the line, Stanley turns the front axle towards it [Snider2009]; both may
+add an integral of the distance. Angles in rad and the distance `off` in m, left positive.
 """
 
 from math import atan, cos, hypot, sin
@@ -106,7 +106,7 @@ def steer(settings: LawSettings, state: LawState, line: AbLine, pose: Pose, dt: 
 
 
 def _pure_pursuit(settings: LawSettings, line: AbLine, pose: Pose, off: float) -> float:
-    """Angle of the circle through the rear axle and the goal point [Coulter1992]."""
+    """Angle of the circle through the rear axle and the goal point."""
     ahead = max(settings.look_ahead_least, settings.look_ahead_s * pose.speed)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
@@ -115,7 +115,7 @@ def _pure_pursuit(settings: LawSettings, line: AbLine, pose: Pose, off: float) -
 
 
 def _stanley(settings: LawSettings, state: LawState, line: AbLine, pose: Pose, off: float) -> tuple[float, float]:
-    """Heading error and distance of the front axle [Hoffmann2007]; gentler far from the line, half at 0.5 m."""
+    """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
     _, front = line.beside(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * settings.distance_gain / slower)

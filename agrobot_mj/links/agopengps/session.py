@@ -6,13 +6,12 @@ find a module. What the host says acts in the tick in which it arrives, at the l
 """
 
 from collections.abc import Callable
-from math import hypot
 from typing import Literal, NamedTuple, Protocol
 
-from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import TICK_S, Measurement, Reference, Truth
-from agrobot_mj.links.agopengps.board import Actuation, Board
+from agrobot_mj.core.signals import TICK_S, Measurement, Truth
+from agrobot_mj.links.agopengps.board import Board, BoardState
 from agrobot_mj.links.agopengps.lines import Incoming, Line
 from agrobot_mj.links.agopengps.receiver import Receiver
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
@@ -34,11 +33,6 @@ class Vehicle(Protocol):
         ...
 
     @property
-    def reference(self) -> Reference:
-        """The path's reference now."""
-        ...
-
-    @property
     def done(self) -> bool:
         """The run has ended."""
         ...
@@ -47,8 +41,8 @@ class Vehicle(Protocol):
         """To the start; returns what the sensors say."""
         ...
 
-    def steer(self, actuation: Actuation, speed: float) -> Measurement:
-        """One tick with the board's steering and a speed [m/s]; returns what the sensors say after it."""
+    def drive(self, actuation: Actuation) -> Measurement:
+        """One tick with the board's steering; returns what the sensors say after it."""
         ...
 
 
@@ -62,6 +56,8 @@ class Options(NamedTuple):
     """Longest wait for the start [s]."""
     nmea: tuple[str, int] | None = None
     """Where GGA, RMC and VTG go, besides the host's position."""
+    notify: Callable[[str], None] = lambda text: None
+    """Told in a line what happens."""
 
 
 class Session:
@@ -73,7 +69,7 @@ class Session:
         self.traffic = Traffic()
         self.receiver, self.state = Receiver(self.spec), board.init()
         self.received = self.receiver.init(options.seed)
-        self.turn, self.started, self.engaged_ticks, self.answers = 0, -1, 0, 0
+        self.turn, self.started, self.engaged_ticks = 0, -1, 0
         self.ended: str | None = None
         """Outcome that the link gives the run, None where the run's own stands."""
 
@@ -84,24 +80,30 @@ class Session:
 
     def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
         """Drive to the end. Raises `NoHostError` where none answers in time."""
-        measured = self.vehicle.reset()
-        self.received = self.receiver.measure(self.received, measured, self.vehicle.truth, TICK_S)
+        measured = self._measured(self.vehicle.reset())
         while not self.vehicle.done and not should_stop():
             actuation = self._turn(measured)
             waits = self.started < 0 and not self._starts(actuation)
             self.turn += 1
             if waits:
                 continue
-            reference = self.vehicle.reference
-            measured = self.vehicle.steer(actuation, hypot(reference.vx, reference.vy))
-            self.received = self.receiver.measure(self.received, measured, self.vehicle.truth, TICK_S)
+            measured = self._measured(self.vehicle.drive(actuation))
             self.engaged_ticks += actuation.engaged
             if self._host_is_gone():
-                break
+                self.ended = "host_lost"
+                return
+        if self.started < 0:
+            raise NoHostError("stopped before a guidance program has answered")
+        if not self.vehicle.done:
+            return
         if self.state.silent and self.state.tally.lost:
             self.ended = "host_lost"
         elif not self.engaged_ticks:
             self.ended = "not_engaged"
+
+    def _measured(self, measured: Measurement) -> Measurement:
+        self.received = self.receiver.measure(self.received, measured, self.vehicle.truth, TICK_S)
+        return measured
 
     def _turn(self, measured: Measurement) -> Actuation:
         """One turn up to the board's decision."""
@@ -111,11 +113,21 @@ class Session:
         positioned = self._position_is_due() and self._position()
         for incoming in self.line.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
             self._take(incoming)
-        self.state, actuation = self.board.tick(self.state, self.now, measured.steer)
+        before = self.state
+        self.state, actuation = self.board.tick(before, self.now, measured.steer)
+        self._tell(before)
         self.state, report = self.board.report_if_due(self.state, self.now)
         for answer in report:
             self._send(answer)
         return actuation
+
+    def _tell(self, before: BoardState) -> None:
+        """What has changed in this turn, for a person."""
+        after, t = self.state, max(self.turn - self.started, 0) * TICK_S if self.started >= 0 else 0.0
+        if after.tally.lost != before.tally.lost:
+            self.options.notify(f"{t:.1f} s: the host is silent; the board has let go")
+        elif after.engaged != before.engaged:
+            self.options.notify(f"{t:.1f} s: the host {'steers' if after.engaged else 'has let go'}")
 
     def _position_is_due(self) -> bool:
         return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
@@ -146,6 +158,7 @@ class Session:
         ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
         if ready and self._position_is_due():
             self.started = self.turn
+            self.options.notify(f"the run starts, {self.now:.1f} s after the link")
             return True
         if self.now > self.options.wait_s:
             what = "has engaged" if heard else "has answered"
