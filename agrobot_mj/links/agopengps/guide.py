@@ -21,7 +21,7 @@ HELLO_S = 2.0
 """[s]."""
 CHORD_M = 1.0
 """A heading from fix to fix takes two fixes this far apart [m]. Estimate."""
-TRUST = 0.2
+TRUST = 0.05
 """Share of a new heading from fix to fix in the inertial unit's offset [-]. Estimate."""
 JUMP_S = 1.0
 """A gap between positions that makes the host forget its motion [s]. Estimate."""
@@ -51,8 +51,8 @@ class GuideState(NamedTuple):
     """Time of the last position [s]."""
     ready_since: float = nan
     """When the heading was first known [s]."""
-    chord: tuple[float, float] | None = None
-    """Where the last heading from fix to fix was taken, east and north [m]."""
+    trail: tuple[tuple[float, float], ...] = ()
+    """Antenna at the last fixes, oldest first, as many as the next heading needs: east and north [m]."""
     yaw: float = nan
     """Heading from fix to fix [rad]."""
     offset: float = nan
@@ -86,7 +86,7 @@ class Guide(NamedTuple):
     def _drive(self, state: GuideState, position: Position, t: float) -> tuple[GuideState, SteerData]:
         dt = t - state.t
         if not 0 < dt < JUMP_S:
-            state, dt = state._replace(law=LawState(), chord=None), 0.1
+            state, dt = state._replace(law=LawState(), trail=()), 0.1
         state, pose = self._pose(state._replace(t=t), position)
         if isnan(pose.yaw):
             return state, SteerData(pose.speed, 0, 0.0)
@@ -113,14 +113,15 @@ class Guide(NamedTuple):
         measured = position.attitude.yaw
         if position.dual:
             return state, measured
-        since = state.chord or (x, y)
-        state = state._replace(chord=since)
-        dx, dy = x - since[0], y - since[1]
+        trail = (*state.trail, (x, y))
+        while len(trail) > 2 and hypot(x - trail[1][0], y - trail[1][1]) >= CHORD_M:
+            trail = trail[1:]
+        state, dx, dy = state._replace(trail=trail), x - trail[0][0], y - trail[0][1]
         if hypot(dx, dy) >= CHORD_M:
             yaw = atan2(dy, dx)
             fresh = wrap(yaw - measured)
             offset = fresh if isnan(state.offset) else state.offset + TRUST * wrap(fresh - state.offset)
-            state = state._replace(chord=(x, y), yaw=yaw, offset=offset)
+            state = state._replace(yaw=yaw, offset=offset)
         return state, state.yaw if isnan(measured) else wrap(measured + state.offset)
 
     def _status(self, engaged: bool) -> int:
