@@ -102,5 +102,3 @@ class Toy:
             *(self.t, self.x, self.y, 0.0, self.yaw, 0.0, 0.0, self.speed, 0.0, 0.0, self.angle, 0.0),
             *(self.x, self.y, (self.x, self.y, 2.0), v, np.zeros(1), np.zeros(1)),
         )
-
-

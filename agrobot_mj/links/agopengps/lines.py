@@ -35,8 +35,10 @@ class Incoming(NamedTuple):
 class Line(Protocol):
     """Where datagrams come from and go to."""
 
-    pace: Pace | None
-    """How well the wall clock was kept; None where there is none."""
+    @property
+    def pace(self) -> Pace | None:
+        """How well the wall clock was kept; None where there is none."""
+        ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
         """What has come before this turn; returns when the turn is due."""

@@ -35,12 +35,12 @@ class Received(NamedTuple):
     data: bytes
 
 
-def address_of(text: str) -> IPv4Address:
+def address_of(text: str, option: str = "--address") -> IPv4Address:
     """An IPv4 address from a command line. Raises `ScenarioError`."""
     try:
         return IPv4Address(text)
     except AddressValueError:
-        raise ScenarioError(f"--address: {text!r} is no IPv4 address; 127.0.0.1 is this computer") from None
+        raise ScenarioError(f"{option}: {text!r} is no IPv4 address; 127.0.0.1 is this computer") from None
 
 
 class UdpSockets:
