@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.links.agopengps.position import Attitude, panda, paogi, read
+from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi, read
 from agrobot_mj.links.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.links.nmea import Solution, checksum, degrees_of, fields_of, gga, rmc, vtg
 
 LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)
-NORTHWARD = Attitude(0.0, radians(-2.5), 0.0, radians(-5))
+NORTHWARD = BoardAttitude(0.0, radians(-2.5), 0.0, radians(-5))
 
 
 def test_golden_vectors():
@@ -20,31 +20,31 @@ def test_golden_vectors():
     )
     sent = b"$PAOGI,183019.08,5052.6288305,N,00441.9487828,E,4,14,0.7,35.000,1.0,2.916,17.78,0.00,0.0,-4.5*7A\r\n"
     there = Solution(6.5 * 3600 + 19.08, 50 + 52.6288305 / 60, 4 + 41.9487828 / 60, 35.0, 1.5, 0.0)
-    assert paogi(there, Attitude(radians(90 - 17.78), 0.0, 0.0, radians(4.5))) == sent
+    assert paogi(there, BoardAttitude(radians(90 - 17.78), 0.0, 0.0, radians(4.5))) == sent
     short = b"$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.0,-2.50,0.0,0.5*47"
     assert read(short).attitude == pytest.approx((0.0, radians(-2.5), 0.0, radians(-0.5)))
 
 
 def test_without_inertial_unit_no_field_is_empty_or_fractional():
-    fields = fields_of(panda(LEUVEN, Attitude()))
+    fields = fields_of(panda(LEUVEN, BoardAttitude()))
     assert fields is not None
     assert fields[12:] == ["65535", "32767", "0", "0"]
-    for attitude in (Attitude(), NORTHWARD, Attitude(0.01, 0.001, 0.002, 0.003)):
+    for attitude in (BoardAttitude(), NORTHWARD, BoardAttitude(0.01, 0.001, 0.002, 0.003)):
         fields = fields_of(panda(LEUVEN, attitude))
         assert all(fields)
         assert all(field.lstrip("-").isdigit() for field in fields[12:])
-    assert all(fields_of(paogi(LEUVEN, Attitude(0.3))))
+    assert all(fields_of(paogi(LEUVEN, BoardAttitude(0.3))))
 
 
 def test_signs_of_the_attitude():
-    left_up_nose_down = Attitude(pi / 2, radians(3), radians(2), radians(4))
+    left_up_nose_down = BoardAttitude(pi / 2, radians(3), radians(2), radians(4))
     fields = fields_of(panda(LEUVEN, left_up_nose_down))
     assert fields[12:] == ["0", "30", "-20", "-4"]
 
 
 @given(st.floats(-80, 80), st.floats(-179.9, 179.9), st.floats(0, 5), st.floats(-pi, pi), st.floats(-0.5, 0.5))
 def test_a_host_reads_what_was_written(latitude, longitude, speed, yaw, roll):
-    solution, attitude = Solution(3723.45, latitude, longitude, 1.5, speed, yaw), Attitude(yaw, roll, -roll, 0.1)
+    solution, attitude = Solution(3723.45, latitude, longitude, 1.5, speed, yaw), BoardAttitude(yaw, roll, -roll, 0.1)
     for write, tolerance in ((panda, radians(0.051)), (paogi, radians(0.0051))):
         found = read(write(solution, attitude))
         assert found.solution.t == pytest.approx(13 * 3600 + 2 * 60 + 3.45)

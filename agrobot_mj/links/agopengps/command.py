@@ -1,4 +1,4 @@
-"""What `agrobot-mj link` does: open the line, run, write the run's files and `link.parquet`."""
+"""What `agrobot-mj link` does: open the channel, run, write the run's files and `link.parquet`."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.links.agopengps.lines import Answered, Line, RealTime, Replayed
+from agrobot_mj.links.agopengps.channels import Answered, Channel, RealTime, Replayed
 from agrobot_mj.links.agopengps.run import run_link
 from agrobot_mj.links.agopengps.session import Options, Start
 from agrobot_mj.links.agopengps.traffic import read_traffic
@@ -57,16 +57,16 @@ def link(
     record = read_traffic(a.replay) if a.replay else None
     options = Options(scenario.seed, a.start, a.wait_s, endpoint(a.nmea, "--nmea") if a.nmea else None, notify)
     with ExitStack() as stack:
-        line: Line
+        channel: Channel
         if record is not None:
-            line = Replayed(record)
+            channel = Replayed(record)
         else:
             for option, port in (("--port", a.port), ("--host-port", a.host_port)):
                 _check_port(option, port)
             sockets = stack.enter_context(UdpSockets(a.address, a.port, a.host_port))
             notify(f"boards on {a.address}:{a.port}, host expected on {a.address}:{a.host_port}")
-            line = Answered(sockets) if a.pace == "answered" else RealTime(sockets)
-        done = run_link(scenario, line, options, watchers, should_stop, record, a.live)
+            channel = Answered(sockets) if a.pace == "answered" else RealTime(sockets)
+        done = run_link(scenario, channel, options, watchers, should_stop, record, a.live)
     write_log(done.log, folder)
     with whole(folder / "link.parquet") as temporary:
         table = done.session.traffic.table(done.session.started)

@@ -9,7 +9,7 @@ from math import atan2, cos, hypot, isnan, nan, radians, sin
 from typing import NamedTuple
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.links.agopengps.host_laws import AbLine, LawSettings, LawState, Pose, steer
+from agrobot_mj.links.agopengps.host_laws import AbLine, AxlePose, LawSettings, LawState, steer
 from agrobot_mj.links.agopengps.messages import Hello, SteerData, SteerSettings
 from agrobot_mj.links.agopengps.position import Position, read
 from agrobot_mj.links.agopengps.wire import encode
@@ -98,7 +98,7 @@ class Guide(NamedTuple):
         state = state._replace(law=law, engaged=engaged, worst=worst)
         return state, SteerData(pose.speed, self._status(engaged), angle, self._distance(off))
 
-    def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, Pose]:
+    def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
         """The rear axle, from the antenna above it."""
         s, a = position.solution, position.attitude
         x, y = to_local(self.settings.origin, s.latitude, s.longitude)
@@ -107,7 +107,7 @@ class Guide(NamedTuple):
         if not isnan(yaw):
             lean = self.settings.antenna_height * sin(roll)  # left side up: the antenna leans to the right
             x, y = x - lean * sin(yaw), y + lean * cos(yaw)
-        return state, Pose(x, y, yaw, roll, s.speed)
+        return state, AxlePose(x, y, yaw, roll, s.speed)
 
     def _heading(self, state: GuideState, position: Position, x: float, y: float) -> tuple[GuideState, float]:
         measured = position.attitude.yaw

@@ -29,7 +29,7 @@ class AbLine(NamedTuple):
         return to_heading(self.yaw, x - self.x, y - self.y)
 
 
-class Pose(NamedTuple):
+class AxlePose(NamedTuple):
     """What the host believes of the rear axle."""
 
     x: float
@@ -87,7 +87,9 @@ INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
 """The integral moves above this speed and below this rate of the distance [m/s]."""
 
 
-def steer(settings: LawSettings, state: LawState, line: AbLine, pose: Pose, dt: float) -> tuple[LawState, float, float]:
+def steer(
+    settings: LawSettings, state: LawState, line: AbLine, pose: AxlePose, dt: float
+) -> tuple[LawState, float, float]:
     """Next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
     _, off = line.beside(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
@@ -105,7 +107,7 @@ def steer(settings: LawSettings, state: LawState, line: AbLine, pose: Pose, dt: 
     return LawState(integral, off, rate, correction), clip(angle, -limit, limit), off
 
 
-def _pure_pursuit(settings: LawSettings, line: AbLine, pose: Pose, off: float) -> float:
+def _pure_pursuit(settings: LawSettings, line: AbLine, pose: AxlePose, off: float) -> float:
     """Angle of the circle through the rear axle and the goal point."""
     ahead = max(settings.look_ahead_least, settings.look_ahead_s * pose.speed)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
@@ -114,7 +116,7 @@ def _pure_pursuit(settings: LawSettings, line: AbLine, pose: Pose, off: float) -
     return atan(2 * settings.wheelbase * left / (d * d))
 
 
-def _stanley(settings: LawSettings, state: LawState, line: AbLine, pose: Pose, off: float) -> tuple[float, float]:
+def _stanley(settings: LawSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
     """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
     _, front = line.beside(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)

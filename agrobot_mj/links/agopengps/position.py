@@ -17,7 +17,7 @@ FIELDS = 16
 """Of either sentence, its name counted."""
 
 
-class Attitude(NamedTuple):
+class BoardAttitude(NamedTuple):
     """What the inertial unit or the second antenna adds; NaN without one."""
 
     yaw: float = nan
@@ -30,7 +30,7 @@ class Attitude(NamedTuple):
     """Left positive [rad/s]."""
 
 
-def panda(s: Solution, a: Attitude) -> bytes:
+def panda(s: Solution, a: BoardAttitude) -> bytes:
     """Sentence of one antenna and, maybe, an inertial unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
     roll = NO_ROLL if isnan(a.roll) else int16(degrees(a.roll) * 10)
@@ -39,7 +39,7 @@ def panda(s: Solution, a: Attitude) -> bytes:
     return sentence("PANDA", *_common(s), heading, roll, pitch, rate)
 
 
-def paogi(s: Solution, a: Attitude) -> bytes:
+def paogi(s: Solution, a: BoardAttitude) -> bytes:
     """Sentence of two antennas; `a.yaw` must be known."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
     return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
@@ -61,7 +61,7 @@ class Position(NamedTuple):
     dual: bool
     """Whether the heading is that of two antennas."""
     solution: Solution
-    attitude: Attitude
+    attitude: BoardAttitude
 
 
 def read(datagram: bytes) -> Position | None:
@@ -84,7 +84,7 @@ def _position(fields: list[str]) -> Position:
     none = not dual and int(heading) == NO_HEADING
     yaw = nan if none else from_compass(float(heading) * scale)
     level = not dual and int(roll) == NO_ROLL
-    attitude = Attitude(
+    attitude = BoardAttitude(
         yaw, nan if level else radians(float(roll) * scale), -radians(float(pitch) * scale), -radians(float(rate))
     )
     place_ = degrees_of(lat, ns), degrees_of(lon, ew), float(altitude)

@@ -15,7 +15,7 @@ from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Measurement, Quality, Truth
-from agrobot_mj.links.agopengps.position import Attitude, panda, paogi
+from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi
 from agrobot_mj.links.geodesy import Origin, to_geodetic
 from agrobot_mj.links.nmea import NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
 
@@ -34,8 +34,8 @@ class ReceiverState(NamedTuple):
     """Last solution, None before the first."""
     fresh: bool = False
     """The last measurement brought a solution."""
-    attitude: Attitude = Attitude()
-    """Attitude of the last measurement."""
+    attitude: BoardAttitude = BoardAttitude()
+    """BoardAttitude of the last measurement."""
 
 
 class Receiver(NamedTuple):
@@ -53,7 +53,7 @@ class Receiver(NamedTuple):
         heading = yaw = nan if isnan(m.gyro) else yaw
         if self.spec.position == "paogi":
             heading = wrap(truth.yaw + radians(self.spec.heading_sigma_deg) * state.generator.standard_normal())
-        attitude = Attitude(heading, m.roll, m.pitch, m.gyro)
+        attitude = BoardAttitude(heading, m.roll, m.pitch, m.gyro)
         solution = self._solution(m, truth) or state.solution
         return state._replace(yaw=yaw, solution=solution, fresh=m.fix is not None, attitude=attitude)
 

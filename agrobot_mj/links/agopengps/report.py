@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.links.agopengps.lines import Line
+from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.messages import SteerData
 from agrobot_mj.links.agopengps.session import Session
 from agrobot_mj.links.agopengps.traffic import Datagram
@@ -52,7 +52,7 @@ def link_metrics(session: Session, record: list[Datagram]) -> dict[str, Any]:
         "repeated_datagrams": tally.repeats,
         "rejected_datagrams": dict(tally.rejected),
         "not_recorded": session.traffic.dropped,
-        **_pace(session.line),
+        **_pace(session.channel),
     }
 
 
@@ -61,10 +61,10 @@ def _latency_ms(values: list[float]) -> dict[str, float | None]:
     return {name: float(np.percentile(values, p)) * 1e3 if values else None for name, p in names.items()}
 
 
-def _pace(line: Line) -> dict[str, float | int]:
-    if line.pace is None:
+def _pace(channel: Channel) -> dict[str, float | int]:
+    if channel.pace is None:
         return {}
-    pace = line.pace
+    pace = channel.pace
     return {
         "turns": pace.turns,
         "late_turns": pace.late,

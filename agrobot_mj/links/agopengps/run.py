@@ -12,7 +12,7 @@ from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Measurement, Truth
 from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.lines import Line
+from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.report import link_metrics
 from agrobot_mj.links.agopengps.session import Options, Session
 from agrobot_mj.links.agopengps.traffic import Datagram
@@ -60,14 +60,14 @@ class LinkRun(NamedTuple):
 
 def run_link(
     scenario: Scenario,
-    line: Line,
+    channel: Channel,
     options: Options,
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
     record: list[Datagram] | None = None,
     live: bool = False,
 ) -> LinkRun:
-    """Run a scenario of guidance `agopengps` over a line; `record` is that which a replay drives from.
+    """Run a scenario of guidance `agopengps` over a channel; `record` is that which a replay drives from.
 
     Raises `ScenarioError` where the scenario has another guidance, and `NoHostError` where no host answers.
     """
@@ -79,8 +79,8 @@ def run_link(
     sessions: list[Session] = []
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
-        quick = tell if live or line.pace is None else (lambda: None)
-        session = Session(SimulatedTractor(sim, quick), board, line, options)
+        quick = tell if live or channel.pace is None else (lambda: None)
+        session = Session(SimulatedTractor(sim, quick), board, channel, options)
         sessions.append(session)
         session.run(should_stop)
         if not sim.done and session.ended is None:

@@ -12,7 +12,7 @@ from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Measurement, Truth
 from agrobot_mj.links.agopengps.board import Board, BoardState
-from agrobot_mj.links.agopengps.lines import Incoming, Line
+from agrobot_mj.links.agopengps.channels import Channel, Incoming
 from agrobot_mj.links.agopengps.receiver import Receiver
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
 
@@ -61,10 +61,10 @@ class Options(NamedTuple):
 
 
 class Session:
-    """One run over a line; `run` once."""
+    """One run over a channel; `run` once."""
 
-    def __init__(self, vehicle: Vehicle, board: Board, line: Line, options: Options) -> None:
-        self.vehicle, self.board, self.line, self.options = vehicle, board, line, options
+    def __init__(self, vehicle: Vehicle, board: Board, channel: Channel, options: Options) -> None:
+        self.vehicle, self.board, self.channel, self.options = vehicle, board, channel, options
         self.spec: AgOpenGps = board.spec
         self.traffic = Traffic()
         self.receiver, self.state = Receiver(self.spec), board.init()
@@ -107,11 +107,11 @@ class Session:
 
     def _turn(self, measured: Measurement) -> Actuation:
         """One turn up to the board's decision."""
-        for incoming in self.line.begin(self.turn):
+        for incoming in self.channel.begin(self.turn):
             self._take(incoming)
         heard = self.state.tally.steer_data
         positioned = self._position_is_due() and self._position()
-        for incoming in self.line.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
+        for incoming in self.channel.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
             self._take(incoming)
         before = self.state
         self.state, actuation = self.board.tick(before, self.now, measured.steer)
@@ -149,7 +149,7 @@ class Session:
             self._send(answer)
 
     def _send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
-        wall, address = self.line.send(data, target)
+        wall, address = self.channel.send(data, target)
         self.traffic.add(Datagram(self.turn, wall, "out", address, data))
 
     def _starts(self, actuation: Actuation) -> bool:

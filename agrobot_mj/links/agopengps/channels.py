@@ -32,7 +32,7 @@ class Incoming(NamedTuple):
     """Too close before the next position for an answer."""
 
 
-class Line(Protocol):
+class Channel(Protocol):
     """Where datagrams come from and go to."""
 
     @property
@@ -54,7 +54,7 @@ class Line(Protocol):
 
 
 class _Sockets:
-    """What both lines with sockets share."""
+    """What both channels with sockets share."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
