@@ -21,11 +21,14 @@ NOISELESS = {
     **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0, "guidance.heading_sigma_deg": 0.0},
     **{"sensors.steering_pot.noise_sigma_deg": 0.01, "sensors.steering_pot.resolution_deg": 0.01},
 }
-TOY = {**NOISELESS, "plant.kind": "bicycle", "steering.valve.delay_s": 0.0, "steering.valve.time_constant_s": 0.001}
+TOY = {
+    **{**NOISELESS, "plant.kind": "bicycle", "steering.valve.delay_s": 0.0, "steering.valve.time_constant_s": 0.001},
+    **{"steering.valve.dead_band_v": 0.0, "steering.loop.deadband_compensation_v": 0.0},
+}
 UNIT = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
 PWM = {**TWO_ANTENNAS, "guidance.steer_by": "pwm"}
 ROWS = {
-    "toy: bicycle, quick valve, no noise": (LEVEL, {**TWO_ANTENNAS, **TOY}, ""),
+    "toy: bicycle, quick valve without dead band, no noise": (LEVEL, {**TWO_ANTENNAS, **TOY}, ""),
     "level: two antennas": (LEVEL, TWO_ANTENNAS, ""),
     "stanley: two antennas": (LEVEL, TWO_ANTENNAS, "--law stanley"),
     "unit: one antenna, inertial unit": (LEVEL, UNIT, ""),
