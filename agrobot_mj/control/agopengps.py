@@ -82,6 +82,11 @@ class AgOpenGps(Guidance):
     """Settings at power-up."""
 
     @property
+    def follows_path(self) -> bool:
+        """Its line is the host's own, and so is its supervision."""
+        return False
+
+    @property
     def outside(self) -> str:
         """Command that runs it."""
         return "link"
