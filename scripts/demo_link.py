@@ -56,13 +56,15 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_y_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={other}", f"--board-port={own}"]
-    process = subprocess.Popen([*command, *host.split()], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([*command, *host.split()], stderr=subprocess.PIPE, text=True)
     try:
         arguments = Arguments(port=own, host_port=other, pace="answered")
-        log = link(load_scenario(scenario, {**keys, **overrides}), folder, arguments)
+        log = link(load_scenario(scenario, {**keys, **overrides}), folder, arguments, (), lambda: bool(process.poll()))
     finally:
         process.kill()
-        process.wait()
+        said = process.communicate()[1]
+        if process.returncode > 0:
+            print(said, file=sys.stderr)
     t, off = log.column("t"), log.column("rear_y") * 100
     far = np.flatnonzero(np.abs(off) >= 5)
     settled = f"{t[far[-1] + 1]:.0f}" if len(far) and far[-1] + 1 < len(t) else "never"
