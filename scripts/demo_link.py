@@ -70,7 +70,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     settled = f"{t[far[-1] + 1]:.0f}" if len(far) and far[-1] + 1 < len(t) else "never"
     late = off[t > t[-1] - 40]
     rms, mean = np.sqrt(np.mean(late**2)), np.mean(late)
-    return f"| {name} | `{host or '-'}` | {-off.min():.0f} | {settled} | {rms:.1f} | {mean:+.1f} |"
+    return f"| {name} | `{host or '-'}` | {max(-off.min(), 0):.0f} | {settled} | {rms:.1f} | {mean:+.1f} |"
 
 
 def main() -> None:
