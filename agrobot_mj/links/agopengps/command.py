@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.links.agopengps.channels import Answered, Channel, RealTime, Replayed
 from agrobot_mj.links.agopengps.run import run_link
-from agrobot_mj.links.agopengps.session import Options, Start
+from agrobot_mj.links.agopengps.session import NoHostError, Options, Start
 from agrobot_mj.links.agopengps.traffic import read_traffic
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets, address_of
 from agrobot_mj.scenario.schema import Scenario
@@ -21,6 +21,7 @@ from agrobot_mj.simulation.storage import whole, write_log
 Pacing = Literal["real_time", "answered"]
 """The wall clock paces the run, or the host by its answers."""
 HIGHEST_PORT = 65535
+__all__ = ["Arguments", "NoHostError", "link"]
 
 
 class Arguments(NamedTuple):
