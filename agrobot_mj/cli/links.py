@@ -3,12 +3,15 @@
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import NoRrd, Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
+
+if TYPE_CHECKING:
+    from agrobot_mj.recording import Recording
 
 
 def link(
@@ -39,22 +42,17 @@ def link(
     from agrobot_mj.links.agopengps.command import link as run_link
     from agrobot_mj.links.agopengps.session import NoHostError
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.run import Watcher
 
     load_plugins(plugins)
     given = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
     scenario = load_scenario(source, {k: v for k, v in given.items() if v is not None} | overrides(sets))
     folder = results_folder(out, f"{scenario.name}-link-{scenario.hash8}")
-    watchers: list[Watcher] = []
-    if live or not no_rrd:
-        from agrobot_mj.recording import Recording
-
-        watchers.append(Recording(None if no_rrd else folder / "run.rrd", live=live))
     arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     try:
         with stop_on_signals() as stopped:
-            log = run_link(scenario, folder, arguments, tuple(watchers), lambda: bool(stopped), tell)
+            watchers = _recordings(folder, no_rrd, live)
+            log = run_link(scenario, folder, arguments, watchers, lambda: bool(stopped), tell)
     except NoHostError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
@@ -65,3 +63,12 @@ def link(
     if log.outcome != scenario.expected_outcome:
         print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+def _recordings(folder: Path, no_rrd: bool, live: bool) -> "tuple[Recording, ...]":
+    """The recording that follows the run, if any."""
+    if no_rrd and not live:
+        return ()
+    from agrobot_mj.recording import Recording
+
+    return (Recording(None if no_rrd else folder / "run.rrd", live=live),)

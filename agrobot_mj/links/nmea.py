@@ -15,6 +15,8 @@ KNOTS = 3600 / 1852
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 4, 5
 """Quality in GGA."""
+MODES = {NO_FIX: "N", RTK_FIX: "R", RTK_FLOAT: "F"}
+"""Letter of a quality in RMC and VTG, "A" for the others."""
 
 
 class Solution(NamedTuple):
@@ -113,12 +115,12 @@ def rmc(s: Solution) -> bytes:
     """Position, speed, course and date."""
     where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
     motion = (f"{s.speed * KNOTS:.3f}", compass(s)) if s.quality else ("", "")
-    mode = {NO_FIX: "N", RTK_FIX: "R", RTK_FLOAT: "F"}.get(s.quality, "A")
-    return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", mode)
+    return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
 
 
 def vtg(s: Solution) -> bytes:
     """Course and speed over ground."""
     if not s.quality:
         return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
-    return sentence("GPVTG", compass(s), "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K", "A")
+    motion = compass(s), "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"
+    return sentence("GPVTG", *motion, MODES.get(s.quality, "A"))

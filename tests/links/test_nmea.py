@@ -64,7 +64,7 @@ def test_minutes_never_reach_sixty():
 def test_sentences_for_any_reader():
     assert gga(LEUVEN).startswith(b"$GPGGA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,M,0.0,M,1.0,0000*")
     assert rmc(LEUVEN).startswith(b"$GPRMC,120000.10,A,5052.6200000,N,00441.9400000,E,2.333,90.00,010626,,,R*")
-    assert vtg(LEUVEN).startswith(b"$GPVTG,90.00,T,,M,2.333,N,4.320,K,A*")
+    assert vtg(LEUVEN).startswith(b"$GPVTG,90.00,T,,M,2.333,N,4.320,K,R*")
     assert all(fields_of(write(LEUVEN)) for write in (gga, rmc, vtg))
 
 
