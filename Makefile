@@ -17,10 +17,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow check validate bench figures library snapshots lock reference
+.PHONY: help install demo demo-link test slow check validate bench figures library snapshots lock reference
 
 help: ## Show these verbs
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
 
 install: $(STAMP) ## Make .venv with the locked versions
 
@@ -31,6 +31,9 @@ demo: $(STAMP) ## Run the figure eight on both plants, with and without the netw
 	@echo "Recording: $(RECORDING)"
 	@echo "Open it:   $(VENV)/bin/agrobot-mj view $(RECORDING)"
 	@echo "All four:  $(VENV)/bin/agrobot-mj view $(DEMO)/comparison.rrd"
+
+demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this computer only
+	@$(PY) scripts/demo_link.py
 
 test: $(STAMP) ## Run the tests
 	@$(PY) -m pytest -m "not slow" -n 2

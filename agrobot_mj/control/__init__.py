@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.control.base import Guidance as GuidanceLaw
 from agrobot_mj.control.base import Situation, YawController
 from agrobot_mj.control.feedforward import Feedforward
@@ -15,7 +16,8 @@ from agrobot_mj.control.pd_isgn import PdIsgn
 
 Guidance = Annotated[
     Kinematic
-    | Feedforward,
+    | Feedforward
+    | AgOpenGps,
     Field(discriminator="kind"),
 ]  # fmt: skip
 """Every guidance law, by `kind`."""
@@ -31,6 +33,7 @@ Controller = Annotated[
 """Every yaw controller, by `kind`."""
 
 __all__ = [
+    "AgOpenGps",
     "Controller",
     "Feedforward",
     "Guidance",

@@ -73,6 +73,11 @@ class Guidance(Reporting):
         """Whether the law steers for the path at all; the supervisor watches only those that do."""
         return True
 
+    @property
+    def outside(self) -> str:
+        """Command of the command line that runs a law which lives outside; empty for the others."""
+        return ""
+
     def using(self, controller: "YawController") -> "Guidance":
         """The law with the yaw controller of the scenario inside; itself where it needs none."""
         return self

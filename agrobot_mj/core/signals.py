@@ -20,7 +20,9 @@ NEUTRAL_V = 6.0
 WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels everywhere: front and rear, left and right."""
 
-Outcome = Literal["completed", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "aborted"]
+Outcome = Literal[
+    "completed", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "aborted", "host_lost", "not_engaged"
+]
 """How a run can end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

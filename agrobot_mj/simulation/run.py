@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
@@ -41,14 +42,42 @@ def run(
     """Run a scenario to its end; writes nothing by itself.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is asked every tick; once it says
-    yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor.
+    yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor, and for a
+    guidance law that lives outside.
     """
-    sim = Simulation(scenario)
+    if command := scenario.guidance.outside:
+        kind = scenario.guidance.kind
+        raise ScenarioError(f'guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
+
+    def drive(sim: Simulation, tell: Callable[[], None]) -> None:
+        sim.reset()
+        while not sim.done:
+            sim.step()
+            if should_stop():
+                sim.abort()
+            tell()
+
+    return followed(Simulation(scenario), watchers, drive)
+
+
+def followed(
+    sim: Simulation,
+    watchers: tuple[Watcher, ...],
+    drive: Callable[[Simulation, Callable[[], None]], None],
+    finish: Callable[[Log], Log] = lambda log: log,
+) -> Log:
+    """The log of a simulation that `drive` takes to its end, followed by watchers.
+
+    `drive` calls what it is given after each tick; `finish` may add to the log before the watchers see it.
+    """
     for watcher in watchers:
-        watcher.start(scenario, sim.loop.plant.scene, sim.rows)
+        watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
     try:
-        wall = _drive(sim, watchers, should_stop)
-        log = sim.log(wall)
+        audience, began = _Audience(sim.rows, watchers), time.perf_counter()
+        drive(sim, audience.tell)
+        wall = time.perf_counter() - began
+        audience.tell(at_the_end=True)
+        log = finish(sim.log(wall))
         for watcher in watchers:
             watcher.finish(log)
     except BaseException as error:
@@ -58,23 +87,19 @@ def run(
     return log
 
 
-def _drive(sim: Simulation, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]) -> float:
-    """Tick by tick to the end; returns the wall time [s]."""
-    rows, began, told = sim.rows, time.perf_counter(), 0
-    due = began + TELL_S
-    sim.reset()
-    while not sim.done:
-        sim.step()
-        if should_stop():
-            sim.abort()
-        if rows.filled - told >= chunk_ticks(rows.filled) or time.perf_counter() > due:
-            for watcher in watchers:
-                watcher.advance(told)
-            told, due = rows.filled, time.perf_counter() + TELL_S
-    wall = time.perf_counter() - began
-    for watcher in watchers:
-        watcher.advance(told)
-    return wall
+class _Audience:
+    """Tells watchers of new rows piece by piece."""
+
+    def __init__(self, rows: Rows, watchers: tuple[Watcher, ...]) -> None:
+        self.rows, self.watchers, self.told, self.due = rows, watchers, 0, time.perf_counter() + TELL_S
+
+    def tell(self, at_the_end: bool = False) -> None:
+        """After each tick, and once at the end."""
+        rows = self.rows
+        if at_the_end or rows.filled - self.told >= chunk_ticks(rows.filled) or time.perf_counter() > self.due:
+            for watcher in self.watchers:
+                watcher.advance(self.told)
+            self.told, self.due = rows.filled, time.perf_counter() + TELL_S
 
 
 def chunk_ticks(filled: int) -> int:

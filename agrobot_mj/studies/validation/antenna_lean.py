@@ -40,6 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from agrobot_mj.control.kinematic import CascadeLaw
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.machine.tractor import GRAVITY
@@ -114,6 +115,7 @@ def offset(scenario: Scenario, slope: Held) -> float:
     cg = l_r * sin(beta) - h_c * sin(phi) * cos(beta)
     cg_hat = l_r * sine - (h_c * sin(phi) * cosine if compensated else 0.0)
     wanted = l_r * delta / s.controller.kp if s.controller.kind == "pd" else 0.0
+    assert isinstance(law, CascadeLaw), law.kind
     y_hat = -atanh((s.path.speed_m_s * sine + wanted) * cosine / law.saturation_m_s) / law.gain_per_m
     if compensated:
         lean += h * sin(phi) * cosine

@@ -1,0 +1,187 @@
+"""The steer module: datagrams in, answers and steering out; no sockets, no clock of its own.
+
+The board steers while the host's messages come with the "engaged" bit of its dialect. When they cease for the
+watchdog's time, or at power-up, it lets go and stays latched until a message without that bit was seen: a host that
+comes back is often still engaged and would ask for full lock. The set point lives while not engaged, so only the bit
+counts.
+
+A datagram identical to the one before it and less than 1 ms younger is the same one on another route.
+"""
+
+from math import inf, nan
+from typing import NamedTuple
+
+from agrobot_mj.control.agopengps import Actuation, AgOpenGps
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.links.agopengps.drive import angle_of, counts_of, pwm_of, true_angle, voltage_of
+from agrobot_mj.links.agopengps.messages import (
+    IMU,
+    STEER,
+    Hello,
+    HelloReply,
+    Message,
+    Scan,
+    ScanReply,
+    SteerConfig,
+    SteerData,
+    SteerSettings,
+    SteerState,
+)
+from agrobot_mj.links.agopengps.wire import Rejected, Unknown, decode, encode
+
+ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
+"""Bit of `SteerData.status` that says the host steers, by dialect."""
+REPEAT_S = 0.001
+"""[s]."""
+FALLBACK_S = 0.1
+"""Without a message from the host the board reports at this interval [s]."""
+LOOPBACK = (127, 0, 0, 1)
+
+
+class Tally(NamedTuple):
+    """What the board has counted."""
+
+    steer_data: int = 0
+    """Steering messages."""
+    others: int = 0
+    """Other messages of the host."""
+    unknown: int = 0
+    """Valid frames that are not for a steer module."""
+    repeats: int = 0
+    """Identical datagrams on another route."""
+    rejected: tuple[tuple[str, int], ...] = ()
+    """Datagrams that are no valid frame: reason and number."""
+    engagements: int = 0
+    """Changes from released to steering."""
+    lost: int = 0
+    """Outages of the host."""
+
+
+class BoardState(NamedTuple):
+    """What the board remembers."""
+
+    settings: SteerSettings
+    config: SteerConfig = SteerConfig(0)
+    asked: SteerData | None = None
+    """Last steering message."""
+    heard_at: float = -inf
+    """When it came, by the board's time [s]."""
+    latched: bool = True
+    """No steering before a message without the engaged bit."""
+    silent: bool = True
+    """The watchdog has run out."""
+    engaged: bool = False
+    """Steering as of the last tick."""
+    steer: float = 0.0
+    """Measured steering angle, true scale, left positive [rad]."""
+    pwm: int = 0
+    """Drive of the board's own law, left positive [PWM counts]."""
+    reported_at: float = -inf
+    """When the last report went out [s]."""
+    last: tuple[bytes, float] = (b"", -inf)
+    """Last datagram and its wall time [s]."""
+    tally: Tally = Tally()
+
+
+class Board(NamedTuple):
+    """A steer module of certain keys."""
+
+    spec: AgOpenGps
+    limit: float
+    """Largest steering angle, either way [rad]."""
+    inertial_unit: bool = False
+    """Answers to the host's hello, too."""
+    address: tuple[int, int, int, int] = LOOPBACK
+    """Told to a host that scans."""
+
+    def init(self) -> BoardState:
+        """Power-up."""
+        b = self.spec.board
+        offsets = b.counts_per_degree, b.offset, b.ackermann_percent
+        return BoardState(SteerSettings(b.kp, b.high_pwm, b.min_pwm, b.min_pwm, *offsets))
+
+    def receive(
+        self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
+    ) -> tuple[BoardState, tuple[bytes, ...]]:
+        """Take a datagram at the board's time `t` and wall time `wall` [s]; returns the answers to the host.
+
+        `quiet`: too close before a position to report the steering state; hosts would lose the position.
+        """
+        if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
+            return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
+        state = self._watch(state._replace(last=(datagram, wall)), t)
+        message, tally = decode(datagram), state.tally
+        if isinstance(message, Rejected):
+            counts = dict(tally.rejected)
+            counts[message.reason] = counts.get(message.reason, 0) + 1
+            return state._replace(tally=tally._replace(rejected=tuple(sorted(counts.items())))), ()
+        if isinstance(message, Unknown):
+            return state._replace(tally=tally._replace(unknown=tally.unknown + 1)), ()
+        if isinstance(message, SteerData):
+            state = self._take(state, message, t)
+            return (state, ()) if quiet else self.report(state, t)
+        state = state._replace(tally=tally._replace(others=tally.others + 1))
+        if isinstance(message, SteerSettings):
+            return state._replace(settings=message), ()
+        if isinstance(message, SteerConfig):
+            return state._replace(config=message), ()
+        return state, tuple(map(encode, self._answers(state, message, t)))
+
+    def tick(self, state: BoardState, t: float, steer: float) -> tuple[BoardState, Actuation]:
+        """Steer at the board's time `t` [s], with the measured steering angle [rad]."""
+        state, spec = self._watch(state._replace(steer=steer), t), self.spec
+        asked = state.asked
+        engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
+        wish = nan if asked is None else clip(asked.steer, -self.limit, self.limit)
+        pwm = pwm_of(wish - self._believed(state), state.settings) if engaged else 0
+        tally = state.tally._replace(engagements=state.tally.engagements + (engaged and not state.engaged))
+        state = state._replace(engaged=engaged, pwm=pwm, tally=tally)
+        if not engaged:
+            return state, Actuation(False, 0.0, NEUTRAL_V if spec.released == "hold" else None, wish)
+        if spec.steer_by == "pwm":
+            return state, Actuation(True, wish, voltage_of(pwm, state.config), wish)
+        wanted = true_angle(wish, spec.sensor_counts_per_degree, state.settings, state.config)
+        return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish)
+
+    def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
+        """The steering state for the host at the board's time `t` [s]."""
+        answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
+        return state._replace(reported_at=t), (encode(answer),)
+
+    def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
+        """The same where nothing has asked for it for a while, else nothing."""
+        due = t - state.reported_at > FALLBACK_S - 1e-6
+        return self.report(state, t) if due else (state, ())
+
+    def _watch(self, state: BoardState, t: float) -> BoardState:
+        if state.silent or t - state.heard_at <= self.spec.watchdog_s:
+            return state
+        return state._replace(silent=True, latched=True, tally=state.tally._replace(lost=state.tally.lost + 1))
+
+    def _take(self, state: BoardState, message: SteerData, t: float) -> BoardState:
+        tally = state.tally._replace(steer_data=state.tally.steer_data + 1)
+        latched = state.latched and self._wants(message)
+        return state._replace(asked=message, heard_at=t, silent=False, latched=latched, tally=tally)
+
+    def _wants(self, message: SteerData) -> bool:
+        return bool(message.status & ENGAGED_BIT[self.spec.host])
+
+    def _answers(self, state: BoardState, message: Message, t: float) -> tuple[Message, ...]:
+        if isinstance(message, Hello):
+            counts = round(counts_of(state.steer, self.spec.sensor_counts_per_degree, state.config))
+            steer = HelloReply(STEER, self._believed(state), counts, self._switches(t))
+            return (steer, HelloReply(IMU)) if self.inertial_unit else (steer,)
+        if isinstance(message, Scan):
+            a = self.address
+            return (ScanReply(STEER, a, (a[0], a[1], a[2])),)
+        return ()
+
+    def _believed(self, state: BoardState) -> float:
+        counts = counts_of(state.steer, self.spec.sensor_counts_per_degree, state.config)
+        return angle_of(counts, state.settings)
+
+    def _switches(self, t: float) -> int:
+        """Work switch off, steer switch on from `engage_at_s`; its bit is active low except in AgOpenWeb."""
+        on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
+        return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

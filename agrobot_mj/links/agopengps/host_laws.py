@@ -1,0 +1,125 @@
+"""Steering laws of the small host: a straight line, pure pursuit and Stanley in the form that such hosts use.
+
+Pure pursuit aims the rear axle at a point of the line, Stanley turns the front axle towards it [Snider2009]; both may
+add an integral of the distance. Angles in rad and the distance `off` in m, left positive.
+"""
+
+from math import atan, cos, hypot, sin
+from typing import Literal, NamedTuple
+
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.geometry import to_heading, wrap
+
+KMH = 3.6
+"""[km/h per m/s]."""
+
+
+class AbLine(NamedTuple):
+    """A straight line without ends."""
+
+    x: float
+    """A point on it, east [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """Direction of travel, from east, counter-clockwise [rad]."""
+
+    def beside(self, x: float, y: float) -> tuple[float, float]:
+        """Distance along the line and to its left [m] of a point."""
+        return to_heading(self.yaw, x - self.x, y - self.y)
+
+
+class AxlePose(NamedTuple):
+    """What the host believes of the rear axle."""
+
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """[rad]."""
+    roll: float = 0.0
+    """Left side up positive [rad]."""
+    speed: float = 0.0
+    """[m/s]."""
+
+
+class LawSettings(NamedTuple):
+    """What a user enters in such a host."""
+
+    law: Literal["pure_pursuit", "stanley"] = "pure_pursuit"
+    wheelbase: float = 1.4
+    """[m]."""
+    look_ahead_s: float = 2.0
+    """Goal point ahead by this time of travel ... [s]. Estimate."""
+    look_ahead_least: float = 2.5
+    """... and at least this far [m]. Estimate."""
+    heading_gain: float = 1.0
+    """Stanley [-]. Estimate."""
+    distance_gain: float = 0.8
+    """Stanley [1/m]. Estimate."""
+    integral_gain: float = 0.0
+    """Angle per distance and time [rad/(m s)]; 0 as such hosts come."""
+    side_hill: float = 0.0
+    """Angle into the hill per roll [-]; 0 as such hosts come."""
+    steer_limit: float = 0.785
+    """[rad]."""
+    yaw_rate_limit: float = 0.64
+    """Fastest turn that is asked for [rad/s]. As such hosts come."""
+
+
+class LawState(NamedTuple):
+    """Memory of a law."""
+
+    integral: float = 0.0
+    """[rad]."""
+    off: float | None = None
+    """Last distance of the rear axle [m]."""
+    rate: float = 0.0
+    """Filtered change of that distance [m/s]."""
+    correction: float = 0.0
+    """Stanley's filtered angle for the distance [rad]."""
+
+
+INTEGRAL_LIMIT = 0.2
+"""[rad]."""
+INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
+"""The integral moves above this speed and below this rate of the distance [m/s]."""
+
+
+def steer(
+    settings: LawSettings, state: LawState, line: AbLine, pose: AxlePose, dt: float
+) -> tuple[LawState, float, float]:
+    """Next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
+    _, off = line.beside(pose.x, pose.y)
+    raw = 0.0 if state.off is None else (off - state.off) / dt
+    rate = state.rate + 0.3 * (raw - state.rate)
+    integral = state.integral
+    if pose.speed > INTEGRAL_SPEED and abs(rate) < INTEGRAL_RATE:
+        integral = clip(integral - settings.integral_gain * off * dt, -INTEGRAL_LIMIT, INTEGRAL_LIMIT)
+    if settings.law == "pure_pursuit":
+        angle, correction = _pure_pursuit(settings, line, pose, off), 0.0
+    else:
+        angle, correction = _stanley(settings, state, line, pose, off)
+    angle += integral + settings.side_hill * pose.roll
+    turn = atan(settings.yaw_rate_limit * settings.wheelbase / max(pose.speed, 0.1))
+    limit = min(settings.steer_limit, turn)
+    return LawState(integral, off, rate, correction), clip(angle, -limit, limit), off
+
+
+def _pure_pursuit(settings: LawSettings, line: AbLine, pose: AxlePose, off: float) -> float:
+    """Angle of the circle through the rear axle and the goal point."""
+    ahead = max(settings.look_ahead_least, settings.look_ahead_s * pose.speed)
+    goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
+    _, left = to_heading(pose.yaw, goal_x, goal_y)
+    d = hypot(goal_x, goal_y)
+    return atan(2 * settings.wheelbase * left / (d * d))
+
+
+def _stanley(settings: LawSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
+    """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
+    _, front = line.beside(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
+    slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
+    correction = 0.5 * state.correction + 0.5 * atan(-front * settings.distance_gain / slower)
+    angle = correction + settings.heading_gain * wrap(line.yaw - pose.yaw)
+    return angle * max(1 - abs(off), 0.5), correction

@@ -1,0 +1,92 @@
+"""Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
+
+Both end in speed [kn], heading, roll, pitch and yaw rate, heading clockwise from north, roll right side down positive,
+pitch nose up positive. PANDA carries attitude as whole numbers of 0.1 deg, and reserved numbers where there is no
+inertial unit: hosts read an empty or fractional field as 0, which is a heading of north. PAOGI carries degrees.
+"""
+
+from math import degrees, isfinite, isnan, nan, radians
+from typing import NamedTuple
+
+from agrobot_mj.links.agopengps.layouts import from_compass, int16, to_compass
+from agrobot_mj.links.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence
+
+NO_HEADING, NO_ROLL = 65535, 32767
+"""PANDA without an inertial unit [0.1 deg]."""
+FIELDS = 16
+"""Of either sentence, its name counted."""
+
+
+class BoardAttitude(NamedTuple):
+    """What the inertial unit or the second antenna adds; NaN without one."""
+
+    yaw: float = nan
+    """[rad]."""
+    roll: float = nan
+    """Left side up positive [rad]."""
+    pitch: float = nan
+    """Nose down positive [rad]."""
+    yaw_rate: float = nan
+    """Left positive [rad/s]."""
+
+
+def panda(s: Solution, a: BoardAttitude) -> bytes:
+    """Sentence of one antenna and, maybe, an inertial unit."""
+    heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
+    roll = NO_ROLL if isnan(a.roll) else int16(degrees(a.roll) * 10)
+    pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
+    rate = 0 if isnan(a.yaw_rate) else int16(-degrees(a.yaw_rate))
+    return sentence("PANDA", *_common(s), heading, roll, pitch, rate)
+
+
+def paogi(s: Solution, a: BoardAttitude) -> bytes:
+    """Sentence of two antennas; `a.yaw` must be known."""
+    heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
+    return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """An angle [rad] in degrees; 0 where there is none, and never "-0"."""
+    return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
+
+
+def _common(s: Solution) -> tuple[object, ...]:
+    quality = s.quality, s.satellites, f"{s.hdop:.1f}", f"{s.altitude:.3f}", f"{s.age:.1f}"
+    return clock(s.t), *place(s), *quality, f"{s.speed * KNOTS:.3f}"
+
+
+class Position(NamedTuple):
+    """A position sentence as a host reads it."""
+
+    dual: bool
+    """Whether the heading is that of two antennas."""
+    solution: Solution
+    attitude: BoardAttitude
+
+
+def read(datagram: bytes) -> Position | None:
+    """The position in a sentence; None where it is another sentence or cannot be read."""
+    fields = fields_of(datagram)
+    if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
+        return None
+    try:
+        found = _position(fields)
+    except ValueError:
+        return None
+    s = found.solution
+    return found if all(map(isfinite, (s.latitude, s.longitude, s.altitude, s.speed))) else None
+
+
+def _position(fields: list[str]) -> Position:
+    name, time, lat, ns, lon, ew, quality, satellites, hdop, altitude, age, speed, heading, roll, pitch, rate = fields
+    dual, scale = name == "PAOGI", 1.0 if name == "PAOGI" else 0.1
+    t = int(time[:2]) * 3600 + int(time[2:4]) * 60 + float(time[4:])
+    none = not dual and int(heading) == NO_HEADING
+    yaw = nan if none else from_compass(float(heading) * scale)
+    level = not dual and int(roll) == NO_ROLL
+    attitude = BoardAttitude(
+        yaw, nan if level else radians(float(roll) * scale), -radians(float(pitch) * scale), -radians(float(rate))
+    )
+    place_ = degrees_of(lat, ns), degrees_of(lon, ew), float(altitude)
+    solution = Solution(t, *place_, float(speed) / KNOTS, nan, int(quality), int(satellites), float(hdop), float(age))
+    return Position(dual, solution, attitude)

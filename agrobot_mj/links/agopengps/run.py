@@ -1,0 +1,111 @@
+"""A run of a scenario over a link: the simulation, its boards and the outer program; returns log and record.
+
+In real time the watchers hear of the run only at its end, unless one shows it as it goes: writing a recording takes
+longer than a turn.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from agrobot_mj.control.agopengps import Actuation, AgOpenGps
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Measurement, Truth
+from agrobot_mj.links.agopengps.board import Board
+from agrobot_mj.links.agopengps.channels import Channel
+from agrobot_mj.links.agopengps.report import link_metrics
+from agrobot_mj.links.agopengps.session import Options, Session
+from agrobot_mj.links.agopengps.traffic import Datagram
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.run import Watcher, followed
+from agrobot_mj.simulation.stepping import Simulation
+
+
+class SimulatedTractor:
+    """A `Vehicle` that is a simulation whose guidance is the link's."""
+
+    def __init__(self, sim: Simulation, tell: Callable[[], None]) -> None:
+        """`tell` is called after each tick."""
+        self.sim, self.tell = sim, tell
+
+    @property
+    def truth(self) -> Truth:
+        """What the plant really does now."""
+        return self.sim.truth
+
+    @property
+    def done(self) -> bool:
+        """The run has ended."""
+        return self.sim.done
+
+    def reset(self) -> Measurement:
+        """To the start."""
+        return self.sim.reset()
+
+    def drive(self, actuation: Actuation) -> Measurement:
+        """One tick with the board's steering."""
+        self.sim.loop.stages.guidance = actuation
+        measured = self.sim.step()
+        self.tell()
+        return measured
+
+
+class LinkRun(NamedTuple):
+    """A finished run over a link."""
+
+    log: Log
+    session: Session
+
+
+def run_link(
+    scenario: Scenario,
+    channel: Channel,
+    options: Options,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+    record: list[Datagram] | None = None,
+    live: bool = False,
+) -> LinkRun:
+    """Run a scenario of guidance `agopengps` over a channel; `record` is that which a replay drives from.
+
+    Raises `ScenarioError` where the scenario has another guidance, and `NoHostError` where no host answers.
+    """
+    spec = scenario.guidance
+    if not isinstance(spec, AgOpenGps):
+        raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over a link; set it to "agopengps"')
+    unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
+    board = Board(spec, scenario.tractor.steer_limit, unit)
+    sessions: list[Session] = []
+
+    def drive(sim: Simulation, tell: Callable[[], None]) -> None:
+        quick = tell if live or channel.pace is None else (lambda: None)
+        session = Session(SimulatedTractor(sim, quick), board, channel, options)
+        sessions.append(session)
+        session.run(should_stop)
+        if not sim.done and session.ended is None:
+            sim.abort()
+
+    def finish(log: Log) -> Log:
+        (session,) = sessions
+        outcome = _outcome(log.outcome, session)
+        block = link_metrics(session, session.traffic.kept if record is None else record)
+        return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "link": block})
+
+    _warm_up(scenario)
+    log = followed(Simulation(scenario), watchers, drive, finish)
+    return LinkRun(log, sessions[0])
+
+
+def _outcome(own: str, session: Session) -> str:
+    """The link's word where the run itself ended as planned or was cut short by the link."""
+    if session.ended is not None and own in ("completed", "aborted"):
+        return session.ended
+    return own
+
+
+def _warm_up(scenario: Scenario) -> None:
+    """One tick of a simulation of its own: what is compiled on first use must not make the first turns late."""
+    sim = Simulation(scenario)
+    sim.reset()
+    sim.step()

@@ -1,0 +1,172 @@
+"""A run with the law outside: the simulated tractor behind the boards, turn by turn.
+
+A turn is a tick of 50 ms: measure, send the position, take what the host says, steer, step. Before the run starts the
+tractor stands and the positions go out all the same, until the host is heard (or has engaged); hosts need a moment to
+find a module. What the host says acts in the tick in which it arrives, at the latest 25 ms after the position.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple, Protocol
+
+from agrobot_mj.control.agopengps import Actuation, AgOpenGps
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S, Measurement, Truth
+from agrobot_mj.links.agopengps.board import Board, BoardState
+from agrobot_mj.links.agopengps.channels import Channel, Incoming
+from agrobot_mj.links.agopengps.receiver import Receiver
+from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
+
+Start = Literal["heard", "engaged", "now"]
+"""When the clock of the run starts: with the host's first message, when it has engaged, or at once."""
+
+
+class NoHostError(ScenarioError):
+    """No guidance program has answered in time."""
+
+
+class Vehicle(Protocol):
+    """A simulated tractor that is driven tick by tick."""
+
+    @property
+    def truth(self) -> Truth:
+        """What the tractor really does now."""
+        ...
+
+    @property
+    def done(self) -> bool:
+        """The run has ended."""
+        ...
+
+    def reset(self) -> Measurement:
+        """To the start; returns what the sensors say."""
+        ...
+
+    def drive(self, actuation: Actuation) -> Measurement:
+        """One tick with the board's steering; returns what the sensors say after it."""
+        ...
+
+
+class Options(NamedTuple):
+    """How a session runs."""
+
+    seed: int = 1
+    """Of the noise of the heading of two antennas."""
+    start: Start = "heard"
+    wait_s: float = 60.0
+    """Longest wait for the start [s]."""
+    nmea: tuple[str, int] | None = None
+    """Where GGA, RMC and VTG go, besides the host's position."""
+    notify: Callable[[str], None] = lambda text: None
+    """Told in a line what happens."""
+
+
+class Session:
+    """One run over a channel; `run` once."""
+
+    def __init__(self, vehicle: Vehicle, board: Board, channel: Channel, options: Options) -> None:
+        self.vehicle, self.board, self.channel, self.options = vehicle, board, channel, options
+        self.spec: AgOpenGps = board.spec
+        self.traffic = Traffic()
+        self.receiver, self.state = Receiver(self.spec), board.init()
+        self.received = self.receiver.init(options.seed)
+        self.turn, self.started, self.engaged_ticks = 0, -1, 0
+        self.ended: str | None = None
+        """Outcome that the link gives the run, None where the run's own stands."""
+
+    @property
+    def now(self) -> float:
+        """The board's time [s]: turns since the link opened."""
+        return self.turn * TICK_S
+
+    def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
+        """Drive to the end. Raises `NoHostError` where none answers in time."""
+        measured = self._measured(self.vehicle.reset())
+        while not self.vehicle.done and not should_stop():
+            actuation = self._turn(measured)
+            waits = self.started < 0 and not self._starts(actuation)
+            self.turn += 1
+            if waits:
+                continue
+            measured = self._measured(self.vehicle.drive(actuation))
+            self.engaged_ticks += actuation.engaged
+            if self._host_is_gone():
+                self.ended = "host_lost"
+                return
+        if self.started < 0:
+            raise NoHostError("stopped before a guidance program has answered")
+        if not self.vehicle.done:
+            return
+        if self.state.silent and self.state.tally.lost:
+            self.ended = "host_lost"
+        elif not self.engaged_ticks:
+            self.ended = "not_engaged"
+
+    def _measured(self, measured: Measurement) -> Measurement:
+        self.received = self.receiver.measure(self.received, measured, self.vehicle.truth, TICK_S)
+        return measured
+
+    def _turn(self, measured: Measurement) -> Actuation:
+        """One turn up to the board's decision."""
+        for incoming in self.channel.begin(self.turn):
+            self._take(incoming)
+        heard = self.state.tally.steer_data
+        positioned = self._position_is_due() and self._position()
+        for incoming in self.channel.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
+            self._take(incoming)
+        before = self.state
+        self.state, actuation = self.board.tick(before, self.now, measured.steer)
+        self._tell(before)
+        self.state, report = self.board.report_if_due(self.state, self.now)
+        for answer in report:
+            self._send(answer)
+        return actuation
+
+    def _tell(self, before: BoardState) -> None:
+        """What has changed in this turn, for a person."""
+        after, t = self.state, max(self.turn - self.started, 0) * TICK_S if self.started >= 0 else 0.0
+        if after.tally.lost != before.tally.lost:
+            self.options.notify(f"{t:.1f} s: the host is silent; the board has let go")
+        elif after.engaged != before.engaged:
+            self.options.notify(f"{t:.1f} s: the host {'steers' if after.engaged else 'has let go'}")
+
+    def _position_is_due(self) -> bool:
+        return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
+
+    def _position(self) -> bool:
+        """Send where the tractor is; whether the host was told."""
+        sentence = self.receiver.sentence(self.received, self.now)
+        if sentence is not None:
+            self._send(sentence)
+        if self.options.nmea is not None:
+            for each in self.receiver.nmea(self.received, self.now):
+                self._send(each, self.options.nmea)
+        return sentence is not None
+
+    def _take(self, incoming: Incoming) -> None:
+        self.traffic.add(Datagram(self.turn, incoming.wall, "in", incoming.address, incoming.data))
+        self.state, answers = self.board.receive(self.state, incoming.data, self.now, incoming.wall, incoming.quiet)
+        for answer in answers:
+            self._send(answer)
+
+    def _send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
+        wall, address = self.channel.send(data, target)
+        self.traffic.add(Datagram(self.turn, wall, "out", address, data))
+
+    def _starts(self, actuation: Actuation) -> bool:
+        """Whether the clock starts in this turn: one with a position, so that a run's positions come at even times."""
+        heard = self.state.tally.steer_data > 0
+        ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
+        if ready and self._position_is_due():
+            self.started = self.turn
+            self.options.notify(f"the run starts, {self.now:.1f} s after the link")
+            return True
+        if self.now > self.options.wait_s:
+            what = "has engaged" if heard else "has answered"
+            raise NoHostError(
+                f"no guidance program {what} within {self.options.wait_s:g} s; see docs/link.md for its settings"
+            )
+        return False
+
+    def _host_is_gone(self) -> bool:
+        silence = self.now - self.state.heard_at
+        return self.state.tally.lost > 0 and self.state.silent and silence > self.spec.give_up_s

@@ -1,0 +1,71 @@
+"""Every datagram of a link, both ways: `link.parquet`, and what `--replay` reads back.
+
+Columns: `t` [s], the time of the run at which a datagram could first act, negative while the tractor waits for the
+host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
+
+MOST = 2_000_000
+"""Datagrams kept; a flood beyond them is only counted."""
+SCHEMA = pa.schema(
+    {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
+)
+
+
+class Datagram(NamedTuple):
+    """One datagram of a link."""
+
+    turn: int
+    """Turn of the link's loop in which it could first act."""
+    wall: float
+    """Wall time since the link opened [s]."""
+    direction: str
+    """`in` from the host, `out` to it."""
+    address: str
+    """`host:port` of the other side."""
+    data: bytes
+
+
+class Traffic:
+    """The record of a link as it grows."""
+
+    def __init__(self) -> None:
+        self.kept: list[Datagram] = []
+        self.dropped = 0
+
+    def add(self, datagram: Datagram) -> None:
+        """Keep a datagram, as long as there is room."""
+        if len(self.kept) < MOST:
+            self.kept.append(datagram)
+        else:
+            self.dropped += 1
+
+    def table(self, start: int) -> pa.Table:
+        """All datagrams, where turn `start` is t = 0."""
+        rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
+        columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
+        return pa.table([pa.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], schema=SCHEMA)
+
+
+def read_traffic(path: Path) -> list[Datagram]:
+    """The datagrams of a `link.parquet`, turns counted from its first. Raises `ScenarioError`."""
+    if not path.is_file():
+        raise ScenarioError(f"{path}: no such file; --replay wants the link.parquet of an earlier run")
+    try:
+        table = pq.read_table(path, columns=SCHEMA.names).cast(SCHEMA)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: not the link.parquet of a run: {str(error).splitlines()[0]}") from None
+    rows = list(zip(*(column.to_pylist() for column in table.columns), strict=True))
+    if any(None in row for row in rows):
+        raise ScenarioError(f"{path}: not the link.parquet of a run: it has empty cells")
+    turns = [round(row[0] / TICK_S) for row in rows]
+    first = min(turns, default=0)
+    return [Datagram(turn - first, *row[1:]) for turn, row in zip(turns, rows, strict=True)]

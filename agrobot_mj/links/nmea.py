@@ -1,0 +1,126 @@
+"""NMEA 0183 sentences of a GNSS receiver: GGA, RMC and VTG from a solution, and the fields of any sentence.
+
+A sentence is `$fields*CS` and CR LF, CS the exclusive or of the characters between `$` and `*` in two hex digits.
+Minutes carry seven decimals (0.2 mm); with the usual five an RTK position would come in steps of 19 mm.
+"""
+
+from datetime import UTC, datetime, timedelta
+from math import degrees, pi
+from typing import NamedTuple
+
+START = datetime(2026, 6, 1, 12, tzinfo=UTC)
+"""UTC at the start of every run: fixed, so that runs repeat."""
+KNOTS = 3600 / 1852
+"""[kn per m/s]."""
+MINUTE_DECIMALS = 7
+NO_FIX, GPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 4, 5
+"""Quality in GGA."""
+MODES = {NO_FIX: "N", RTK_FIX: "R", RTK_FLOAT: "F"}
+"""Letter of a quality in RMC and VTG, "A" for the others."""
+
+
+class Solution(NamedTuple):
+    """What a receiver knows at one time."""
+
+    t: float
+    """Time since the start of the run [s]."""
+    latitude: float
+    """North positive [deg]."""
+    longitude: float
+    """East positive [deg]."""
+    altitude: float
+    """Antenna above the ellipsoid's stand-in z = 0 [m]."""
+    speed: float
+    """Over ground [m/s]."""
+    course: float
+    """Direction of motion, from east, counter-clockwise [rad]."""
+    quality: int = RTK_FIX
+    """As in GGA."""
+    satellites: int = 14
+    """In use. Estimate."""
+    hdop: float = 0.7
+    """Horizontal dilution of precision [-]. Estimate."""
+    age: float = 1.0
+    """Age of the corrections [s]. Estimate."""
+
+
+def checksum(text: str) -> str:
+    """Two hex digits for the characters between `$` and `*`."""
+    total = 0
+    for character in text:
+        total ^= ord(character)
+    return f"{total:02X}"
+
+
+def sentence(*fields: object) -> bytes:
+    """A whole sentence of its fields."""
+    text = ",".join(map(str, fields))
+    return f"${text}*{checksum(text)}\r\n".encode("ascii")
+
+
+def fields_of(datagram: bytes) -> list[str] | None:
+    """Fields of a sentence, its name first; None where it is none or its checksum is wrong."""
+    text = datagram.decode("ascii", errors="replace").strip()
+    body, star, given = text.removeprefix("$").partition("*")
+    if not text.startswith("$") or not star or given.upper() != checksum(body):
+        return None
+    return body.split(",")
+
+
+def clock(t: float) -> str:
+    """UTC as hhmmss.ss at `t` [s] since the start."""
+    time = START + timedelta(seconds=round(t, 2))
+    return f"{time:%H%M%S}.{time.microsecond // 10000:02d}"
+
+
+def date(t: float) -> str:
+    """UTC date as ddmmyy."""
+    return f"{START + timedelta(seconds=round(t, 2)):%d%m%y}"
+
+
+def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
+    """Degrees and minutes of a latitude or longitude [deg], with the letter of its hemisphere."""
+    unit = 10**MINUTE_DECIMALS
+    whole, rest = divmod(round(abs(value) * 60 * unit), 60 * unit)
+    return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
+
+
+def degrees_of(text: str, hemisphere: str) -> float:
+    """Latitude or longitude [deg] of degrees and minutes. Raises ValueError where the text is none."""
+    point = text.index(".")
+    value = int(text[: point - 2]) + float(text[point - 2 :]) / 60
+    return -value if hemisphere in ("S", "W") else value
+
+
+def place(solution: Solution) -> tuple[str, str, str, str]:
+    """Latitude, hemisphere, longitude, hemisphere."""
+    return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
+
+
+def compass(solution: Solution) -> str:
+    """Course over ground [deg], clockwise from north."""
+    return f"{degrees(pi / 2 - solution.course) % 360:.2f}"
+
+
+def gga(s: Solution) -> bytes:
+    """Position and its quality."""
+    where = place(s) if s.quality else ("", "", "", "")
+    return sentence(
+        *("GPGGA", clock(s.t), *where, s.quality, f"{s.satellites:02d}", f"{s.hdop:.1f}"),
+        *(f"{s.altitude:.3f}", "M", "0.0", "M", f"{s.age:.1f}", "0000"),
+    )
+
+
+def rmc(s: Solution) -> bytes:
+    """Position, speed, course and date."""
+    where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
+    motion = (f"{s.speed * KNOTS:.3f}", compass(s)) if s.quality else ("", "")
+    return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
+
+
+def vtg(s: Solution) -> bytes:
+    """Course and speed over ground."""
+    if not s.quality:
+        return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
+    motion = compass(s), "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"
+    return sentence("GPVTG", *motion, MODES.get(s.quality, "A"))

@@ -1,0 +1,51 @@
+"""docs/link.md names the options, the rows of the demo and the metrics that there are."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from agrobot_mj.cli import app
+from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.links.agopengps.channels import RealTime, Replayed
+from agrobot_mj.links.agopengps.host import parser
+from agrobot_mj.links.agopengps.run import run_link
+from agrobot_mj.links.agopengps.session import Options
+from agrobot_mj.links.agopengps.udp import UdpSockets
+from agrobot_mj.scenario.loading import load_scenario
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "link.md").read_text(encoding="utf-8")
+
+
+def test_every_option_that_it_names_exists():
+    command = typer.main.get_command(app).commands["link"]
+    known = {option for parameter in command.params for option in parameter.opts}
+    known |= {option for action in parser()._actions for option in action.option_strings}
+    assert set(re.findall(r"--[a-z][a-z-]*", TEXT)) <= known
+
+
+def test_every_key_that_it_names_exists():
+    named = set(re.findall(r"`(?:guidance\.)?([a-z_]+)(?: = |`)", TEXT)) & set(AgOpenGps.model_fields)
+    assert {"watchdog_s", "released", "give_up_s", "position_rate_hz", "host", "origin_lat_deg"} <= named
+
+
+def test_the_table_has_the_rows_of_the_demo():
+    spec = importlib.util.spec_from_file_location("demo_link", ROOT / "scripts" / "demo_link.py")
+    assert spec is not None
+    demo = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(demo)
+    rows = re.findall(r"^\| ([a-z]+: [^|]+) \| `([^`]+)` \|", TEXT, re.MULTILINE)
+    assert rows == [(name, host or "-") for name, (_, _, host) in demo.ROWS.items()]
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_it_explains_every_metric(live):
+    scenario = load_scenario("straight_line", {"guidance.kind": "agopengps", "duration_s": 0.1})
+    with UdpSockets("127.0.0.1", 0, 9) as sockets:
+        channel = RealTime(sockets) if live else Replayed([])
+        block = run_link(scenario, channel, Options(start="now")).log.metrics["link"]
+    named = set(re.findall(r"`([a-z_]+)`", TEXT)) | {"latency_ms_p95", "latency_ms_worst", "host", "steer_by"}
+    assert set(block) <= named
