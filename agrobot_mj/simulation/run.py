@@ -1,4 +1,4 @@
-"""A whole run of a scenario, followed by watchers."""
+"""A complete run of a scenario, followed by watchers."""
 
 import time
 from collections.abc import Callable
@@ -10,27 +10,28 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 200
-"""New rows after which watchers are told: 10 s of simulated time."""
+"""Number of new rows after which watchers are called: 10 s of simulated time."""
 LONG_TICKS, LONG_CHUNK_TICKS = 12_000, 1200
-"""Beyond 10 min they are told every 60 s, since each piece of a recording costs memory until its end."""
-TELL_S = 5.0
-"""Wall time after which they are told in any case, where a run is slow [s]."""
+"""Length of a run beyond which watchers are called only every 60 s, since each piece of a recording costs memory until
+its end: 10 min."""
+REPORT_S = 5.0
+"""Wall time after which watchers are called in any case, if a run is slow [s]."""
 
 
 class Watcher(Protocol):
     """Follows a run as it goes: a recording, a progress bar."""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Before the first tick; `rows` fills as the run goes."""
+        """Called before the first tick; `rows` fills during the run."""
 
     def advance(self, first: int) -> None:
-        """Rows `first` to `rows.filled` are new."""
+        """Called when rows `first` to `rows.filled` are new."""
 
     def finish(self, log: Log) -> None:
-        """After the last tick; metrics are known."""
+        """Called after the last tick; metrics are known."""
 
     def fail(self, error: BaseException) -> None:
-        """Instead of `finish`, where an error ends the run."""
+        """Called instead of `finish` if an error ends the run."""
 
 
 def run(
@@ -40,8 +41,8 @@ def run(
 ) -> Log:
     """Run a scenario to its end; writes nothing by itself.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is asked every tick; once it says
-    yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
+    returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor.
     """
     sim = Simulation(scenario)
     for watcher in watchers:
@@ -59,24 +60,24 @@ def run(
 
 
 def _drive(sim: Simulation, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]) -> float:
-    """Tick by tick to the end; returns the wall time [s]."""
-    rows, began, told = sim.rows, time.perf_counter(), 0
-    due = began + TELL_S
+    """Run tick by tick to the end; returns the wall time [s]."""
+    rows, began, reported = sim.rows, time.perf_counter(), 0
+    due = began + REPORT_S
     sim.reset()
     while not sim.done:
         sim.step()
         if should_stop():
             sim.abort()
-        if rows.filled - told >= chunk_ticks(rows.filled) or time.perf_counter() > due:
+        if rows.filled - reported >= chunk_ticks(rows.filled) or time.perf_counter() > due:
             for watcher in watchers:
-                watcher.advance(told)
-            told, due = rows.filled, time.perf_counter() + TELL_S
+                watcher.advance(reported)
+            reported, due = rows.filled, time.perf_counter() + REPORT_S
     wall = time.perf_counter() - began
     for watcher in watchers:
-        watcher.advance(told)
+        watcher.advance(reported)
     return wall
 
 
 def chunk_ticks(filled: int) -> int:
-    """New rows after which watchers are told, when `filled` rows are there."""
+    """Number of new rows after which watchers are called, when `filled` rows exist."""
     return CHUNK_TICKS if filled <= LONG_TICKS else LONG_CHUNK_TICKS
