@@ -65,12 +65,12 @@ snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
 reference: $(STAMP) ## Write the reference of columns, docs/columns.md
 	@$(PY) scripts/make_reference.py
 
-lock: ## Resolve the dependencies anew (needs uv)
+lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
 	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
 
 # Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
-# fetched. A half-made .venv is begun anew.
+# fetched. An incomplete .venv is made again.
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 		echo "agrobot_mj needs Python 3.11 or newer; $(PYTHON) is `$(PYTHON) --version 2>/dev/null || echo missing`." >&2; \

@@ -1,8 +1,8 @@
-"""What a closed-loop run costs beside bare MuJoCo, what recording adds, where a tick spends its time, and start-up.
+"""Cost of a run compared with bare MuJoCo, cost of recording, time of each part of a tick, and start-up times.
 
-Runs in one process, compiled code warm. What is compared alternates, and a ratio is the median over the
-repetitions of that of neighbours, so that a machine that is busy or changes its clock slows both. Times are
-for information; only the ratios mean something from one machine to the next.
+Runs in one process, compiled code warm. The alternatives are timed in turn, and a ratio is the median of the ratios of
+neighbours, so that a machine that is busy or changes its clock slows both. Times are for information; only ratios
+can be compared between machines.
 """
 
 import argparse
@@ -40,13 +40,13 @@ from agrobot_mj.tyres import Tyre
 AIM_RATIO, AIM_RECORDING = 2.0, 0.15
 """The project's aims: closed loop over bare step, and what recording adds [-]."""
 AIM_TYRE, GRID = 1.3, 200
-"""The aim for physics with tyres over a bare step, and the nodes of its ground each way [-]."""
+"""Aim for physics with tyres over a bare step, and the nodes of its ground each way [-]."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 2.0}
-"""Command lines and the aims for their wall time [s]."""
+"""Command lines and the aims for their wall times [s]."""
 HELD_STEPS = 500
-"""The bare model then goes on from its first state again: held tyre forces balance it for a while only."""
+"""Number of steps after which the bare model restarts: held tyre forces balance it only for a while."""
 MOVING_S = 12.0
-"""Simulated time after which the tractor drives at its speed [s]."""
+"""Simulated time after which the tractor moves at its speed [s]."""
 
 
 class BareModel:
@@ -64,7 +64,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def seconds(self, steps: int, batched: bool = False) -> float:
-        """Time of `steps` steps, one call a step or one for all of a batch [s]."""
+        """Time of `steps` steps, in one call per step or in a single call [s]."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
@@ -87,23 +87,23 @@ class Cost(NamedTuple):
     run_over_bare: float
     """A run without recording over as many calls of mj_step [-]."""
     run_over_batched: float
-    """The same over mj_step(nstep=...) [-]."""
+    """Cost of a run without recording over that of mj_step(nstep=...) [-]."""
     recording_share: float
     """What recording adds to a run [-]."""
     run_s: float
     """Fastest run without recording [s]."""
     bare_s: float
-    """Fastest bare stepping, a call a step [s]."""
+    """Fastest bare stepping, one call per step [s]."""
 
 
 def steps_of(scenario: Scenario) -> int:
-    """Physics steps of the whole run, settling included."""
+    """Physics steps of the complete run, settling included."""
     settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.physics_dt_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """How long `work` takes [s]."""
+    """Wall time of `work` [s]."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
@@ -167,7 +167,7 @@ def stopwatches(scenario: Scenario) -> Iterator[dict[str, float]]:
 
 
 def tick_parts(scenario: Scenario, repeats: int) -> dict[str, float]:
-    """Least time a tick of each part and of what is left of the loop [s]."""
+    """Least time per tick of each part, and of the rest of the loop [s]."""
     rounds = []
     for _ in range(repeats + 1):
         with stopwatches(scenario) as spent:
@@ -213,7 +213,7 @@ def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:
 
 
 def start_up_times(repeats: int) -> dict[str, float]:
-    """Least wall time of short command lines, each in a process of its own; the first one warms up [s]."""
+    """Least wall time of short command lines, each in its own process; the first one warms up [s]."""
     with tempfile.TemporaryDirectory() as folder:
         found = {}
         for line in START_UP:

@@ -21,7 +21,7 @@ def exported(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def locked(text: str) -> dict[tuple[str, str], set[str]]:
-    """The same from uv.lock, without the project itself."""
+    """Name and version to hashes, from uv.lock, without the project itself."""
     found = {}
     for package in tomllib.loads(text)["package"]:
         if "registry" in package["source"]:
@@ -31,14 +31,14 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str) -> list[Requirement]:
-    """What pyproject.toml asks for: dependencies and the dev group."""
+    """Requirements of pyproject.toml: dependencies and the dev group."""
     content = tomllib.loads(text)
     lines = [*content["project"]["dependencies"], *content["dependency-groups"]["dev"]]
     return [Requirement(line) for line in lines]
 
 
 def faults(root: Path) -> list[str]:
-    """Every disagreement in one line each."""
+    """All disagreements, one line each."""
     pins = exported((root / "requirements.lock").read_text(encoding="utf-8"))
     lock = locked((root / "uv.lock").read_text(encoding="utf-8"))
     found = []

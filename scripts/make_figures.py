@@ -19,14 +19,14 @@ RESULTS = re.compile(r"(<!-- results -->\n).*?(\n<!-- end of results -->)", re.D
 
 
 def run(folder: Path) -> None:
-    """All cases of the README's table, into `folder`."""
+    """Run all cases of the README's table into `folder`."""
     todo = cases(load_scenario("figure_eight"), CONTROLLERS, PLANTS, seeds=1)
     with task(f"{len(todo)} runs", len(todo)) as advance:
         compare(todo, folder, rrd=False, done=lambda _: advance())
 
 
 def publish(folder: Path) -> str:
-    """Table into the README, figure into docs/images; returns the table."""
+    """Write the table into the README and the figure into docs/images; returns the table."""
     text = table(json.loads((folder / "comparison.json").read_text(encoding="utf-8")))
     before = README.read_text(encoding="utf-8")
     if not RESULTS.search(before):

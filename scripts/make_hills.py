@@ -1,7 +1,7 @@
 """The library's digital elevation model, `scenarios/hills.asc`, and two routes over it.
 
-A made landscape with the look of a real one: a ridge and a valley, smooth noise whose power falls with the cube of the
-frequency, and a terrace as old fields have them. Grid of 2 m as national height models have it, heights in centimetres.
+A synthetic landscape that looks like a real one: a ridge and a valley, smooth noise whose power falls with the cube
+of the frequency, and a terrace as in old fields. Grid of 2 m as in national height models, heights in centimetres.
 One route is drawn across the flanks, the other follows the contour line through the field's middle, a point every 4 m.
 """
 
@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 CELL_M, ROWS, COLUMNS = 2.0, 81, 101
 CORNER = (612_400.0, 5_643_200.0)
-"""Of the south-west cell, as a national grid would have it [m]."""
+"""South-west cell of the grid, in the coordinates of a national grid [m]."""
 SEED, ROUGHNESS_M, SMOOTH_M = 11, 1.1, 7.0
 POINT_M, ROUTE_M = 4.0, 150.0
 ACROSS = (
@@ -31,7 +31,7 @@ ACROSS = (
     (60, -18),
     (76, -30),
 )
-"""The route across [m]."""
+"""Route across the hills [m]."""
 
 
 def landscape() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import whole
+from agrobot_mj.simulation.storage import atomic
 from agrobot_mj.studies.style import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
@@ -30,7 +30,7 @@ from agrobot_mj.terrain.grid import heights
 ROOT = Path(__file__).parent.parent
 PAGE, IMAGES = ROOT / "docs" / "scenarios.md", ROOT / "docs" / "images" / "scenarios"
 INDEX, PAGES = "index", "pages"
-"""Blocks of the page between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""Names of the blocks of the page, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
@@ -42,7 +42,7 @@ HEADS = (
 
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
-    """The logs by controller."""
+    """Logs by controller."""
     kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
     return {kind: run(scenario.changed({"controller.kind": kind})) for kind in kinds}
 
@@ -62,7 +62,7 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
         place, error = figure.subplots(1, 2, width_ratios=[1.15, 1])
         draw_map(place, scenario, logs)
         draw_error(error, scenario, logs)
-        with whole(file) as path:
+        with atomic(file) as path:
             figure.savefig(path, dpi=DPI, format="png")
 
 
@@ -134,7 +134,7 @@ def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """What there is to say of a field in swaths."""
+    """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     return [
         f"\n{NAMES[kind]}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/recordings.md: each tab of four recordings, a comparison, and docs/images/recording.jpg.
+"""Draw the pictures of docs/recordings.md: each tab of four recordings, a comparison, and docs/images/recording.jpg.
 
 Needs what `agrobot-mj snapshot` needs; takes two minutes. The viewer's title bar, with its remarks on the machine that
 draws, is cut off; pictures are scaled to a width of 1280 pixels, so that all together stay below 6 MB.
@@ -16,18 +16,18 @@ from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 TIMES_S = {"figure_eight": 103.0, "side_slope_10": 30.0, "furrows_across": 25.0, "gnss_loss_in_turn": 44.5}
-"""When each scenario is looked at."""
+"""Time of the picture of each scenario [s]."""
 COVER = "figure_eight", "drive"
-"""The picture that stands alone, in the README too."""
+"""Picture that stands alone, also in the README."""
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
-"""Scenario of the comparison, and when it is looked at."""
+"""Scenario of the comparison, and the time of its picture [s]."""
 TITLE_BAR, WIDTH, QUALITY = 37, 1280, 85
 """Height of the viewer's title bar and width of a picture [pixels], and quality of its compression."""
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
 
 def main() -> int:
-    """Draw all; returns the exit status."""
+    """Draw all pictures; returns the exit status."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             for name, t in TIMES_S.items():
@@ -63,7 +63,7 @@ def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
 
 
 def shrink(picture: Path, target: Path) -> None:
-    """Write `picture` to `target`, without the title bar and smaller."""
+    """Write `picture` to `target`, smaller and without the title bar."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(picture) as whole:
         kept = whole.convert("RGB").crop((0, TITLE_BAR, whole.width, whole.height))

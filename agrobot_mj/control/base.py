@@ -3,8 +3,7 @@
 A guidance law sees a `Situation` - the estimate, the path, the machine's known numbers, never the truth - and answers
 with a `Command`: steering angle and speed. The paper's law (`kinematic`) hands a yaw-rate reference to a yaw controller
 of its own family, `[controller]`; other laws need none. Both keep their state outside: `init() -> State` and
-`update(state, ...) -> (State, output)`. What else they have to say goes into the log as `columns`, with the values of
-`report(state)`.
+`update(state, ...) -> (State, output)`. Further signals go into the log as `columns`, with values from `report`.
 """
 
 from math import nan
@@ -39,7 +38,7 @@ class Route(Protocol):
 
 
 class Situation(NamedTuple):
-    """All that a guidance law may know in one tick."""
+    """Everything that a guidance law may know in one tick."""
 
     t: float
     """Time since the start [s]."""
@@ -70,7 +69,7 @@ class Guidance(Reporting):
 
     @property
     def follows_path(self) -> bool:
-        """Whether the law steers for the path at all; the supervisor watches only those that do."""
+        """Whether the law follows the path at all; the supervisor monitors only those that do."""
         return True
 
     @property
@@ -94,7 +93,7 @@ YAW_COLUMNS = (
 
 
 class YawCommand(NamedTuple):
-    """What a yaw controller asks of the steering, and how it is made up."""
+    """Command of a yaw controller to the steering, and its parts."""
 
     steer: float
     """Front-wheel angle, left positive, clipped at the steering limit [rad]."""
@@ -111,7 +110,7 @@ class YawController(Reporting):
 
     kind: str
     closed_loop: ClassVar[bool] = True
-    """Whether it heeds the yaw rate."""
+    """Whether the law uses the yaw rate."""
 
     def init(self) -> Any:
         """State before the first tick."""

@@ -1,4 +1,4 @@
-"""Guidance in cascade: a law that asks for a yaw rate, and a yaw controller that steers for it.
+"""Guidance in cascade: a law that sets a yaw-rate reference, and a yaw controller that follows it.
 
 Position error -> law -> speed and yaw-rate references -> yaw controller -> steering angle, plus the angle that the law
 knows beforehand (`feedforward`).
@@ -59,7 +59,7 @@ class Cascade(Guidance):
     """The yaw controller."""
 
     def init(self) -> CascadeState:
-        """At rest."""
+        """State at rest."""
         return CascadeState(self.controller.init())
 
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:

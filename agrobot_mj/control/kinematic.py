@@ -21,9 +21,9 @@ class CascadeLaw(Guidance):
     """Kinematic law with a yaw controller inside; the paper prints no gains."""
 
     saturation_m_s: NonNegative = 0.6
-    """k_s, largest velocity spent on closing an error, each axis [m/s]. Estimate."""
+    """Saturation k_s, the largest velocity spent on closing an error, per axis [m/s]. Estimate."""
     gain_per_m: Positive = 0.4
-    """k_e, slope of the law relative to its saturation [1/m]. Estimate."""
+    """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate."""
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""
@@ -39,7 +39,7 @@ class CascadeLaw(Guidance):
         return self.references(situation.estimate, situation.reference, situation.machine.cg_to_rear_axle)
 
     def feedforward(self, situation: Situation) -> float:
-        """None: the paper's law learns the angle by feedback [rad]."""
+        """Always 0: the paper's law learns the angle by feedback [rad]."""
         return 0.0
 
     def using(self, controller: YawController) -> Cascade:

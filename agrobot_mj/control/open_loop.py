@@ -1,4 +1,4 @@
-"""A steering step that does not listen to the yaw rate: for tests of the plant."""
+"""A steering step that ignores the yaw rate, for tests of the plant."""
 
 from math import radians
 from typing import Annotated, ClassVar, Literal
@@ -15,14 +15,14 @@ class OpenLoop(YawController):
 
     kind: Literal["open_loop"] = "open_loop"
     closed_loop: ClassVar[bool] = False
-    """It does not heed the yaw rate."""
+    """Always False: the law does not use the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
     """Angle of the step, left positive [deg]. Estimate."""
     at_s: NonNegative = 1.0
-    """When the step comes [s]. Estimate."""
+    """Time of the step [s]. Estimate."""
 
     def init(self) -> None:
-        """Nothing to remember."""
+        """No state."""
 
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float

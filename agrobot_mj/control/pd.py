@@ -15,11 +15,11 @@ class Conventional(YawController):
     """Gains that all closed-loop yaw controllers share."""
 
     kp: float = 0.4
-    """k_P [rad s/rad]. Estimate."""
+    """Proportional gain k_P [rad s/rad]. Estimate."""
     kd: float = 0.0
-    """k_D [rad s2/rad]. Estimate."""
+    """Derivative gain k_D [rad s2/rad]. Estimate."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the filter of de/dt [s]. Estimate."""
+    """Time constant of the filter of the derivative of the error [s]. Estimate."""
 
     def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
         """The filtered derivative of the error and tau_c [rad]."""
@@ -31,7 +31,7 @@ class PdState(NamedTuple):
     """Memory of `Pd`."""
 
     slope: FilteredRate = FilteredRate()
-    """Of the yaw-rate error [rad/s]."""
+    """Filtered derivative of the yaw-rate error [rad/s2]."""
 
 
 class Pd(Conventional):
@@ -40,7 +40,7 @@ class Pd(Conventional):
     kind: Literal["pd"] = "pd"
 
     def init(self) -> PdState:
-        """At rest."""
+        """State at rest."""
         return PdState()
 
     def update(

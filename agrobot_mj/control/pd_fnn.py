@@ -19,11 +19,11 @@ class NeuroState(NamedTuple):
     """Memory of `PdT2fnn` and `PdT1fnn`."""
 
     slope: FilteredRate = FilteredRate()
-    """Of the yaw-rate error [rad/s]."""
+    """Filtered derivative of the yaw-rate error [rad/s2]."""
     network: T2FnnState | None = None
-    """None before the first error, about which the network's sets are laid."""
-    asked: T2FnnState | None = None
-    """The network as it was when it gave the last tau_n, before it learnt from that tick."""
+    """State of the network; None before the first error, around which its sets are placed."""
+    evaluated: T2FnnState | None = None
+    """State of the network when it gave the last tau_n, before it learnt from that tick."""
     saturated: bool = False
     """Whether the last command was clipped."""
 
@@ -32,12 +32,12 @@ class PdNetwork(Conventional):
     """PD with a network beside it; inputs of the network are the error and its filtered derivative."""
 
     network: T2Fnn = T2Fnn()
-    """The network and its learning laws."""
+    """Network and its learning laws."""
     anti_windup: bool = False
-    """Learning holds while the steering command is clipped; off as in the paper [-]."""
+    """Whether learning stops while the steering command is clipped; off as in the paper [-]."""
 
     def init(self) -> NeuroState:
-        """At rest."""
+        """State at rest."""
         return NeuroState()
 
     def update(
@@ -49,10 +49,10 @@ class PdNetwork(Conventional):
         network = state.network or self.network.init(e, slope.rate)
         learn = not (self.anti_windup and state.saturated)
         learnt, tau_n = self.network.update(network, e, slope.rate, tau_c, dt, learn)
-        asked = network._replace(c1=learnt.c1, c2=learnt.c2, x1=learnt.x1, x2=learnt.x2)
+        evaluated = network._replace(c1=learnt.c1, c2=learnt.c2, x1=learnt.x1, x2=learnt.x2)
         wanted = tau_c - tau_n
         steer = clip(wanted, -steer_limit, steer_limit)
-        return NeuroState(slope, learnt, asked, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
+        return NeuroState(slope, learnt, evaluated, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -61,7 +61,7 @@ class PdNetwork(Conventional):
 
     def report(self, state: NeuroState) -> Sequence[float]:
         """Values of the network behind the last tau_n; NaN before the first."""
-        return [nan] * len(self.columns) if state.asked is None else self.network.report(state.asked).tolist()
+        return [nan] * len(self.columns) if state.evaluated is None else self.network.report(state.evaluated).tolist()
 
 
 class PdT2fnn(PdNetwork):
@@ -71,8 +71,8 @@ class PdT2fnn(PdNetwork):
 
 
 class PdT1fnn(PdNetwork):
-    """Null model: the same laws with lower and upper bounds that coincide."""
+    """Null model: the same laws, but with lower and upper bounds that coincide."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     network: T1Fnn = T1Fnn()
-    """The network and its learning laws, of type 1."""
+    """Network and its learning laws, of type 1."""

@@ -16,9 +16,9 @@ class IntegralState(NamedTuple):
     """Memory of `PdIsgn`."""
 
     slope: FilteredRate = FilteredRate()
-    """Of the yaw-rate error [rad/s]."""
+    """Filtered derivative of the yaw-rate error [rad/s2]."""
     tau_n: float = 0.0
-    """The integral [rad]."""
+    """Value of the integral [rad]."""
 
 
 class PdIsgn(Conventional):
@@ -31,7 +31,7 @@ class PdIsgn(Conventional):
     """Smoothing of the sign function [rad]. Paper."""
 
     def init(self) -> IntegralState:
-        """At rest."""
+        """State at rest."""
         return IntegralState()
 
     def update(

@@ -18,15 +18,15 @@ def clip(x: float, low: float, high: float) -> float:
 
 
 class FilteredRate(NamedTuple):
-    """A filtered derivative: the last value and its slope."""
+    """A filtered derivative: the last value and its rate of change."""
 
     value: float | None = None
-    """None before the first value [unit]."""
+    """Filtered value; None before the first one [unit]."""
     rate: float = 0.0
-    """[unit/s]."""
+    """Rate of change of the filtered value [unit/s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
-        """With the next value, dt [s] later, through a first-order filter of time constant `filter_s` [s]."""
+        """Update with the next value, dt [s] later, through a first-order filter of time constant `filter_s` [s]."""
         if self.value is None:
             return FilteredRate(value, 0.0)
         raw = (value - self.value) / dt
@@ -39,7 +39,7 @@ class PidState(NamedTuple):
     integral: float = 0.0
     """Contribution of the integral to the output [unit of the output]."""
     slope: FilteredRate = FilteredRate()
-    """Of the error [unit of the error]."""
+    """Filtered derivative of the error [unit of the error per s]."""
 
 
 class Pid(Spec):
@@ -55,7 +55,7 @@ class Pid(Spec):
     """Time constant of the derivative's filter [s]. Estimate."""
 
     def init(self) -> PidState:
-        """At rest."""
+        """State at rest."""
         return PidState()
 
     def update(
@@ -63,7 +63,7 @@ class Pid(Spec):
     ) -> tuple[PidState, float]:
         """Output within [low, high] after dt [s]; `ahead` is a feed-forward term in the unit of the output.
 
-        Anti-windup: the integral rests while it would push the output further into its limit.
+        Anti-windup: the integral is held while it would push the output further into its limit.
         """
         slope = state.slope.after(error, dt, self.derivative_filter_s)
         direct = ahead + self.kp * error + self.kd * slope.rate
@@ -98,15 +98,15 @@ class SpeedLoop(Spec):
     inner: Pid = Pid(kp=6.0)
     """Pedal [-] to voltage [V]. Estimate."""
     feedforward_s_m: NonNegative = 0.2
-    """Pedal per speed reference [s/m]: 0.2 is a pedal of 5 m/s. Estimate. Without it the outer PID needs gains that
-    make the speed swing on compliant tyres."""
+    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Estimate. Without it the outer PID needs
+    gains that make the speed oscillate on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
     """Jump over the valve's dead band [V]. Estimate, below the band itself."""
     tolerance: Positive = 0.005
-    """Pedal error that is left alone [-]. Estimate."""
+    """Pedal error that is not corrected [-]. Estimate."""
 
     def init(self) -> SpeedState:
-        """At rest."""
+        """State at rest."""
         return SpeedState(self.outer.init(), self.inner.init())
 
     def update(
@@ -120,7 +120,7 @@ class SpeedLoop(Spec):
     def hold(
         self, state: SpeedState, pedal_ref: float, pedal: float, dt: float
     ) -> tuple[SpeedState, tuple[float, float]]:
-        """The inner loop alone: pedal reference as it is, and pedal valve voltage [V]."""
+        """Run the inner loop alone: the given pedal reference, and the pedal valve voltage [V]."""
         error = pedal_ref - pedal
         jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
         inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
@@ -132,7 +132,7 @@ class SteeringState(NamedTuple):
 
     pid: PidState
     reference: float = 0.0
-    """Angle that the loop steers to now, limited in rate [rad]."""
+    """Present reference angle of the loop, limited in rate [rad]."""
 
 
 class SteeringLoop(Spec):
@@ -143,17 +143,17 @@ class SteeringLoop(Spec):
     deadband_compensation_v: NonNegative = 0.3
     """Jump over the valve's dead band [V]. Estimate, below the band itself."""
     tolerance_deg: Positive = 0.1
-    """Angle error that is left alone [deg]. Estimate, below the potentiometer's 1 deg."""
+    """Angle error that is not corrected [deg]. Estimate, below the potentiometer's 1 deg."""
     reference_rate_deg_s: Positive | None = None
-    """Fastest change of the reference [deg/s]; as the yaw controller says when left out, which is the paper's way. The
-    valve itself does 26 deg/s; a limit there takes the jump out of the command when GNSS comes back."""
+    """Largest rate of the reference [deg/s]; without it the reference is the yaw controller's output, as in the paper.
+    The valve itself reaches 26 deg/s; a limit there removes the jump in the command when GNSS comes back."""
 
     def init(self) -> SteeringState:
-        """At rest, straight ahead."""
+        """State at rest, straight ahead."""
         return SteeringState(self.pid.init())
 
     def update(self, state: SteeringState, wanted: float, steer: float, dt: float) -> tuple[SteeringState, float]:
-        """Steering valve voltage [V] from the wanted and the measured angle [rad]."""
+        """Steering valve voltage [V] from the commanded and the measured angle [rad]."""
         steer_ref = self._reference(state.reference, wanted, dt)
         error = steer_ref - steer
         jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
@@ -161,7 +161,7 @@ class SteeringLoop(Spec):
         return SteeringState(pid, steer_ref), NEUTRAL_V + voltage
 
     def _reference(self, last: float, wanted: float, dt: float) -> float:
-        """The angle [rad] to steer to now, `dt` [s] after `last`, on the way to `wanted`."""
+        """Reference angle [rad], `dt` [s] after `last`, moving towards `wanted` at the limited rate."""
         if self.reference_rate_deg_s is None:
             return wanted
         reach = radians(self.reference_rate_deg_s) * dt

@@ -1,9 +1,9 @@
-"""Supervisor: whether the tractor may go on driving, and a controlled stop where it may not.
+"""Supervisor: decides whether the tractor may go on driving, and stops it under control if not.
 
-Watches what a real guidance computer can see: the age of the last fix, the estimated uncertainty, the innovations, the
-distance from the path by the estimate, and whether the wheels follow the command. While the heading is not yet known it
+Monitors what a real guidance computer can measure: the age of the last fix, the estimated uncertainty, the innovations,
+the estimated distance from the path, and whether the wheels follow the command. While the heading is not yet known it
 drives straight on slowly; without fixes it holds the pedal, since the speed is not known then; where a limit is
-exceeded it lets the pedal go back to neutral and ends the run as `stopped`, with the reason. `[supervisor]`.
+exceeded it returns the pedal to neutral and ends the run as `stopped`, with the reason. `[supervisor]`.
 """
 
 from collections.abc import Sequence
@@ -58,7 +58,7 @@ class Supervisor(Reporting):
     """Limits of autonomous driving; every default is an estimate of what a cautious maker would set."""
 
     enabled: bool = True
-    """Whether it acts; off in the scenarios of the paper, which has none."""
+    """Whether the supervisor acts; off in the scenarios of the paper, which has none."""
     coasting_after_s: Positive = 0.3
     """Age of the last fix from which the tractor counts as coasting [s]. Estimate: some lost fixes are normal."""
     max_fix_age_s: Positive = 8.0
@@ -70,11 +70,11 @@ class Supervisor(Reporting):
     max_nis: Positive = 100.0
     """Smoothed NIS of the fixes at which it stops [-]. Estimate: an honest filter has 2."""
     nis_filter_s: Positive = 1.0
-    """Time constant of that smoothing [s]. Estimate."""
+    """Time constant of the smoothing of the NIS [s]. Estimate."""
     max_steer_mismatch_deg: Positive = 12.0
     """Difference of commanded and measured steering angle that counts as not following [deg]. Estimate."""
     steer_mismatch_s: Positive = 2.0
-    """Time for which it must last before it stops [s]. Estimate: longest travel from stop to stop."""
+    """Duration of such a difference at which it stops [s]. Estimate: longest travel from stop to stop."""
     aligning_speed_m_s: Positive = 0.8
     """Speed at which it drives straight on until the heading is known [m/s]. Estimate."""
     max_aligning_s: Positive = 15.0
@@ -115,13 +115,13 @@ class Supervisor(Reporting):
         keep = exp(-dt / self.nis_filter_s)
         nis = keep * state.nis + (1 - keep) * estimate.nis if isfinite(estimate.nis) else state.nis
         beside = situation.route.nearest(estimate.x, estimate.y, state.place, situation.t)
-        off = abs(state.steer - situation.steer) > radians(self.max_steer_mismatch_deg)
+        mismatched = abs(state.steer - situation.steer) > radians(self.max_steer_mismatch_deg)
         return state._replace(
             fix_age=age,
             nis=nis,
             place=beside.s,
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
-            mismatch_s=state.mismatch_s + dt if off else 0.0,
+            mismatch_s=state.mismatch_s + dt if mismatched else 0.0,
         )
 
     def _exceeded(self, state: SupervisorState, situation: Situation) -> str:

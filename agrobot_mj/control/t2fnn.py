@@ -4,8 +4,8 @@ Inputs x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]), learning
 [rad]; the steering is tau_c - tau_n. The equations are in `t2fnn_laws`; a state's arrays give its size.
 
 The printed laws are singular in places. Six guards, named beside their lines, make them safe:
-1. centres start about the first input, which so lies inside every set (else the network stays dead: `16` and
-   `16ek` keep x - c for ever);
+1. centres start around the first input, which therefore lies inside every set (otherwise the network stays dead:
+   `16` and `16ek` keep x - c constant);
 2. denominators keep a floor, sign preserved (paper);
 3. widths keep their limits, their order and the input: a large Euler step cannot overshoot;
 4. q keeps to [0, 1]: an update that would leave is dropped, one that points inside is taken (paper);
@@ -43,17 +43,17 @@ class T2Fnn(Spec):
     """The network and its learning laws; the paper prints only delta_s and the floor."""
 
     alpha: Positive = 0.02
-    """Learning rate; Theorem 1 asks for more than the rate of the rest of the loop [rad/s]. Estimate."""
+    """Learning rate; Theorem 1 requires more than the rate of change of the rest of the loop [rad/s]. Estimate."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
-    """I, number of sets of x1 [-]. Estimate."""
+    """Number I of sets of x1 [-]. Estimate."""
     rules_2: int = Field(3, ge=1, le=50)
-    """J, number of sets of x2 [-]. Estimate."""
+    """Number J of sets of x2 [-]. Estimate."""
     spread_1: Positive = 0.5
-    """Centres of x1 start within this distance of the first input [unit of x1]. Estimate."""
+    """Distance from the first input within which the centres of x1 start [unit of x1]. Estimate."""
     spread_2: Positive = 0.5
-    """Centres of x2 start within this distance of the first input [unit of x2]. Estimate."""
+    """Distance from the first input within which the centres of x2 start [unit of x2]. Estimate."""
     width_lower_1: Positive = 0.6
     """Initial width of the lower sets of x1 [unit of x1]. Estimate."""
     width_upper_1: Positive = 0.9
@@ -77,11 +77,11 @@ class T2Fnn(Spec):
     adapt_q: bool = True
     """Whether q learns (paper)."""
     type_1: ClassVar[bool] = False
-    """Lower bounds coincide with the upper ones and q, then without effect, rests."""
+    """Whether the lower bounds coincide with the upper ones; q then has no effect and stays constant."""
     floor: Positive = 0.001
     """Least magnitude of a denominator [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
-    """Inputs are clipped to this magnitude, the paper's B_x [unit of the input]. Estimate."""
+    """Magnitude to which inputs are clipped, the paper's B_x [unit of the input]. Estimate."""
 
     @model_validator(mode="after")
     def _first_input_inside_every_set(self) -> Self:
@@ -96,7 +96,7 @@ class T2Fnn(Spec):
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:
-        """The network before its first update, its sets laid about the first inputs x1, x2 (guard 1)."""
+        """The network before its first update, its sets placed around the first inputs x1, x2 (guard 1)."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         c1 = x1 + _offsets(self.rules_1, self.spread_1)
         c2 = x2 + _offsets(self.rules_2, self.spread_2)
@@ -112,7 +112,7 @@ class T2Fnn(Spec):
         return state._replace(f=np.where(W_lower >= W_upper, self.f_init, -self.f_init))
 
     def infer(self, state: T2FnnState, x1: float, x2: float) -> float:
-        """tau_n [rad] of the state as it is at the inputs x1, x2; the centres do not follow."""
+        """Output tau_n [rad] of the state at the inputs x1, x2; the centres do not follow."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         return inference(_plain(state, x1, x2), x1, x2)
 
@@ -179,10 +179,10 @@ class T2Fnn(Spec):
 
 
 class T1Fnn(T2Fnn):
-    """The same network with bounds that coincide: a type-1 fuzzy neural network."""
+    """A type-1 fuzzy neural network: the same laws with lower and upper bounds that coincide."""
 
     type_1: ClassVar[bool] = True
-    """Bounds coincide."""
+    """Always True: the bounds coincide."""
 
 
 @lru_cache(maxsize=16)
@@ -207,7 +207,7 @@ def _columns(rules_1: int, rules_2: int) -> tuple[Column, ...]:
 
 
 def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
-    """The state with these inputs, its members of the types that the compiled equations take."""
+    """The state at these inputs, with members of the types that the compiled equations take."""
     c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f = (np.ascontiguousarray(a, dtype=float) for a in s[:7])
     return T2FnnState(c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f, float(s.q), x1, x2)
 

@@ -14,9 +14,9 @@ from agrobot_mj.core.signals import Array
 LARGE_STEP = 0.01
 """Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Estimate."""
 LEAST_MEMBERSHIP = 1e-6
-"""Guard 3: shrinking stops here; a smaller membership drowns in rounding and the set dies [-]. Estimate."""
+"""Guard 3: membership at which shrinking stops; below it rounding errors dominate and the set dies [-]. Estimate."""
 TINY = 1e-12
-"""Stands for 0 where a width would grow without bound [-]."""
+"""Value in place of 0 where a width would grow without bound [-]."""
 
 
 class T2FnnState(NamedTuple):
@@ -39,9 +39,9 @@ class T2FnnState(NamedTuple):
     q: float
     """Share of the lower firing in the output [-]."""
     x1: float | None = None
-    """Input of the last update; None: unknown, the centres stay where they are once [unit of x1]."""
+    """Last input x1; None: unknown, the centres stay where they are for one update [unit of x1]."""
     x2: float | None = None
-    """Input of the last update; None: unknown, the centres stay where they are once [unit of x2]."""
+    """Last input x2; None: unknown, the centres stay where they are for one update [unit of x2]."""
 
 
 class Rates(NamedTuple):
@@ -56,7 +56,7 @@ class Rates(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Of the widths [unit of the input]."""
+    """Limits of the widths [unit of the input]."""
 
     d_min: float
     d_max: float
@@ -116,7 +116,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Rates of one family of widths; sgn(0) = 0, so that the set of a centre on the input rests."""
+    """Rates of one family of widths; sgn(0) = 0, so that a set whose centre is the input does not change."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)

@@ -32,7 +32,7 @@ _TEXTS = {
 
 
 def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: type[Spec]) -> str:
-    """All faults of `data`, one a line, as `source: key: what is wrong and what to do`."""
+    """All faults of `data`, one per line, as `source: key: what is wrong and what to do`."""
     errors = [_line(dict(e), data, root) for e in error.errors(include_url=False)]
     lines = [f"{source}: {line}" for text in errors for line in text.split("\n")]
     return "\n".join(dict.fromkeys(lines))

@@ -1,4 +1,4 @@
-"""The tractor's numbers and its actuators, shared by all plants."""
+"""Parameters of the tractor and its actuators, shared by all plants."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ class Machine(NamedTuple):
     cylinder: Cylinder = Cylinder()
     """Steering cylinder."""
     driveline: Driveline = Driveline()
-    """From the pedal to the rear wheels."""
+    """Driveline, from the pedal to the rear wheels."""
 
 
 __all__ = ["Cylinder", "Driveline", "Machine", "TractorParameters", "Valve"]

@@ -1,8 +1,8 @@
-"""Pedal valve and hydrostatic drive: voltage to pedal to the speed that the pump asks of the wheels.
+"""Pedal valve and hydrostatic drive: voltage to pedal position to the rim speed that the pump demands.
 
 Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); the
-pedal sets the pump's displacement, which follows with a lag. The output is the rim speed that the oil flow stands
-for; the MuJoCo plant puts the trapped oil's spring and the differential between it and the wheels, the bicycle
+pedal sets the pump's displacement, which follows with a lag. The output is the rim speed that the oil flow corresponds
+to; the MuJoCo plant puts the trapped oil's spring and the differential between it and the wheels, the bicycle
 takes it as the speed. All numbers are estimates for a compact tractor's two-pedal hydrostat in its low range.
 """
 
@@ -17,64 +17,65 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class Driveline(Spec):
-    """From the pedal's voltage to the rear wheels."""
+    """Driveline, from the voltage of the pedal valve to the rear wheels."""
 
     pedal_dead_band_v: NonNegative = 0.30
-    """Half width about neutral [V]. Estimate."""
+    """Half width of the dead band about neutral [V]. Estimate."""
     pedal_rate_per_v_s: Positive = 0.50
     """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """[1/s]. Estimate."""
+    """Largest pedal rate [1/s]. Estimate."""
     full_speed_m_s: Positive = 5.0
     """Rim speed at full pedal [m/s]. Estimate."""
     pump_time_constant_s: Positive = 0.30
     """Displacement lag of the hydrostat [s]. Estimate."""
     torque_limit_n_m: Positive = 3000.0
-    """Relief valve, sum over the driven wheels, driving and braking [N m]. Estimate: above the grip on firm ground."""
+    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Estimate: above
+    the grip on firm ground."""
     power_limit_kw: Positive = 14.0
     """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 %."""
     connected: bool = True
-    """False: the range gear is in neutral and the wheels roll freely."""
+    """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
-    """Both rear wheels turn alike."""
+    """Whether both rear wheels are locked to turn at the same speed."""
     front_wheel_drive: bool = False
-    """Mechanical drive of the front axle, through an open front differential."""
+    """Whether the front axle is driven too, mechanically, through an open front differential."""
     front_lead: Positive = 1.02
     """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
     stiffness_n_m_rad: Positive = 6.0e4
-    """Trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""
+    """Stiffness of trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""
     damping_n_m_s_rad: NonNegative = 400.0
-    """Shafts and final drives, at the mean wheel speed [N m s/rad]. Estimate."""
+    """Damping of shafts and final drives, at the mean wheel speed [N m s/rad]. Estimate."""
 
 
 class DriveLaw(NamedTuple):
     """A `Driveline` as the compiled kernel takes it."""
 
     dead_band: float
-    """[V]."""
+    """Half width of the dead band about neutral [V]."""
     gain: float
-    """[1/(V s)]."""
+    """Pedal rate per volt beyond the dead band [1/(V s)]."""
     rate_limit: float
-    """[1/s]."""
+    """Largest pedal rate [1/s]."""
     full_speed: float
-    """[m/s]."""
+    """Rim speed at full pedal [m/s]."""
     lag: float
-    """Share of a step that the pump keeps [-]."""
+    """Share of its value that the pump keeps over a step, exp(-dt / time constant) [-]."""
     dt: float
-    """[s]."""
+    """Length of a step [s]."""
 
 
 class DriveMemory(NamedTuple):
-    """What the drive remembers between steps; written in place."""
+    """State of the drive between steps; written in place."""
 
     pedal: Array
-    """Shape (1,): pedal position in [-1, 1] [-]."""
+    """Pedal position in [-1, 1], shape (1,) [-]."""
     speed: Array
-    """Shape (1,): rim speed that the flow stands for [m/s]."""
+    """Rim speed that the oil flow corresponds to, shape (1,) [m/s]."""
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """The kernel's parameters and a memory at rest, for steps of `dt` [s]."""
+    """The kernel's parameters and its initial state, for steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,

@@ -20,9 +20,9 @@ from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 FULL_RANGE_V = 12.0
-"""[V]. Paper, section V-B."""
+"""Top of the voltage range of a valve [V]. Paper, section V-B."""
 LITRE_PER_MINUTE = 1e-3 / 60
-"""[m3/s]."""
+"""One litre per minute [m3/s]."""
 
 
 class Valve(Spec):
@@ -33,30 +33,30 @@ class Valve(Spec):
     time_constant_s: Positive = 0.10
     """Spool lag [s]. Estimate."""
     dead_band_v: NonNegative = 0.40
-    """Half width of the dead band about neutral [V]. Estimate (3.3 % of the range a side)."""
+    """Half width of the dead band about neutral [V]. Estimate (3.3 % of the range per side)."""
     gain_left_l_min_v: Positive = 3.2
     """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate."""
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side of the cylinder."""
     pump_flow_l_min: Positive = 12.0
-    """Saturation, both ways [l/min]. Paper, section V-B."""
+    """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
 
 
 class Cylinder(Spec):
     """The steering cylinder, seen at the bicycle's virtual wheel."""
 
     bore_mm: Positive = 63.0
-    """[mm]. Estimate."""
+    """Bore of the cylinder [mm]. Estimate."""
     rod_mm: Positive = 25.0
-    """[mm]. Estimate; the mean of both sides counts."""
+    """Diameter of the rod [mm]. Estimate; the mean of both piston areas counts."""
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Estimate."""
     relief_pressure_bar: Positive = 100.0
-    """Relief valve [bar]. Estimate."""
+    """Pressure at which the relief valve opens [bar]. Estimate."""
     stiffness_n_m_rad: Positive = 5.0e4
-    """Trapped oil, hoses and linkage in series [N m/rad]. Estimate: oil about 2e5, linkage about 7e4."""
+    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Estimate: oil about 2e5, linkage about 7e4."""
     damping_n_m_s_rad: NonNegative = 400.0
-    """Linkage and seals [N m s/rad]. Estimate."""
+    """Damping of linkage and seals [N m s/rad]. Estimate."""
 
     @property
     def area(self) -> float:
@@ -66,7 +66,7 @@ class Cylinder(Spec):
 
     @property
     def displacement(self) -> float:
-        """Oil per radian of the virtual wheel [m3/rad]."""
+        """Oil volume per radian of the virtual wheel [m3/rad]."""
         return self.area * self.arm_m
 
     @property
@@ -81,28 +81,28 @@ class ValveLaw(NamedTuple):
     lag: float
     """Share of a step that the spool keeps, exp(-dt / time constant) [-]."""
     dead_band: float
-    """[V]."""
+    """Half width of the dead band about neutral [V]."""
     gain_left: float
-    """[m3/(s V)]."""
+    """Flow per volt beyond the dead band, steering left [m3/(s V)]."""
     gain_right: float
-    """[m3/(s V)]."""
+    """Flow per volt beyond the dead band, steering right [m3/(s V)]."""
     saturation: float
-    """[m3/s]."""
+    """Largest flow, either way [m3/s]."""
 
 
 class ValveMemory(NamedTuple):
-    """What the valve remembers between steps; the arrays are written in place."""
+    """State of the valve between steps; the arrays are written in place."""
 
     spool: Array
-    """Shape (1,): lagged voltage at the spool [V]."""
+    """Lagged voltage at the spool, shape (1,) [V]."""
     queue: Array
-    """Shape (delay steps + 1,): voltages under way, a ring [V]."""
+    """Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]."""
     head: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-    """Shape (1,): where the ring is written next."""
+    """Index at which the ring buffer is written next, shape (1,)."""
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """The kernel's parameters and a memory at rest, for steps of `dt` [s]."""
+    """The kernel's parameters and its initial state, for steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -115,7 +115,7 @@ def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
 
 
 def reset_valve(memory: ValveMemory) -> None:
-    """Forget all voltages but neutral."""
+    """Set spool and delay line to neutral."""
     memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
 
 

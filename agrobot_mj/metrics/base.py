@@ -1,4 +1,4 @@
-"""What every metric sees: the log of a run, its path, its turns, and where the tractor was beside the path.
+"""Input of every metric: the log of a run, its path, its turns, and the position of the tractor relative to the path.
 
 A metric is a function `RunView -> dict`, ready for JSON: lengths in metres, angles in radians. Values that are absent
 or not finite are left out of a statistic; a statistic without a single value is None.
@@ -40,7 +40,7 @@ class LogLike(Protocol):
 
 
 class RunView:
-    """A log, and what several metrics need of it."""
+    """A log, and what several metrics derive from it."""
 
     def __init__(self, log: LogLike) -> None:
         self.log, self.path = log, log.scenario.path
@@ -51,19 +51,19 @@ class RunView:
 
     @cached_property
     def beside(self) -> BesidePath:
-        """Where the true CG is beside the path at each tick."""
+        """Position of the true CG relative to the path at each tick."""
         return track(self.path, self.column("t"), self.column("x"), self.column("y"))
 
     @cached_property
     def turns(self) -> list[RowMask]:
-        """For each turn that the run reached the rows that belong to it, as a mask of shape (ticks,)."""
+        """For each turn that the run reached, a mask of the rows that belong to it, shape (ticks,)."""
         t, turns = self.column("t"), self.path.turns_s
         rows = [(t > start) & (t <= end) | (t == start) & (k == 0) for k, (start, end) in enumerate(turns)]
         return [of_turn for of_turn in rows if of_turn.any()]
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Mean of the finite values to a power, or None without any (or beyond the range of a float)."""
+    """Mean of the finite values to a power; None if there are none (or beyond the range of a float)."""
     with np.errstate(over="ignore"):
         terms = values[np.isfinite(values)] ** power
         average = float(np.mean(terms)) if terms.size else np.nan
@@ -71,12 +71,12 @@ def mean(values: Array, power: int = 1) -> float | None:
 
 
 def rms(values: Array) -> float | None:
-    """Root mean square of the finite values, or None without any."""
+    """Root mean square of the finite values; None if there are none."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 
 
 def abs_p95(values: Array) -> float | None:
-    """95th percentile of the magnitudes of the finite values, or None without any."""
+    """95th percentile of the magnitudes of the finite values; None if there are none."""
     finite = np.abs(values[np.isfinite(values)])
     return float(np.percentile(finite, 95)) if finite.size else None

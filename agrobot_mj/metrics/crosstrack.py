@@ -1,6 +1,6 @@
-"""Where a point is relative to a path, whatever the time: how far beside it, and which time of the path is beside.
+"""Position of a point relative to a path, regardless of time: distance, and time at which the reference is closest.
 
-The nearest point is sought in a window along the path about the reference at the same time. The window reaches
+The nearest point is searched in a window of the path around the reference at the same time. The window reaches
 WINDOW_M ahead and behind, no farther than the path turns through BEND, and not past a cusp, so that neither the other
 branch of a crossing or a cusp nor the neighbouring swath ever enters it. Left is left of the heading, in reverse too.
 From the nearest point the distance is that to the path's osculating circle, which is exact on lines and arcs.
@@ -15,11 +15,11 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths import Path
 
 STEP_M = 0.05
-"""Spacing of the points of the path among which the nearest is sought [m]."""
+"""Spacing of the points along the path in which the nearest one is searched [m]."""
 WINDOW_M = 10.0
-"""How far the tractor may be ahead or behind along the path and still find its nearest point [m]."""
+"""Largest distance along the path from the reference at which the nearest point is searched [m]."""
 BEND = radians(80.0)
-"""Largest part of a bend in the window ahead, and behind: less than a right angle [rad]."""
+"""Largest angle of a bend within the window ahead, and behind: less than a right angle [rad]."""
 
 
 Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
@@ -31,7 +31,7 @@ class BesidePath(NamedTuple):
     offset: Array
     """Signed distance from the path, left positive [m]."""
     time: Array
-    """When the reference passes the nearest point [s]."""
+    """Time at which the reference passes the nearest point [s]."""
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
@@ -41,7 +41,7 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 
 
 def track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
-    """Where the points (x, y) [m] at the times `t` [s], each of shape (n,), are beside `path`."""
+    """Position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,)."""
     if len(t) == 0:
         return BesidePath(np.empty(0), np.empty(0))
     times, points = _spaced(path, t)
@@ -70,7 +70,7 @@ def _spaced(path: Path, t: Array) -> tuple[Array, Array]:
 
 
 def _windows(points: Array) -> tuple[Index, Index]:
-    """For each of the references (n, 7) the first and the last that are no more than BEND away, each of shape (n,)."""
+    """First and last index of the references within BEND of each reference (n, 7), each of shape (n,)."""
     turned = np.concatenate(([0.0], np.cumsum(np.abs(np.angle(np.exp(1j * np.diff(points[:, 4])))))))
     reverse = points[:, 2] * np.cos(points[:, 4]) + points[:, 3] * np.sin(points[:, 4]) < 0
     turned[1:] += 2 * BEND * np.cumsum(np.diff(reverse.astype(float)) != 0)  # a cusp ends every window

@@ -20,27 +20,27 @@ from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
 STATION_M = 0.1
-"""Between the stations of a pass [m]."""
+"""Distance between the stations of a pass [m]."""
 COMPLETE = 0.99
-"""Share of its length that a pass must have to count as complete."""
+"""Share of its length that must be driven for a pass to count as complete [-]."""
 
 
 class Passed(NamedTuple):
-    """What was driven of a pass; stations and lines count from the start of the first, along it and to its left."""
+    """Driven part of a pass; stations and lines count from the start of the first pass, along it and to its left."""
 
     line: float
-    """Where the pass should be [m]."""
+    """Line on which the pass should lie [m]."""
     direction: int
-    """1: as the first pass, -1: against it."""
+    """Direction of travel: 1 as the first pass, -1 against it."""
     span: float
     """Length without the run-in [m]."""
     stations: Array
-    """Those reached, whole multiples of STATION_M, shape (n,) [-]."""
+    """Stations reached, as integer multiples of STATION_M, shape (n,) [-]."""
     errors: Array
-    """Distance of the CG from the line there, left of the first pass positive, shape (n,) [m]."""
+    """Distance of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """The errors of this pass, left of its own direction positive; None where it was not reached."""
+        """The errors of this pass, left of its own direction positive; None if it was not reached."""
         error = self.errors * self.direction
         some = error.size > 0
         return {
@@ -53,7 +53,7 @@ class Passed(NamedTuple):
 
 
 def passes(view: RunView) -> dict[str, Any]:
-    """`iso_12188_2_style`: the accuracy from pass to pass, where the path has passes."""
+    """`iso_12188_2_style`: the pass-to-pass accuracy, for paths that have passes."""
     if not isinstance(view.path, Parallel):
         return {}
     return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
@@ -80,7 +80,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Each pass of the path, in the order in which they are driven; arguments as of `pass_to_pass`."""
+    """Each pass of the path in driving order; arguments as in `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     along, left = c * (x - origin.x) + s * (y - origin.y), -s * (x - origin.x) + c * (y - origin.y)
@@ -109,7 +109,7 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """By how much the swath between two neighbours is too wide, at the stations that both reached [m]."""
+    """Excess width of the swath between two neighbours, at the stations that both reached [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]
 

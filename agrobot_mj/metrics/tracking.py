@@ -18,7 +18,7 @@ COMPLETE = 0.99
 
 
 def tracking(view: RunView) -> dict[str, Any]:
-    """Errors of the whole run, and `per_turn`."""
+    """Tracking errors of the complete run, and `per_turn`."""
     t, ends, xte = view.column("t"), view.path.turns_s, view.beside.offset
     turns = [
         {"turn": k + 1, "complete": _covers(t, *ends[k]), **_errors(view, xte, rows)}

@@ -117,7 +117,7 @@ class Course(NamedTuple):
         return np.abs(ends), np.angle(ends)
 
     def divided(self) -> "Course":
-        """The same course in pieces of at most STEP_M."""
+        """The course divided into pieces of at most STEP_M."""
         parts = np.maximum(np.ceil(self.lengths / STEP_M), 1).astype(int)
         stops = np.concatenate(([False], self.cusps, [False]))
         if stops.any():

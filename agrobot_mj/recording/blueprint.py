@@ -33,7 +33,7 @@ TABS = {
     "Network": ("network/", "control/command"),
     "More": ("reported/",),
 }
-"""The same for each further tab, which is left out if nothing begins with its first."""
+"""Parts of each further tab by its name; a tab is left out if no entity begins with its first part."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)

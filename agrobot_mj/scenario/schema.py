@@ -110,7 +110,7 @@ class Scenario(Spec):
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
-        """A copy with overrides by dotted key, checked anew. Raises `ScenarioError`."""
+        """A copy with overrides by dotted key, checked again. Raises `ScenarioError`."""
         data, default = explicit_values(self), Scenario()
         for key, value in overrides.items():
             override(data, key, value, default)

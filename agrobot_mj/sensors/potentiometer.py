@@ -90,7 +90,7 @@ class SteeringPotentiometer(Potentiometer):
 
 
 class PedalPotentiometer(Potentiometer):
-    """The same sensor on the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
+    """Potentiometer of the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
 
     travel_deg: Positive = 25.0
     """Potentiometer angle at full pedal, either way [deg]. Estimate."""

@@ -1,1 +1,1 @@
-"""The experiment: one tick, the loop around it, the log, and what a run leaves on disk."""
+"""The experiment: one tick, the loop around it, the log, and the files that a run writes."""

@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import WHEELS, Column, Command, Drive, Estimate, Me
 
 
 class Tick(NamedTuple):
-    """All messages of one tick, from which its row follows."""
+    """All messages of one tick, from which its row is computed."""
 
     truth: Truth
     measured: Measurement
@@ -25,7 +25,7 @@ class Tick(NamedTuple):
     z_ref: float
     """Height of the ground under the reference [m]."""
     command: Command
-    """What the guidance law asks for."""
+    """Command of the guidance law."""
     steer_ref: float
     """Angle that the steering loop steers to [rad]."""
     pedal_ref: float
@@ -34,13 +34,13 @@ class Tick(NamedTuple):
     saturated: bool
     """Whether the steering command is at its limit."""
     faults: int
-    """Number of faults that act."""
+    """Number of active faults."""
     actuation: tuple[float, float, float]
-    """Oil flow [m3/s], cylinder pressure [Pa], torque on the driven wheels [N m] of the tick before."""
+    """Oil flow [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N m] of the previous tick."""
 
 
 class Signal(NamedTuple):
-    """A column and its source."""
+    """A column and where its value comes from."""
 
     column: Column
     value: Callable[[Tick], float] | None
@@ -56,7 +56,7 @@ def _nees(k: Tick) -> float:
 
 
 def _behind(k: Tick) -> tuple[float, float]:
-    """Way from the true CG to the reference, along and to the left of the reference's heading [m]."""
+    """Distance from the true CG to the reference, along and to the left of the reference's heading [m]."""
     return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
 
 
@@ -189,7 +189,7 @@ def row(tick: Tick) -> list[float]:
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
-    """Columns of a log: the common ones, the wheels' where there are any, and what stages report beyond."""
+    """Columns of a log: the common ones, those of the wheels if there are any, and those that stages report."""
     common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
     known = {column.name for column in common}
     return (*common, *(column for column in reported if column.name not in known))

@@ -1,6 +1,6 @@
 """The record of a run: one row per tick.
 
-`Rows` is filled while the run goes; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
+`Rows` is filled during the run; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
 that does not exist (no fix, no network) is NaN here and null in the table.
 """
 
@@ -19,10 +19,10 @@ from agrobot_mj.simulation.columns import COLUMNS, table
 
 
 class Rows:
-    """Room for the whole run, filled row by row."""
+    """Preallocated arrays for the complete run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """`wheels` is the size of the wheels' report, 0 without; `reported` are the columns of the stages."""
+        """`wheels` is the size of the wheels' report, 0 for none; `reported` are the columns of the stages."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.values = np.full((ticks, len(self.columns)), np.nan)
@@ -32,7 +32,7 @@ class Rows:
         self._reported = np.array([self.columns.index(column.name) for column in reported], dtype=np.intp)
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
-        """One tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
+        """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
         values = self.values[self.filled]
         values[: len(COLUMNS)] = row
         values[self._wheels] = wheels
@@ -54,11 +54,11 @@ class Log:
     rows: Rows
     scene: Scene
     outcome: str
-    """One of `outcomes.Outcome`."""
+    """Outcome of the run, one of `outcomes.Outcome`."""
     wall_s: float
-    """[s]."""
+    """Wall time of the run [s]."""
     metrics: dict[str, Any] = field(default_factory=dict)
-    """See `metrics.metrics`."""
+    """Metrics of the run, see `metrics.metrics`."""
 
     @cached_property
     def signals(self) -> pa.Table:

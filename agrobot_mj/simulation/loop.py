@@ -29,7 +29,7 @@ SATURATION_MARGIN = radians(0.01)
 
 @dataclass
 class Stages:
-    """What the stages on the computer remember between two ticks."""
+    """State of all stages on the tractor's computer between two ticks."""
 
     faults: Any
     conditions: Conditions
@@ -71,7 +71,7 @@ class Loop:
         return self.act(measured, situation, self.decide(measured, situation))
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """What the sensors measure now, and what the guidance may know of it."""
+        """Read the sensors; returns the measurement and what the guidance may know."""
         s, state, truth = self.scenario, self.stages, self.truth
         state.sensors, measured = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
@@ -79,14 +79,14 @@ class Loop:
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """The command of the scenario's guidance law, as far as the supervisor lets it pass."""
+        """Ask the scenario's guidance law for a command; the supervisor may replace it."""
         state = self.stages
         state.guidance, command = self.guidance.update(state.guidance, situation, TICK_S)
         state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Steering and speed loops: from the command to valve voltages; returns all messages of the tick."""
+        """Run the steering and speed loops, from the command to valve voltages; returns all messages of the tick."""
         s, state, reference = self.scenario, self.stages, situation.reference
         if command.pedal is None:
             state.speed, (pedal_ref, pedal_voltage) = s.speed.update(
@@ -114,7 +114,7 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> Truth:
-        """Let the plant take its steps, and the faults act on what follows."""
+        """Advance the plant by one tick, and apply the faults of the next one."""
         state = self.stages
         self.truth = self.plant.advance(drive, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
@@ -122,13 +122,13 @@ class Loop:
 
     @property
     def stop_reason(self) -> str:
-        """Why the supervisor has stopped the tractor; empty while it has not."""
+        """Reason for which the supervisor has stopped the tractor; empty if it has not."""
         state = self.stages.supervisor
         return state.reason if self.supervisor.stopped(state) else ""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that the stages report beyond those of every log."""
+        """Signals that the stages report in addition to those of every log."""
         s = self.scenario
         return (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
 
@@ -144,7 +144,7 @@ class Loop:
 
 
 def build_plant(scenario: Scenario) -> RunningPlant:
-    """The running plant of a scenario. Raises `ScenarioError` when its numbers make no tractor."""
+    """The running plant of a scenario. Raises `ScenarioError` if its parameters describe no possible tractor."""
     s = scenario
     machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, s.steps_per_tick)

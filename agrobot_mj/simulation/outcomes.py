@@ -1,4 +1,4 @@
-"""How a run ends: what the plant says of itself, and what only shows against the reference or over time."""
+"""Outcomes of a run: those that the plant detects, and those that need the reference or a history."""
 
 from math import hypot
 
@@ -6,27 +6,27 @@ from agrobot_mj.core.signals import TICK_S, Truth
 from agrobot_mj.plants import RunningPlant
 
 LOST_M = 50.0
-"""A tractor this far from its reference has diverged [m]. Estimate."""
+"""Distance from its reference at which a tractor counts as diverged [m]. Estimate."""
 STUCK_S = 10.0
-"""A tractor that is told to drive is stuck when for this long [s] ... Estimate."""
+"""Time after which a tractor that is commanded to drive, but does not move, counts as stuck [s]. Estimate."""
 STUCK_M = 0.3
-"""... it stays within this distance of a place [m]. Estimate: 0.03 m/s."""
+"""Radius within which it must stay to count as not moving [m]. Estimate: 0.03 m/s."""
 STUCK_PEDAL = 0.05
-"""Pedal beyond which it is told to drive [-]: 0.25 m/s. Estimate."""
+"""Pedal position beyond which it is commanded to drive [-]: 0.25 m/s. Estimate."""
 
 
 class Watch:
-    """Watches a run for an end before its time."""
+    """Detects conditions that end a run early."""
 
     def __init__(self, plant: RunningPlant, start: Truth) -> None:
         self.plant, self.place, self.still_s = plant, (start.x, start.y), 0.0
 
-    def trouble(self, truth: Truth, off: float) -> str | None:
-        """The outcome that ends the run after this tick, if any; `off` is the distance from the reference [m]."""
+    def trouble(self, truth: Truth, distance: float) -> str | None:
+        """The outcome that ends the run after this tick, if any; `distance` is that from the reference [m]."""
         found = self.plant.trouble()
         if found is not None:
             return found
-        if not off < LOST_M:
+        if not distance < LOST_M:
             return "diverged"
         return "stuck" if self._stuck(truth) else None
 

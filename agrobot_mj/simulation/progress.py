@@ -1,4 +1,4 @@
-"""Progress on a terminal; silence in a pipe."""
+"""Progress on a terminal; nothing in a pipe."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def bar() -> "Bar | None":
-    """A progress bar on stderr; None where that is no terminal."""
+    """A progress bar on stderr; None if that is not a terminal."""
     if not sys.stderr.isatty():
         return None
     # Imported here, since a run in a pipe does without.
@@ -35,7 +35,7 @@ def bar() -> "Bar | None":
 
 @contextmanager
 def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable[[], None]]:
-    """Show a bar for `total` pieces of work; call what is given after each."""
+    """Show a bar for `total` pieces of work; yields a function to call after each."""
     progress = None if quiet else bar()
     if progress is None:
         yield lambda: None
@@ -46,7 +46,7 @@ def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable
 
 
 class Progress:
-    """Watches one run."""
+    """Shows the progress of one run."""
 
     def __init__(self) -> None:
         self.bar, self.rows = bar(), Rows(0, 0, 0)
@@ -64,11 +64,11 @@ class Progress:
             self.bar.update(self.number, completed=self.rows.filled)
 
     def finish(self, log: Log) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self.bar:
             self.bar.stop()
 
     def fail(self, error: BaseException) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self.bar:
             self.bar.stop()

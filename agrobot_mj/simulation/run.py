@@ -41,9 +41,9 @@ def run(
 ) -> Log:
     """Run a scenario to its end; writes nothing by itself.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is asked every tick; once it says
-    yes the run ends as `aborted`. Raises `ScenarioError` when the scenario's numbers make no tractor, and for a
-    guidance law that lives outside.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
+    returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
+    for a guidance law that lives outside.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind

@@ -29,7 +29,7 @@ from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
 
 LEAST_SPEED = 0.1
-"""Speed at which a yaw rate is turned into a curvature when the tractor is slower [m/s]."""
+"""Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
 
 
 class Simulation:
@@ -51,7 +51,7 @@ class Simulation:
         self._sensed: tuple[Measurement, Situation] | None = None
 
     def reset(self) -> Measurement:
-        """Place the tractor at the start again; what the sensors measure there."""
+        """Place the tractor at the start again; returns the first measurement."""
         if self._sensed is not None or self.rows.filled:
             self.loop = Loop(self.scenario)
             self._begin()
@@ -85,7 +85,7 @@ class Simulation:
     def _command(
         self, measured: Measurement, situation: Situation, given: dict[str, float], speed: float | None
     ) -> Command:
-        """The command that the arguments of `step` stand for."""
+        """Convert the arguments of `step` to a command."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
             if not isfinite(value):
@@ -107,7 +107,7 @@ class Simulation:
         return Command(min(max(angle, -machine.steer_limit), machine.steer_limit), along)
 
     def _finish_tick(self, tick: Tick) -> None:
-        """Write the row, let the plant move unless the run is over, and sense again."""
+        """Write the row, advance the plant unless the run is over, and read the sensors again."""
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
         r, t = tick.reference, tick.truth
@@ -131,7 +131,7 @@ class Simulation:
         return self._sensed[0]
 
     def abort(self) -> None:
-        """End the run here, as `aborted`."""
+        """End the run here, with the outcome `aborted`."""
         self.outcome = self.outcome if self.outcome not in ("", "completed") else "aborted"
 
     @property
@@ -141,7 +141,7 @@ class Simulation:
 
     @property
     def measurement(self) -> Measurement:
-        """What the sensors measured last."""
+        """The last measurement of the sensors."""
         return (self._sensed or (self._sense(), None))[0]
 
     @property
@@ -154,17 +154,17 @@ class Simulation:
 
     @property
     def truth(self) -> Truth:
-        """What the plant really does now."""
+        """The true state of the plant now."""
         return self.loop.truth
 
     @property
     def estimate(self) -> Estimate:
-        """What the estimator believes now."""
+        """The present estimate."""
         return self.situation.estimate
 
     @property
     def reference(self) -> Reference:
-        """The path's reference now."""
+        """The present reference of the path."""
         return self.situation.reference
 
     @property

@@ -1,4 +1,4 @@
-"""Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml`; each appears whole or not at all."""
+"""Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml`; each appears complete or not at all."""
 
 import json
 import os
@@ -14,8 +14,8 @@ from agrobot_mj.simulation.log import Log
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name when the block ends well and vanishes when it does not."""
+def atomic(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; renamed to `path` if the block succeeds, deleted if it raises."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     os.close(handle)
@@ -29,15 +29,15 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """`content` as indented JSON."""
-    with whole(path) as temporary:
+    """Write `content` as indented JSON."""
+    with atomic(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_log(log: Log, folder: Path) -> None:
-    """The three files of a run into `folder`, which is made if need be."""
-    with whole(folder / "signals.parquet") as temporary:
+    """Write the three files of a run into `folder`, which is created if missing."""
+    with atomic(folder / "signals.parquet") as temporary:
         pq.write_table(log.signals, temporary, compression="zstd")
     write_json(folder / "metrics.json", log.metrics)
-    with whole(folder / "scenario.toml") as temporary:
+    with atomic(folder / "scenario.toml") as temporary:
         temporary.write_text(log.scenario.to_toml(), encoding="utf-8")

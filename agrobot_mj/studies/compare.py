@@ -1,4 +1,4 @@
-"""The same scenario under several controllers, plants and seeds: folders, rows, and the paper's figures."""
+"""One scenario under several controllers, plants and seeds: folders, rows, and the paper's figures."""
 
 import multiprocessing
 import os
@@ -20,7 +20,7 @@ from agrobot_mj.simulation.storage import write_json, write_log
 from agrobot_mj.studies.report import write_figures
 
 PLANTS = ("bicycle", "mujoco")
-"""What a comparison runs on unless told otherwise."""
+"""Plants of a comparison unless others are named."""
 
 
 class Case(NamedTuple):
@@ -53,7 +53,7 @@ def cases(scenario: Scenario, controllers: Sequence[str], plants: Sequence[str],
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Those of `plants` that can run the scenario, and for each other one a line that says why it cannot."""
+    """Those of `plants` that can run the scenario, and one line per other plant that says why it cannot."""
     able, left_out = [], []
     for plant in plants:
         try:
@@ -110,13 +110,13 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin_worker(plugins: tuple[Path, ...]) -> None:
-    """In a worker: the parent's plugins first, since its scenarios may be of their kinds."""
+    """Start a worker: load the parent's plugins first, since its scenarios may be of their kinds."""
     _leave_signals_to_the_parent()
     load_files(plugins)
 
 
 def _leave_signals_to_the_parent() -> None:
-    """In a worker: the parent hears of Ctrl-C and ends its workers itself; a parent that is killed takes them along."""
+    """Ignore Ctrl-C in a worker, since the parent ends its workers itself; end the worker if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with_the_parent, daemon=True).start()

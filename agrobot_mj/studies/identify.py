@@ -1,11 +1,11 @@
-"""The steering valve from a run: dead band, gains, rate limit, time constant and delay out of `signals.parquet`.
+"""The steering valve from a run: dead band, gains, rate limit, time constant and delay from `signals.parquet`.
 
 The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, and a
 rigid cylinder. Its angle, averaged over a tick as the potentiometer does, is compared with `steer_measured` in windows
 of 5 s, each with an offset of its own, so that what happened before a window does not matter. Least squares fits all
 parameters at once; the delay starts from a grid and shifts the response, so that it need not be whole steps.
 
-What a run does not excite it cannot tell: the rate limit is None unless the valve was seen at it. An oil spring's lag
+A run identifies only what it excites: the rate limit is None unless the valve reached it. An oil spring's lag
 (damping over stiffness of the cylinder, 8 ms) comes out as part of the delay. Windows at the steering's stops are left
 out. Standard errors assume white residuals.
 """
@@ -35,66 +35,66 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.storage import write_json
 
 STEPS_PER_TICK = 25
-"""2 ms of a 50 ms tick."""
+"""Steps of the model per tick: 2 ms of a 50 ms tick."""
 WINDOW_S = 5.0
-"""[s]. Long against delay and lag, short against what the model leaves out."""
+"""Length of a window [s]: long compared with delay and lag, short compared with what the model leaves out."""
 LEAST_WINDOWS = 4
-"""Fewer than these are no basis."""
+"""Least number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
-"""Below this motion, rms in a window, there is only noise [deg]."""
+"""Rms motion in a window below which there is only noise [deg]."""
 NEAR_STOP_DEG = 1.0
-"""A window that comes this close to the stops is left out [deg]."""
+"""Distance from the stops within which a window is left out [deg]."""
 UNLIMITED_L_MIN = 1e4
-"""A pump that never saturates [l/min]."""
+"""Flow of a pump that never saturates [l/min]."""
 SURE, PRECISE = 50.0, 0.1
-"""A rate limit counts as seen when it lowers chi squared by this [-], and its relative error is below this [-]."""
+"""Reduction of chi squared from which a rate limit counts as identified [-], and its largest relative error [-]."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
-"""Needed of `signals.parquet`."""
+"""Columns of `signals.parquet` that the fit needs."""
 NAMES = ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s", "rate_limit_deg_s")
 """Order of the parameters in the fit."""
 LOW, HIGH = (0.0, 0.05, 0.05, 0.002, 0.0, 0.1), (5.0, 50.0, 50.0, 2.0, 1.0, 500.0)
 SCALE = (0.1, 1.0, 1.0, 0.05, 0.05, 10.0)
-"""Bounds and typical sizes of the parameters."""
+"""Typical sizes of the parameters."""
 
 
 class Identified(NamedTuple):
-    """A steering valve as a run shows it."""
+    """A steering valve as identified from a run."""
 
     dead_band_v: float
-    """Half width about neutral [V]."""
+    """Half width of the dead band about neutral [V]."""
     gain_left_l_min_v: float
     """Flow per volt beyond the dead band, steering left [l/(min V)]."""
     gain_right_l_min_v: float
     """Flow per volt beyond the dead band, steering right [l/(min V)]."""
     rate_limit_deg_s: float | None
-    """Steering rate at the pump's flow, either way; None when the run does not reach it [deg/s]."""
+    """Steering rate at the pump's flow, either way; None if the run does not reach it [deg/s]."""
     time_constant_s: float
     """Spool lag [s]."""
     delay_s: float
     """Transport delay [s]."""
     errors: dict[str, float]
-    """Standard error of each of the above by name, in its unit."""
+    """Standard error of each of the parameters above by name, in its unit."""
     rate_reached_deg_s: float
     """Fastest steering of the fitted model in this run [deg/s]."""
     residual_rms_deg: float
-    """Measured less fitted angle, each window's mean taken off [deg]."""
+    """Rms of measured less fitted angle, each window's mean removed [deg]."""
     explained: float
     """Share of the variance of the measured angle within windows [-]."""
 
 
 class Data(NamedTuple):
-    """What is fitted."""
+    """Data of the fit."""
 
     voltage: Array
-    """Applied from each tick to the next, shape (n,) [V]."""
+    """Voltage applied from each tick to the next, shape (n,) [V]."""
     measured: Array
-    """Angle, mean over the tick before, in windows, shape (windows, ticks) [rad]."""
+    """Measured angle, mean over the tick before, in windows, shape (windows, ticks) [rad]."""
     kept: Array
-    """Which rows of the run, cut to whole windows, are in `measured`, shape (windows,)."""
+    """Mask of the windows that are in `measured`, of all complete ones, shape (windows,)."""
     tick: float
-    """[s]."""
+    """Length of a tick [s]."""
     displacement: float
-    """Of the cylinder [m3/rad]."""
+    """Oil volume of the cylinder per radian [m3/rad]."""
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
@@ -142,7 +142,7 @@ def identify_command(run_dir: Path) -> str:
 
 
 def table(found: Identified, valve: Valve | None, cylinder: Cylinder) -> str:
-    """Values with standard errors beside those of the scenario, if known, as plain text and valid Markdown."""
+    """Values with standard errors beside the scenario's, if known, as plain text and valid Markdown."""
     known = {} if valve is None else valve.model_dump()
     if valve is not None:
         known["rate_limit_deg_s"] = _rate(valve.pump_flow_l_min, cylinder)
@@ -193,7 +193,7 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Oil in the cylinder at every step under `voltage` (n,), held over a tick; `oil` (n * steps + 1,) [m3]."""
+    """Oil in the cylinder at every step under `voltage` (n,), held over each tick, into `oil` (n * steps + 1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
@@ -217,7 +217,7 @@ def _angles(p: Array, data: Data) -> Array:
 
 
 def _readings(p: Array, data: Data) -> Array:
-    """The model's potentiometer in windows, shape as `data.measured` [rad]."""
+    """Readings of the model's potentiometer in windows, shape as `data.measured` [rad]."""
     angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
     ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
@@ -237,7 +237,7 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Best delay of a grid, with one gain for both directions."""
+    """Start of the fit: the best delay of a grid, with one gain for both directions."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay]), data))
@@ -254,19 +254,19 @@ def _fit(data: Data, start: Array) -> OptimizeResult:
 
 
 def _variance(fit: OptimizeResult, data: Data) -> float:
-    """Of a reading [rad2]; each window's offset costs a degree of freedom."""
+    """Variance of a reading [rad2]; each window's offset costs a degree of freedom."""
     return float(2 * fit.cost / (fit.fun.size - len(fit.x) - len(data.measured)))
 
 
 def _errors(fit: OptimizeResult, data: Data) -> Array:
-    """Standard errors of the parameters; huge where the run says nothing."""
+    """Standard errors of the parameters; huge for those that the run does not determine."""
     information = fit.jac.T @ fit.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.x)))))
     return errors
 
 
 def _fastest(p: Array, data: Data) -> float:
-    """[deg/s]."""
+    """Fastest steering of the model [deg/s]."""
     return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
 
 

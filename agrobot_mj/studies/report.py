@@ -25,11 +25,11 @@ from agrobot_mj.studies.style import COLOURS, NAMES, PANEL_WIDTH_IN, SPARE_COLOU
 SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Distance between the points of a drawn path [m], and how many it may have."""
+"""Distance between the points of a drawn path [m], and the largest number of them."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Limit by the unit of the axis: a curve that goes beyond is lost and leaves the panel to the others."""
+"""Limit by the unit of the axis: a curve beyond it is lost, and the panel is scaled to the others."""
 
 
 class ReportedRun(NamedTuple):
@@ -52,7 +52,7 @@ Runs = Sequence[ReportedRun]
 
 
 def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> list[Path]:
-    """Draw the figures of `runs` into `folder`; return the files, without those that no run has data for."""
+    """Draw the figures of `runs` into `folder`; return the files. A figure is left out if no run has data for it."""
     named = [ReportedRun(*run) for run in runs]
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}

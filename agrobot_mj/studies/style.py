@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
-from agrobot_mj.simulation.storage import whole
+from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
@@ -35,7 +35,7 @@ DPI = 200
 
 
 def save(figure: Figure, file: Path) -> Path:
-    """Save as PNG: the whole file or none."""
-    with whole(file) as part:
+    """Save as PNG; the file appears complete or not at all."""
+    with atomic(file) as part:
         FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
     return file

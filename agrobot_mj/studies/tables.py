@@ -34,7 +34,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
-    """The cells of a row of the table from its mean square error on."""
+    """Cells of a row of the table, from its mean square error on."""
     mse = row.get("lateral_mse")
     whole = {turn["turn"]: turn for turn in row.get("per_turn", []) if turn["complete"]}
     shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}

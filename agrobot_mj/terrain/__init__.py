@@ -1,4 +1,4 @@
-"""The ground under the tractor: one file a kind, all of them one height grid."""
+"""The ground under the tractor: one file per kind, each of which gives one height grid."""
 
 from typing import Annotated
 

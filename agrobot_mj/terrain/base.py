@@ -1,4 +1,4 @@
-"""What every terrain is: a relief, patches of special ground on it, and for most kinds a tilted plane below."""
+"""Base of every terrain: a relief, patches with other properties on it, and for most kinds a tilted plane below."""
 
 from functools import lru_cache
 from math import cos, radians, sin, tan
@@ -13,7 +13,7 @@ from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.patches import GroundPatch, surface
 
 STEEPEST_DEG = 60.0
-"""Between neighbouring nodes; nothing that a tractor drives on is steeper [deg]. Estimate."""
+"""Steepest slope between neighbouring nodes; no tractor drives on a steeper one [deg]. Estimate."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
@@ -22,14 +22,14 @@ class Landscape(Spec):
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Ground with properties of its own; of patches that overlap the last one counts."""
+    """Patches of ground with other properties; where they overlap the last one counts."""
 
     def relief(self) -> Ground:
-        """The height grid alone. Raises ValueError, naming the key, when there is none to be had."""
+        """The height grid alone. Raises ValueError, naming the key, if it cannot be made."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Changes whenever a file that the relief or a patch is read from does."""
+        """A value that changes whenever a file of the relief or of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
@@ -47,7 +47,7 @@ class Tilted(Landscape):
 
     @property
     def gradient(self) -> tuple[float, float]:
-        """Of the plane, dh/dx and dh/dy [-]."""
+        """Gradient of the plane, dh/dx and dh/dy [-]."""
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return grade * cos(direction), grade * sin(direction)
 

@@ -37,7 +37,7 @@ class Bumps(Generated):
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
-    """A regular row, or places and headings drawn from `seed`."""
+    """Arrangement: a regular row, or places and headings drawn from `seed`."""
     x_m: float = 5.0
     """Centre of the first bump of a row, east [m]."""
     y_m: float = -0.5
@@ -48,23 +48,23 @@ class Bumps(Generated):
     spacing_m: Positive = 3.0
     """Distance between the centres of a row [m]. Estimate: 2-10."""
     stagger_m: float = 0.0
-    """Distance by which every second bump of a row lies to the left [m]: one track for both wheels by turns."""
+    """Distance by which every second bump of a row is shifted to the left [m]; wheels alternate."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the scattered bumps."""
 
     def finest(self) -> float:
-        """Five nodes a bump."""
+        """Largest distance between nodes: five nodes per bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Heights over level ground. Raises ValueError for a row that leaves the field."""
+        """Heights over level ground. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Where the bumps lie."""
+        """Places of the bumps."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:
@@ -104,6 +104,6 @@ def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[f
 
 
 def _between(nodes: Array, low: float, high: float) -> slice:
-    """The nodes of an axis from `low` to `high` [m]."""
+    """Indices of the nodes of an axis from `low` to `high` [m]."""
     step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
     return slice(max(0, ceil((low - nodes[0]) / step)), max(0, ceil((high - nodes[0]) / step)))

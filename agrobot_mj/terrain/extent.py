@@ -12,10 +12,10 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """A terrain whose field has a size of its own; exactly one of the two keys holds."""
+    """A terrain whose field has its own size; exactly one of the two keys holds."""
 
     half_size_m: Positive | None = 500.0
-    """From the origin to each edge of a square field [m]."""
+    """Distance from the origin to each edge of a square field [m]."""
     size_m: tuple[Side, Side] | None = None
     """Size of a rectangular field about the origin, east by north, instead of `half_size_m` [m]."""
 
@@ -34,7 +34,7 @@ class Sized(Spec):
 
     @property
     def half_sizes(self) -> tuple[float, float]:
-        """From the origin to the eastern and to the northern edge [m]."""
+        """Distances from the origin to the eastern and to the northern edge [m]."""
         if self.size_m is not None:
             return self.size_m[0] / 2, self.size_m[1] / 2
         assert self.half_size_m is not None  # checked when the spec was made

@@ -19,24 +19,24 @@ from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2
-"""Of a file: the largest grid as text fits in."""
+"""Largest size of a file, in which the largest grid as text fits [byte]."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
 """White in Pillow's modes of a grey picture."""
 FINEST_M = 0.01
-"""No terrain is measured more finely; a smaller cell is one in degrees [m]."""
+"""Smallest distance between nodes: no terrain is measured more finely, and a smaller cell is one in degrees [m]."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
-"""What the head of an ESRI grid may say."""
+"""Keys allowed in the header of an ESRI grid."""
 LONGEST_HEAD = 2000
-"""Characters that a header fits in."""
+"""Largest length of a header [characters]."""
 
 
 class Sheet(NamedTuple):
-    """A grid as a file has it."""
+    """A grid as read from a file."""
 
     values: Array
-    """Shape (rows, columns); row 0 is south."""
+    """Values of the grid, shape (rows, columns); row 0 is south."""
     cell: float | None = None
-    """Distance between nodes, where the file states it [m]."""
+    """Distance between nodes, if the file states it [m]."""
     white: float = 1.0
     """Value of white in a picture."""
 
@@ -74,7 +74,7 @@ def _checked(file: str, suffixes: Sequence[str]) -> Path:
 
 
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
-    """Refuse a shape that is no grid, or too large a one."""
+    """Reject a shape that is not a grid, or is too large."""
     if len(shape) != 2:
         _refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
     rows, columns = shape
@@ -85,7 +85,7 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
-    """What `read` returns; whatever a broken file makes a library raise becomes a message."""
+    """Return what `read` returns; any exception that a library raises on a broken file becomes a message."""
     try:
         return read()
     except Exception as error:
@@ -141,7 +141,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _text(path: Path, size: int = -1) -> list[str]:
-    """The words among the first `size` characters, or of the whole file."""
+    """The words among the first `size` characters, or of the complete file."""
 
     def read() -> list[str]:
         with path.open(encoding="utf-8-sig") as stream:
@@ -152,7 +152,7 @@ def _text(path: Path, size: int = -1) -> list[str]:
 
 
 def _head_of(path: Path) -> dict[str, float]:
-    """Keys in small letters, and their numbers."""
+    """Keys in lower case, and their numbers."""
     found: dict[str, float] = {}
     words = _text(path, LONGEST_HEAD)
     for word, number in zip(words[::2], words[1::2], strict=False):
@@ -190,4 +190,4 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {".npy": _read_npy, ".png": _read_png, ".asc": _read_asc}
-"""By suffix."""
+"""Reader of each suffix."""

@@ -23,14 +23,14 @@ class Generated(Sized, Tilted):
     """A relief from a formula; a kind overrides `bare`, and `finest` if it has details to resolve."""
 
     VERTICAL: ClassVar[str] = "grade_deg"
-    """The key that says how high the relief is."""
+    """Key of the height of the relief."""
 
     half_size_m: Positive | None = 75.0
-    """From the origin to each edge of a square field [m]."""
+    """Distance from the origin to each edge of a square field [m]."""
     node_m: Node = 0.1
     """Largest distance between nodes of the grid [m]. Estimate: less than the length of a tyre's contact patch."""
     run_in_m: NonNegative = 0.0
-    """The relief is missing as far from the origin, and has its full height at twice that distance [m]."""
+    """Radius around the origin without relief; its full height is reached at twice that distance [m]."""
 
     def bare(self, x: Array, y: Array) -> Array:
         """Heights [m] without plane and run-in, shape (rows, columns), at nodes `x` (columns,), `y` (rows,) [m]."""
@@ -68,7 +68,7 @@ class Generated(Sized, Tilted):
         return columns, rows
 
     def _fitting(self) -> str:
-        """Values of keys with which there are few enough nodes, for a message."""
+        """Values of keys that give few enough nodes, for a message."""
         east, north = (2 * half for half in self.half_sizes)
         # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: two more than cells, since those are rounded up
         linear, square = east + north, east * north

@@ -16,28 +16,29 @@ from agrobot_mj.core.kernels import jit, kernel
 from agrobot_mj.core.signals import Array
 
 MOST_NODES = 4_200_000
-"""In a height grid: 34 MB, 200 m at 0.1 m."""
+"""Largest number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
 MOST_STEPS = 1000
-"""Most cells along the longer side of a rectangular plane; the shorter side is right within a thousandth of it [-]."""
+"""Largest number of cells along the longer side of a rectangular plane; the shorter side is right within a thousandth
+of it [-]."""
 
 
 class Surface(NamedTuple):
-    """What the ground is made of: a grid of uniform cells, cell (0, 0) with its south-west corner at (x0, y0)."""
+    """Properties of the ground: a grid of uniform cells, cell (0, 0) with its south-west corner at (x0, y0)."""
 
     x0: float
-    """[m]."""
+    """West edge of the grid [m]."""
     y0: float
-    """[m]."""
+    """South edge of the grid [m]."""
     spacing: float
     """Side of a cell [m]."""
     friction: Array
     """Scale of the tyres' friction, shape (rows, columns) [-]."""
     cone_index: Array
-    """Of the soil, same shape [Pa]; 0: as the tyre's law has it."""
+    """Cone index of the soil, same shape [Pa]; 0: as in the tyre's law."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Everywhere as the tyre's law has it."""
+"""Surface without properties of its own: everything as in the tyre's law."""
 
 
 class Ground(NamedTuple):
@@ -48,13 +49,13 @@ class Ground(NamedTuple):
     y0: float
     """North coordinate of row 0 [m]."""
     spacing: float
-    """Between neighbouring nodes, both ways [m]."""
+    """Distance between neighbouring nodes, both ways [m]."""
     heights: Array
-    """Shape (rows, columns), both at least 2 [m]."""
+    """Heights of the nodes, shape (rows, columns), both at least 2 [m]."""
     surface: Surface = NOTHING_SPECIAL
     """Friction and soil."""
     planar: bool = False
-    """Whether a plane of more than one cell was made as such."""
+    """Whether the grid was made as a plane of more than one cell."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -137,12 +138,12 @@ def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = 
 
 
 def rounded_up(value: float) -> float:
-    """To two significant digits, for what messages suggest."""
+    """Value rounded up to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / step - 1e-9) * step
 
 
 def rounded_down(value: float) -> float:
-    """To two significant digits, likewise."""
+    """Value rounded down to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return floor(value / step + 1e-9) * step

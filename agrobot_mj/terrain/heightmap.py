@@ -23,13 +23,13 @@ class Heightmap(Tilted):
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
-    """Relative to the scenario's folder, or one that comes with the scenarios."""
+    """File with the heights, relative to the scenario's folder, or one that comes with the scenarios."""
     scale: float = 1.0
-    """Metres a unit of the file [m]; of a 16-bit picture the range of heights over 65535."""
+    """Metres per unit of the file [m]; for a 16-bit picture, the range of heights over 65535."""
     offset_m: float = 0.0
-    """Added to all heights [m]."""
+    """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Between nodes of a .npy or .png; 1 when left out [m]. An .asc states its own."""
+    """Distance between nodes of a .npy or .png; 1 when left out [m]. An .asc states its own."""
     rectangular: bool = False
     """Whether a .npy or .png may have more columns than rows, or fewer: such files do not state their shape."""
 

@@ -10,7 +10,7 @@ from agrobot_mj.terrain.grid import Surface, rounded_up
 from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
 
 MOST_CELLS = 4_000_000
-"""In the grid of properties: 64 MB."""
+"""Largest number of cells in the grid of properties: 64 MB."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
@@ -47,7 +47,7 @@ def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """A size of cells that are few enough [m]."""
+    """Size of the smallest cells that are few enough [m]."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

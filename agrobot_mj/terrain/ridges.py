@@ -20,7 +20,7 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3
-"""Share of the spacing that is level on a flat crest, and as much in a trough [-]. Estimate."""
+"""Share of the spacing that is level on a flat crest, and again in a trough [-]. Estimate."""
 
 
 class Ridges(Generated):
@@ -30,22 +30,22 @@ class Ridges(Generated):
 
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
-    """From the origin to each edge of a square field [m]."""
+    """Distance from the origin to each edge of a square field [m]."""
     node_m: Node = 0.0625
-    """Largest distance between nodes of the grid [m]. Twelve nodes a furrow, so that the depth is right within 3 %."""
+    """Largest distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
     depth_m: Positive = 0.1
-    """From crest to trough [m]. Estimate: ploughed and settled ground; 0.05-0.25."""
+    """Depth from crest to trough [m]. Estimate: ploughed and settled ground; 0.05-0.25."""
     spacing_m: Positive = 0.75
-    """From crest to crest, across [m]. Estimate: row crops, 0.5-0.9."""
+    """Distance from crest to crest, across [m]. Estimate: row crops, 0.5-0.9."""
     furrow_direction_deg: float = 90.0
     """Direction in which the furrows run, from east, counter-clockwise [deg]. 90: a path to the east crosses them."""
     offset_m: float = 0.0
     """Distance of a crest from the origin, to the right of that direction [m]."""
     profile: Literal["sine", "flat"] = "sine"
-    """Round, or with level crests and troughs as of beds."""
+    """Shape of the section: round, or with level crests and troughs like beds."""
 
     def finest(self) -> float:
-        """Eight nodes a furrow."""
+        """Largest distance between nodes: eight nodes per furrow [m]."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:
@@ -59,5 +59,5 @@ class Ridges(Generated):
 
 
 def _wrapped(turns: Array) -> Array:
-    """To the range from -0.5 to 0.5."""
+    """Value wrapped to the range from -0.5 to 0.5."""
     return turns - np.round(turns)

@@ -15,7 +15,7 @@ field is one period of the surface.
 
 The band: the spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 /
 node_m) cycle/m, where 2.83 is the end of the range of ISO 8608 (above it the contact patch of a tyre averages), and
-down to one cycle over the field for a periodogram of whole rows; windows over parts of it leak below 5 cycles a window.
+down to one cycle over the field for a periodogram of complete rows; windows over parts leak below 5 cycles per window.
 Tyres read between nodes too, where bilinear interpolation smooths: any line is within 10 % up to 0.07 / node_m.
 """
 
@@ -30,17 +30,17 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.generated import Generated
 
 REFERENCE_WAVE_NUMBER = 0.1
-"""n_0 [cycle/m] [ISO8608]."""
+"""Reference wave number n_0 [cycle/m] [ISO8608]."""
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
-"""G_d(n_0) of the classes, geometric mean [m3] [ISO8608]."""
+"""Roughness G_d(n_0) of the classes, geometric mean [m3] [ISO8608]."""
 HIGHEST_WAVE_NUMBER = 2.83
-"""End of the range of the standard [cycle/m] [ISO8608]."""
+"""Upper end of the standard's range of wave numbers [cycle/m] [ISO8608]."""
 ROLL_OFF = 0.7
-"""The spectrum is whole up to this share of the wave number where it ends [-]. Estimate."""
+"""Share of the highest wave number up to which the spectrum is complete [-]. Estimate."""
 
 
 class Rough(Generated):
-    """Ground of one roughness class all over."""
+    """Ground of one roughness class everywhere."""
 
     VERTICAL: ClassVar[str] = "iso_class"
 

@@ -17,15 +17,15 @@ Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
 class Special(Spec):
-    """Ground with properties of its own; a shape overrides `bounds` and `covers`."""
+    """Ground with its own properties; a shape overrides `bounds` and `covers`."""
 
     kind: str
     friction: Scale = 1.0
     """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
     cone_index_kpa: Positive | None = None
-    """Of the soil; the tyre's own when left out [kPa]."""
+    """Cone index of the soil; the tyre's own when left out [kPa]."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Size of the cells that stand for the shape; the finest of all patches counts [m]."""
+    """Size of the cells into which the shape is divided; the smallest of all patches counts [m]."""
 
     def bounds(self) -> Bounds:
         """The box around the shape."""
@@ -49,11 +49,11 @@ class RectanglePatch(Special):
     y_m: float = 0.0
     """Centre, north [m]."""
     length_m: Positive = 10.0
-    """Along its heading [m]."""
+    """Length along its heading [m]."""
     width_m: Positive = 10.0
-    """Across [m]."""
+    """Width across its heading [m]."""
     heading_deg: float = 0.0
-    """Of its length, from east, counter-clockwise [deg]."""
+    """Direction of its length, from east, counter-clockwise [deg]."""
 
     def bounds(self) -> Bounds:
         """The box around the shape."""
@@ -78,7 +78,7 @@ class CirclePatch(Special):
     y_m: float = 0.0
     """Centre, north [m]."""
     radius_m: Positive = 5.0
-    """[m]."""
+    """Radius [m]."""
 
     def bounds(self) -> Bounds:
         """The box around the shape."""
@@ -91,7 +91,7 @@ class CirclePatch(Special):
 
 
 class PolygonPatch(Special):
-    """A polygon; where its edges cross each other, points inside an even number of times do not count."""
+    """A polygon; if its edges cross each other, points enclosed an even number of times do not count."""
 
     kind: Literal["polygon"] = "polygon"
     points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
@@ -135,11 +135,11 @@ class PicturePatch(Special):
     y_m: float = 0.0
     """Centre, north [m]."""
     width_m: Positive = 100.0
-    """From west to east; the height follows from the picture [m]."""
+    """Width from west to east; the height follows from the picture [m]."""
     friction_white: Scale | None = None
     """Scale of the friction where it is white, linear between; as `friction` when left out [-]."""
     cone_index_white_kpa: Positive | None = None
-    """Likewise of the soil; as `cone_index_kpa` when left out [kPa]."""
+    """Cone index where it is white, linear between; as `cone_index_kpa` when left out [kPa]."""
 
     @model_validator(mode="after")
     def _has_both_ends(self) -> "PicturePatch":
@@ -159,7 +159,7 @@ class PicturePatch(Special):
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Those of the pixel at each point."""
+        """Properties of the pixel at each point."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

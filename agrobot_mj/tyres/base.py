@@ -1,4 +1,4 @@
-"""The contract of a tyre: what every law answers for itself, and the records in which laws and wheels talk.
+"""The contract of a tyre: what every law declares about itself, and the records that laws and wheels exchange.
 
 A tyre is a `TyreBase` with three steps: `structure` (relaxation, damping, rolling resistance, contact patch),
 `coefficients` (the law's numbers for front and rear, in SI) and `native` (MuJoCo makes the force instead). The
@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class Footing(NamedTuple):
-    """What a wheel stands on."""
+    """Properties of the ground under a wheel."""
 
     grip: float
     """Scale of the friction [-]."""
@@ -40,7 +40,7 @@ class Slip(NamedTuple):
 
 
 class TyreForce(NamedTuple):
-    """What a law makes of a `Slip`."""
+    """Force that a law gives for a `Slip`."""
 
     x: float
     """Force forward [N]."""
@@ -67,20 +67,20 @@ for _step in ("force", "drag"):
 
 
 class Structure(NamedTuple):
-    """What surrounds a law: the carcass and its contact patch."""
+    """Carcass and contact patch around a law."""
 
     relaxation_radii: float
     """Relaxation length over free radius [-]."""
     bristle_damping_s: float
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]."""
     rolling_resistance: float = 0.0
-    """Moment over load and rolling radius [-]."""
+    """Rolling resistance moment over load and rolling radius [-]."""
     patch_half_length_m: float = 0.0
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]."""
     trail_m: float = 0.0
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index_pa: float = 0.0
-    """Cone index where the ground does not give one; 0 for laws without [Pa]."""
+    """Cone index for ground that does not give one; 0 for laws without [Pa]."""
 
 
 class NativeContact(NamedTuple):

@@ -1,7 +1,7 @@
-"""MuJoCo's own frictional contact as the tyre: what one gets for free.
+"""MuJoCo's own frictional contact as the tyre.
 
 It has no slip law: sliding creeps like a viscous fluid, with a cornering stiffness that is proportional to speed and to
-`impratio`, and it creeps down a slope when parked. Here for comparison.
+`impratio`, and it creeps down a slope when parked. It is included for comparison.
 """
 
 from typing import Literal
@@ -23,7 +23,7 @@ class Contact(TyreBase):
 
     @property
     def native(self) -> NativeContact:
-        """These settings."""
+        """Settings of MuJoCo's contact."""
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:

@@ -1,11 +1,11 @@
-"""Where a wheel touches curved ground: a wheel bridges what is narrower than itself.
+"""Contact point of a wheel on curved ground: a wheel bridges gaps that are narrower than itself.
 
-The tread in the wheel's middle plane is a circle. Its points within 50 degrees of the way down are compared with the
+The tread in the wheel's middle plane is a circle. Its points within 50 degrees of straight down are compared with the
 ground; the wheel stands on the one that lies deepest in it, and is pushed along that radius. On a smooth surface that
 is the point of tangency, in a furrow it is a flank, on an edge the edge (the basic curve of a rigid wheel,
-[Pacejka2012] chapter 10). Between points a parabola is laid through three of them; where two places compete the
-direction goes over from one to the other within `BLEND` of penetration. On a plane all this yields the foot of the
-perpendicular exactly.
+[Pacejka2012] chapter 10). Between points a parabola is fitted to three of them; where two places compete the
+direction changes continuously from one to the other within `BLEND` of penetration. On a plane this gives exactly the
+foot of the perpendicular.
 """
 
 from math import inf, radians, sqrt
@@ -17,13 +17,13 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 MIDDLE = 11
-"""Angles on either side of the way down; odd, so that the way down and the ends are looked at."""
+"""Number of angles on either side of straight down; odd, so that straight down and the ends are evaluated."""
 STEP = radians(5.0)
 """Step between angles [rad]."""
 COS, SIN = (f(STEP * np.arange(-MIDDLE, MIDDLE + 1)) for f in (np.cos, np.sin))
-"""Cosines and sines of the angles: every second one is looked at, the others only beside the deepest."""
+"""Cosines and sines of the angles: every second one is evaluated, the others only next to the deepest."""
 BLEND = 0.005
-"""Penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
+"""Difference of penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
 BASE = 0.5
 """Half the length over which the slope below the wheel is taken, over the radius [-]. Estimate."""
 BASE_WIDTH = 0.25

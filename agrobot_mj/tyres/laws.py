@@ -28,15 +28,15 @@ from agrobot_mj.tyres.patch import (
 )
 
 SLIDE = 0.1
-"""Twist at which the patch slides all over [rad]. Estimate."""
+"""Twist at which all of the patch slides [rad]. Estimate."""
 GRIP = 0.75
 """Friction under a scrubbing patch [-]. Estimate (0.6-0.8 in the field)."""
 TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
 ROLLING = 0.2
-"""The carcass' own damping fades over this speed: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
+"""Speed over which the carcass' own damping fades: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
 STILL = 0.02
-"""Soil resistance and pneumatic trail build up over this speed [m/s]."""
+"""Speed over which soil resistance and pneumatic trail build up [m/s]."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
@@ -78,7 +78,7 @@ def scrub(tyres: TyreSet, patch: ContactPatch, load: float, grip: float, dt: flo
 
 @kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
-    """Aligning moment [N m]: the lateral force behind the patch's centre by a trail that slip uses up."""
+    """Aligning moment [N m]: the lateral force acts behind the patch's centre by a trail that decreases with slip."""
     if tyres.trail <= 0.0:
         return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
@@ -88,7 +88,8 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
-    """Wheel `i` over one step: bristle (3,) in place; wrench (6,) about its centre and report (6,) written."""
+    """Advance wheel `i` by one step: updates its bristle (3,) in place, writes the wrench (6,) about its centre and its
+    report (6,)."""
     patch = find_patch(ground, tyres.radius[i], wheel)
     load = tyres.stiffness[i] * patch.penetration + tyres.damping[i] * patch.rate
     # the ground pushes and never pulls: a wheel that rebounds faster than its damper allows has left the ground

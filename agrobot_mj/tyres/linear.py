@@ -21,13 +21,13 @@ class LinearLaw(NamedTuple):
     """Cornering stiffness [N/rad]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force against the slip. Grip has no limit: the whole bristle is held, and no share of it is in use."""
+        """Force against the slip. Grip is unlimited: the bristle keeps its deflection, no share of grip is used."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """None: firm ground."""
+        """Always 0: firm ground."""
         return 0.0
 
 
@@ -46,7 +46,7 @@ class Linear(TyreBase):
     relaxation_radii: Positive = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.0
-    """Moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
+    """Rolling resistance moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
 

@@ -21,9 +21,9 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling faster than this the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
+"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 LEAST_SHARE = 0.2
-"""Grip and stiffness keep at least this share of their value at the reference load [-]. Estimate."""
+"""Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
 
 
 class CurveLaw(NamedTuple):
@@ -39,7 +39,7 @@ class CurveLaw(NamedTuple):
 
 @kernel
 def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, float]:
-    """D [N] and K [N per unit slip]."""
+    """Peak D [N] and slip stiffness K [N per unit slip]."""
     D = F_z * curve.mu * max(1.0 + curve.mu_load * df, LEAST_SHARE)
     K = F_z * curve.k * max(1.0 + curve.k_load * df, LEAST_SHARE)
     return D, K
@@ -47,7 +47,7 @@ def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, f
 
 @kernel
 def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
-    """F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
+    """Force F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
     x = K / (C * D) * s
     return D * sin(C * atan(x - E * (x - atan(x))))
 
@@ -83,7 +83,7 @@ class MagicLaw(NamedTuple):
         return TyreForce(F_x, F_y, min(1.0, limit / rho), sqrt((F_x / D_x) ** 2 + (F_y / D_y) ** 2))
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """None: firm ground."""
+        """Always 0: firm ground."""
         return 0.0
 
 
@@ -99,9 +99,9 @@ class Curve(Spec):
     stiffness_load: float = -0.25
     """Relative change of k for a doubled load [-]. Estimate."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
-    """C [-]. Pacejka: about 1.3 laterally, 1.65 longitudinally."""
+    """Shape factor C [-]. Pacejka: about 1.3 laterally, 1.65 longitudinally."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
-    """E, at most 1 [-]. Estimate."""
+    """Curvature factor E, at most 1 [-]. Estimate."""
 
     @property
     def peak(self) -> float:
@@ -121,11 +121,11 @@ class AxleTyre(Spec):
     """Both directions of the tyres of one axle."""
 
     reference_load_n: Positive
-    """F_z0 [N]."""
+    """Reference load F_z0 [N]."""
     lateral: Curve = Curve()
-    """Over the slip angle [rad]."""
+    """Lateral curve, over the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
-    """Over the slip ratio [-]."""
+    """Longitudinal curve, over the slip ratio [-]."""
 
     def law(self) -> MagicLaw:
         """Coefficients of one tyre."""
@@ -144,13 +144,13 @@ class MagicFormula(TyreBase):
     relaxation_radii: Positive = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.05
-    """Moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
+    """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
     patch_half_length_m: NonNegative = 0.08
-    """Half the contact length, lever of the scrubbing moment; 0 leaves it out [m]. Estimate."""
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, lever of the aligning moment; 0 leaves it out [m]. Estimate."""
+    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Estimate."""
 
     def structure(self) -> Structure:
         """Carcass and contact patch."""

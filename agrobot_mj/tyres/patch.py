@@ -1,4 +1,4 @@
-"""What all tyre laws share: contact kinematics, vertical load, relaxation, and the wrench at the patch.
+"""Parts common to all tyre laws: contact kinematics, vertical load, relaxation, and the wrench at the patch.
 
 One wheel reads the height grid below it and yields a patch frame (n the ground's normal, f forward, l left), the
 penetration and the sliding velocities. The carcass is a bristle in each direction,
@@ -24,9 +24,9 @@ from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
-"""Entries of a wheel's report; shape of the whole (4, 6)."""
+"""Indices of a wheel's report; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
-"""Rolling resistance builds up over this speed [m/s]."""
+"""Speed over which the rolling resistance builds up [m/s]."""
 
 
 class TyreSet(NamedTuple):
@@ -45,15 +45,15 @@ class TyreSet(NamedTuple):
     relaxation: Array
     """Longitudinal and lateral relaxation length, shape (4, 2) [m]."""
     bristle_damping: float
-    """tau above [s]."""
+    """Damping time tau of the bristle, see above [s]."""
     rolling_resistance: float
-    """Moment over load and rolling radius [-]."""
+    """Rolling resistance moment over load and rolling radius [-]."""
     patch_half_length: float
     """Lever arm of the scrubbing moment; 0 for none [m]."""
     trail: float
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index: float
-    """Cone index where the ground does not give one; 0 for laws without [Pa]."""
+    """Cone index for ground that does not give one; 0 for laws without [Pa]."""
     grip: Array
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
@@ -61,7 +61,7 @@ class TyreSet(NamedTuple):
 
 
 class WheelMotion(NamedTuple):
-    """Where a wheel is and how it moves, world axes."""
+    """Position and motion of a wheel, world axes."""
 
     centre: Vector
     """Centre [m]."""
@@ -77,21 +77,21 @@ class ContactPatch(NamedTuple):
     """One wheel on the ground: frame, penetration and velocities."""
 
     penetration: float
-    """Positive when touching, along n [m]."""
+    """Penetration along n, positive when touching [m]."""
     rate: float
     """Rate of the penetration [m/s]."""
     n: Vector
     """Ground normal, world."""
     f: Vector
-    """Forward in the ground plane, world."""
+    """Forward direction in the ground plane, world."""
     l: Vector  # noqa: E741
-    """Left in the ground plane, world."""
+    """Left direction in the ground plane, world."""
     arm: Vector
     """Vector from the wheel's centre to the patch [m]."""
     v_x: float
     """Velocity of the wheel's centre plane over the ground, forward [m/s]."""
     v_y: float
-    """The same to the left: the lateral sliding velocity [m/s]."""
+    """Velocity to the left, the lateral sliding velocity [m/s]."""
     spin: float
     """Angular velocity about the axle, forward rolling positive [rad/s]."""
     turn: float
@@ -100,7 +100,7 @@ class ContactPatch(NamedTuple):
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """The way down in the plane of a wheel, against the normal `n`."""
+    """Downward direction in the plane of a wheel, against the normal `n`."""
     tilt = dot(n, axle)
     return unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
 
@@ -123,7 +123,7 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Where and how a wheel of this free radius [m] touches the ground."""
+    """Contact of a wheel of this free radius [m] with the ground."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
@@ -148,7 +148,7 @@ def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Fo
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """The bristle after a step, exact for constant velocities."""
+    """Deflection of the bristle after a step, exact for constant velocities."""
     k = v_roll / sigma
     # at rest the exact solution divides by zero: there the bristle is a plain spring
     if k * dt < 1e-6:
@@ -179,16 +179,16 @@ def add_wrench(
     patch: ContactPatch,
     axle: Vector,
     at_patch: Vector,
-    besides: Vector,
+    extra: Vector,
 ) -> None:
     """Write force and torque about the wheel's centre into `wrench` (6,), world.
 
-    `at_patch`: forces forward, left and up the normal at the patch [N]; `besides`: a forward force on the centre [N], a
+    `at_patch`: forces forward, left and up the normal at the patch [N]; `extra`: a forward force on the centre [N], a
     torque about the axle and a moment about the normal [N m].
     """
     n, f, left = patch.n, patch.f, patch.l
     f_x, f_y, load = at_patch
-    push, axle_torque, moment = besides
+    push, axle_torque, moment = extra
     force = (
         f_x * f[0] + f_y * left[0] + load * n[0],
         f_x * f[1] + f_y * left[1] + load * n[1],

@@ -24,16 +24,16 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SLIP = 0.4
-"""At rest the bristles break away at this slip, where 95 % of the grip is used [-]. From the 7.5 above."""
+"""Slip at which the bristles break away at rest, where 95 % of the grip is used [-]. From the 7.5 above."""
 BREAKAWAY_SPEED = 0.1
-"""Rolling faster than this the bristles follow the slip past it [m/s]. Estimate."""
+"""Rolling speed above which the bristles follow the slip past it [m/s]. Estimate."""
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 
 
 @kernel
 def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """B_n [-]."""
+    """Mobility number B_n [-]."""
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
@@ -41,7 +41,7 @@ def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: fl
 def lateral_shape(
     b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
 ) -> tuple[float, float]:
-    """Peak mu [-] and B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
+    """Peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
     M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
     if radial > 0.5:
         return 0.8, (2.79 + 0.16 * M) / 0.8
@@ -51,7 +51,8 @@ def lateral_shape(
 
 @kernel
 def drive_slip(slip_x: float) -> float:
-    """Slip of the faster of rim and ground, driving positive [-], from the bristle's (sliding over ground speed)."""
+    """Slip relative to the faster of rim and ground, driving positive [-], from the slip of the bristle (sliding over
+    ground speed)."""
     return -slip_x / (1.0 - slip_x) if slip_x < 0.0 else -slip_x
 
 
@@ -99,9 +100,9 @@ class Soil(TyreBase):
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: Positive = 1200.0
-    """CI [kPa]: about 450 tilled, 900 soft, 1200 medium, 1800 firm. Estimate."""
+    """Cone index CI [kPa]: about 450 tilled, 900 soft, 1200 medium, 1800 firm. Estimate."""
     ply: Literal["bias", "radial"] = "bias"
-    """Carcass: sets the motion resistance and the lateral force [-]."""
+    """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate."""
     relaxation_radii: Positive = 1.5
@@ -109,7 +110,7 @@ class Soil(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
     patch_half_length_m: NonNegative = 0.08
-    """Half the contact length, lever of the scrubbing moment; 0 leaves it out [m]. Estimate."""
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
 
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""

@@ -8,12 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.simulation.storage import whole, write_json, write_log
+from agrobot_mj.simulation.storage import atomic, write_json, write_log
 
 
 def test_a_file_appears_when_the_block_ends(tmp_path):
     target = tmp_path / "new" / "deep" / "a.txt"
-    with whole(target) as temporary:
+    with atomic(target) as temporary:
         temporary.write_text("half")
         assert not target.exists()
         assert temporary.parent == target.parent  # the same file system: the rename is atomic
@@ -25,7 +25,7 @@ def test_a_file_appears_when_the_block_ends(tmp_path):
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_nothing_appears_when_the_block_fails(tmp_path, error):
     def broken():
-        with whole(tmp_path / "a.txt") as temporary:
+        with atomic(tmp_path / "a.txt") as temporary:
             temporary.write_text("half")
             raise error
 

@@ -20,11 +20,11 @@ class Inertial(NamedTuple):
     """Mass properties of a body in its own frame."""
 
     mass: float
-    """[kg]."""
+    """Mass of the body [kg]."""
     centre: Array
-    """Shape (3,) [m]."""
+    """Centre of mass, shape (3,) [m]."""
     inertia: Array
-    """About the centre, axes of the body, shape (3, 3) [kg m2]."""
+    """Inertia about the centre, axes of the body, shape (3, 3) [kg m2]."""
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:

@@ -16,7 +16,7 @@ from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port
-from agrobot_mj.simulation.storage import whole
+from agrobot_mj.simulation.storage import atomic
 
 SIZE = "1920x1080"
 """Size of the pictures [pixels]."""
@@ -82,7 +82,7 @@ def _draw(
         for t in times:
             path = folder / f"{name.lower()}_{t:g}.png"
             if path not in drawn:
-                with whole(path) as temporary:
+                with atomic(path) as temporary:
                     temporary.write_bytes(_picture(viewer, t))
                 drawn[path] = None
 

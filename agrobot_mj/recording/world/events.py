@@ -22,7 +22,7 @@ LIFT_M, RADIUS = 0.1, rr.Radius.ui_points(5.0)
 MOST_EVENTS = 40
 """Further ones are left out, the outcome excepted."""
 QUIET_TICKS = 40
-"""The steering's limit counts anew after this long without it."""
+"""The steering's limit counts again after this long without it."""
 
 
 class Events:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.simulation.storage import whole
+from agrobot_mj.simulation.storage import atomic
 from agrobot_mj.studies.rig.figures import write_figures
 from agrobot_mj.studies.rig.source import Specimen, load_specimen
 from agrobot_mj.studies.rig.sweep import bench, sweep
@@ -30,6 +30,6 @@ def rig_command(source: str, out: Path) -> list[Path]:
         table = sweep(specimen.tyre, specimen.tractor)
     except ValueError as error:
         raise ScenarioError(f"{source}: {error}") from None
-    with whole(out / "curves.parquet") as temporary:
+    with atomic(out / "curves.parquet") as temporary:
         pq.write_table(table, temporary, compression="zstd")
     return [out / "curves.parquet", *write_figures(table, out)]

@@ -1,6 +1,6 @@
 """Figures of the rig's table, in the style of the reports.
 
-One PNG a figure, one panel an axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
+One PNG per figure, one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +21,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
 """Colours of curves, in order."""
 WIDTHS = (4.0, 2.8, 1.7, 0.7)
-"""Of curves that lie on each other, the first at the bottom [pt]."""
+"""Line widths of curves that lie on each other, the bottom one first [pt]."""
 COLUMNS_OF_LEGEND = 7
 
 
@@ -33,17 +33,17 @@ def write_figures(table: pa.Table, folder: Path) -> list[Path]:
 
 
 def lateral(table: pa.Table) -> Figure:
-    """Lateral force over slip angle, a curve a load."""
+    """Lateral force over slip angle, one curve per load."""
     return _by_load(table, "lateral", "fy_n", "lateral force [kN]", 1e-3)
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Longitudinal force over slip ratio, a curve a load."""
+    """Longitudinal force over slip ratio, one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Aligning moment over slip angle, a curve a load; of tyres that have one."""
+    """Aligning moment over slip angle, one curve per load, for tyres that have one."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
@@ -66,7 +66,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Share of the steady lateral force over the distance since a step in slip angle, a curve a speed."""
+    """Share of the steady lateral force over the distance since a step in slip angle, one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -99,7 +99,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Share of the time that a wheel touches the ground, over slip angle, a curve a speed; of wheels that hop."""
+    """Share of the time that a wheel touches the ground, over slip angle, one curve per speed, for wheels that hop."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -155,7 +155,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Draw lateral force over load at one speed; returns its slope at zero as a text [1/rad]."""
+    """Draw lateral force over load at one speed; returns its slope at zero as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
@@ -164,7 +164,7 @@ def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: fl
 
 
 def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Axes, str]]]:
-    """A figure of one panel an axle."""
+    """A figure of one panel per axle."""
     kind = _kind(table)
     axles = list(dict.fromkeys(_rows(table, tyre=kind)["axle"].to_pylist()))
     figure = Figure((PANEL_WIDTH_IN * len(axles), height), layout="constrained")
@@ -191,7 +191,7 @@ def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
 
 
 def _kind(table: pa.Table) -> str:
-    """Of the tyre on the rig, whose rows come first."""
+    """Kind of the tyre on the rig, whose rows come first."""
     return str(table["tyre"][0])
 
 

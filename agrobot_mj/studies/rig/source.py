@@ -1,7 +1,7 @@
 """A tyre for the rig: by its kind, or from a TOML file.
 
-The keys of the tyre stand at the top of the file, under `[tyre]`, or under `[plant.tyre]`, so that a scenario serves
-too. A `[tractor]` table sets sizes and loads.
+The keys of the tyre stand at the top of the file, under `[tyre]`, or under `[plant.tyre]`, so that a scenario also
+works. A `[tractor]` table sets sizes and loads.
 """
 
 from pathlib import Path
@@ -17,12 +17,12 @@ from agrobot_mj.tyres import Tyre
 
 
 class Specimen(NamedTuple):
-    """What the rig tests."""
+    """A tyre to test, with its tractor."""
 
     tyre: Tyre
     """The tyre."""
     tractor: TractorParameters
-    """The tractor whose wheels wear it."""
+    """Tractor on whose wheels it is mounted."""
 
 
 def load_specimen(source: str) -> Specimen:
@@ -41,7 +41,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """The tables `tyre` and `tractor` of a file, and under what it has the keys of the tyre."""
+    """The tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in it."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -51,7 +51,7 @@ def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 
 def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
-    """As the plant of a scenario, so that it means the same here and there."""
+    """The tyre resolved like a scenario's plant, so that its keys mean the same in both."""
     tyre, known = data.pop("tyre"), ", ".join(members(Tyre))
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")

@@ -7,7 +7,7 @@ mass, and is free to rise. Until it slides the force is viscous,
 
 with n contact points, d and b of `solimp` and `solref`, and m the mass that the contact feels: the cornering stiffness
 is c v_x. Once it slides, MuJoCo's contact pushes the wheel off the ground and it hops; so a steady reading is the mean
-over time, and `Reading.grounded` tells for how much of it the wheel touched.
+over time, and `Reading.grounded` is the share of it for which the wheel touched.
 """
 
 import mujoco
@@ -24,18 +24,18 @@ from agrobot_mj.tyres.base import NativeContact
 RIGID = 1e9
 """Gain that imposes a velocity [N s/m, N m s/rad]: a thousandfold the contact's own."""
 PREFIX = "towed_"
-"""Before the names of what comes from the tractor."""
+"""Prefix of the names of everything that comes from the tractor."""
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
-"""Contact sensor: number of contacts and force, their sum in the world's frame."""
+"""Outputs of the contact sensor: number of contacts and their net force in the world's frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0
-"""Standing still before the wheel is set in motion, and duration of a steady reading, of which half counts [s]."""
+"""Time at rest before the wheel is set in motion, and duration of a steady reading, half of which counts [s]."""
 
 
 class Towed:
-    """One wheel with MuJoCo's contact, behind the methods of `Rig`."""
+    """One wheel with MuJoCo's contact, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """It has none; how fast the force builds up here is a matter of how the sled is held [m]."""
+    """Relaxation length: it has none; how fast the force builds up here depends on how the sled is held [m]."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -44,7 +44,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Each step's `Reading`, shape (steps, 5), from the moment that the wheel is set in motion."""
+        """Reading at each step, shape (steps, 5), from the moment that the wheel is set in motion."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -57,7 +57,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """The mean reading once settled."""
+        """Mean reading in steady state."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
@@ -75,19 +75,20 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Of the sled along x and y [m/s] and of the spin [rad/s]; a contact lies half way into the penetration."""
+        """Velocity of the sled along x and y [m/s] and rate of the spin [rad/s]; a contact lies halfway into the
+        penetration."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """What the ground does to the wheel; of unknown sign is what MuJoCo's sensor reports."""
+        """Force of the ground on the wheel; its sign follows from the normal force, not from the sensor."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
-    """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have their velocity imposed."""
+    """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have an imposed velocity."""
     whole = tractor_spec(tractor, Cylinder(), Driveline())
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):

@@ -27,20 +27,20 @@ AXLES = {"front": FRONT, "rear": REAR}
 
 
 class Setting(NamedTuple):
-    """What the rig imposes."""
+    """Motion and load that the rig imposes."""
 
     speed: float
     """Speed of the wheel's centre along its own heading [m/s]."""
     slip_angle: float
     """Angle between heading and velocity, positive when the wheel slides left [rad]."""
     slip_ratio: float
-    """(rim - v) / v, driving positive [-]."""
+    """Slip ratio (rim - v) / v, driving positive [-]."""
     load: float
     """Vertical load [N]."""
 
 
 class Reading(NamedTuple):
-    """What the rig measures."""
+    """Forces and moment that the rig measures."""
 
     fx: float
     """Force forward [N]."""
@@ -55,21 +55,21 @@ class Reading(NamedTuple):
 
 
 class TestBench(Protocol):
-    """What the sweeps need of a wheel, whoever makes its forces."""
+    """Interface of the sweeps to a wheel, whatever computes its forces."""
 
     relaxation: float
-    """Relaxation length; 0 without one [m]."""
+    """Relaxation length; 0 if it has none [m]."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Each step's `Reading`, shape (steps, 5), from the moment that the wheel is set in motion."""
+        """Reading at each step, shape (steps, 5), from the moment that the wheel is set in motion."""
 
     def steady(self, setting: Setting) -> Reading:
-        """The reading once settled."""
+        """Reading in steady state."""
 
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Run as many steps as `out` (steps, 5) has rows, the bristles at rest before; rows as in `Reading`."""
+    """Run as many steps as `out` (steps, 5) has rows, starting from undeflected bristles; rows as in `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -93,11 +93,11 @@ class Rig:
         self.relaxation = float(self.tyres.relaxation[wheel].max())
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Each step's `Reading`, shape (steps, 5), of a start from rest bristles."""
+        """Reading at each step, shape (steps, 5), starting from undeflected bristles."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """The reading once settled."""
+        """Reading in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation)[-1].tolist())

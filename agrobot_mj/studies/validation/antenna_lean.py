@@ -52,37 +52,37 @@ from agrobot_mj.studies.validation.theory import Tractor
 
 GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
-"""How close measured and predicted errors must be [cm]."""
+"""Largest difference of measured and predicted errors [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
-"""Length of a drive, and of its end that counts [s]."""
+"""Duration of a drive, and of its end that counts [s]."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
     "compensated, ekf_bias": {"kind": "ekf_bias", "terrain_compensation": True},
 }
-"""By the words of the table."""
+"""Estimators by their names in the table."""
 
 
-class Held(NamedTuple):
-    """What the slope does to the tractor, its left side uphill."""
+class SlopeState(NamedTuple):
+    """Steady state of the tractor on the slope, its left side uphill."""
 
     roll: float
-    """phi [rad]."""
+    """Roll angle phi [rad]."""
     crab: float
-    """beta, heading above the line, seen from above [rad]."""
+    """Crab angle beta, heading above the line, seen from above [rad]."""
     steer: float
-    """delta [rad]."""
+    """Steering angle delta [rad]."""
 
 
-def held(tyre: Any, grade_deg: float) -> Held:
-    """By theory, from parameters alone."""
+def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
+    """Steady state by theory, from parameters alone."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
-    return Held(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
+    return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
 
 
 def gains(scenario: Scenario) -> tuple[float, float]:
-    """K_y [-] and K_psi [rad/m] of the paper's EKF at rest on a straight line."""
+    """Gains K_y [-] and K_psi [rad/m] of the paper's EKF in steady state on a straight line."""
     e, T, V = scenario.estimator, TICK_S, scenario.path.speed_m_s
     F = np.array(((1.0, T * V), (0.0, 1.0)))
     Q = T * np.diag(np.square((e.position_walk_m_rt_s, radians(e.yaw_walk_deg_rt_s))))
@@ -91,8 +91,9 @@ def gains(scenario: Scenario) -> tuple[float, float]:
     return float(P[0, 0] / (P[0, 0] + R[0, 0])), float(P[1, 0] / (P[0, 0] + R[0, 0]))
 
 
-def believed(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """sin(psi^) [-] and how far the believed R lies left of the fixes [m], steering held at `delta` [rad]."""
+def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
+    """Estimated sin(psi) [-], and distance of the estimated R to the left of the fixes [m], steering held at `delta`
+    [rad]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -101,7 +102,7 @@ def believed(scenario: Scenario, delta: float) -> tuple[float, float]:
     return K_y / K_psi * tan(delta) / L, -(1.0 - K_y) * nu
 
 
-def offset(scenario: Scenario, slope: Held) -> float:
+def offset(scenario: Scenario, slope: SlopeState) -> float:
     """Steady distance of the true CG from the line, uphill [m]; raises ValueError where the law saturates.
 
     The controller must be `pd` or have a network or integral beside it.
@@ -109,7 +110,7 @@ def offset(scenario: Scenario, slope: Held) -> float:
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope
-    sine, ahead = believed(s, delta)
+    sine, ahead = estimated(s, delta)
     cosine = sqrt(1.0 - sine * sine)
     lean = -h * sin(phi) * cos(beta)
     cg = l_r * sin(beta) - h_c * sin(phi) * cos(beta)
@@ -123,13 +124,13 @@ def offset(scenario: Scenario, slope: Held) -> float:
 
 
 class SlopeDrive(NamedTuple):
-    """A drive along the contour at rest in its loop."""
+    """A drive along the contour in steady state."""
 
     scenario: Scenario
     offset: float
     """Mean distance of the true CG from the line, uphill [m]."""
-    held: Held
-    """As it was seen, turned as if the left side were uphill."""
+    state: SlopeState
+    """Steady state as measured, mirrored as if the left side were uphill."""
 
 
 def drive(
@@ -153,7 +154,7 @@ def drive(
     roll, crab, steer = (
         sign * float(np.mean(v)) for v in (log.column("roll")[rest], heading, log.column("steer")[rest])
     )
-    return SlopeDrive(scenario, -sign * float(log.column("e_lateral")[rest].mean()), Held(roll, crab, steer))
+    return SlopeDrive(scenario, -sign * float(log.column("e_lateral")[rest].mean()), SlopeState(roll, crab, steer))
 
 
 def run(quick: bool = False) -> Findings:
@@ -173,12 +174,12 @@ def run(quick: bool = False) -> Findings:
 
 
 def _against(seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> list[Check]:
-    """Both theories [cm]; `seen` has a drive a direction."""
+    """Checks against both theories [cm]; `seen` has one drive per direction."""
     by_held = About("antenna lean", f"{words}, held", tyre.kind, "cm")
     by_parameters = About("antenna lean", f"{words}, from parameters", tyre.kind, "cm")
-    pairs = [(100 * run.offset, 100 * offset(run.scenario, run.held)) for run in seen]
+    pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
-    theory = 100 * offset(seen[0].scenario, held(tyre, grade_deg))
+    theory = 100 * offset(seen[0].scenario, steady_state(tyre, grade_deg))
     mean = sum(measured for measured, _ in pairs) / len(pairs)
     paper = Tractor(tyre=tyre)
     share = paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)

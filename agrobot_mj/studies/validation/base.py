@@ -27,19 +27,19 @@ class Check(NamedTuple):
     manoeuvre: str
     """Short name of the manoeuvre."""
     quantity: str
-    """What was measured, under which circumstances."""
+    """Quantity measured, and under which circumstances."""
     subject: str
     """`bicycle`, or the kind of tyre of the MuJoCo tractor."""
     measured: float
     theory: float | None
-    """None where there is none."""
+    """Value in theory; None if there is none."""
     unit: str
     low: float
-    """Least that passes [unit]."""
+    """Lower limit of the band [unit]."""
     high: float
-    """Most that passes [unit]."""
+    """Upper limit of the band [unit]."""
     band: str
-    """The limits in words; `reported` for a number that is not judged."""
+    """Limits in words; `reported` for a number that is not judged."""
 
     @property
     def passed(self) -> bool:
@@ -48,7 +48,7 @@ class Check(NamedTuple):
 
     @property
     def line(self) -> str:
-        """The check in one line."""
+        """The check as one line of text."""
         theory = "" if self.theory is None else f", theory {self.theory:.4g}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.manoeuvre}, {self.subject}: {self.quantity}: {self.measured:.4g}{unit}{theory}, band {self.band}"
@@ -63,32 +63,32 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Within `share` of the theory [-]."""
+        """Check that the value is within `share` of the theory [-]."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Within `room` of the theory [unit]."""
+        """Check that the value is within `room` of the theory [unit]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """At most `limit` in size [unit]."""
+        """Check that the magnitude is at most `limit` [unit]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
-        """Exactly zero: a count of things that must not happen."""
+        """Check that the value is exactly zero: a count of things that must not happen."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def above(self, measured: float, limit: float) -> Check:
-        """At least `limit` [unit]."""
+        """Check that the value is at least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def judged(self, tyre: TyreBase, check: Check) -> Check:
-        """The check where theory predicts the tyre, else its number, reported."""
+        """Check that is judged if theory predicts the tyre, else reported."""
         return check if tyre.judged else self.reported(check.measured, check.theory)
 
     def reported(self, measured: float, theory: float | None = None) -> Check:
-        """Not judged, but it must be a number."""
+        """Check that is reported but not judged; its value must still be a number."""
         return self._check(measured, theory, -inf, inf, "reported")
 
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
@@ -97,11 +97,11 @@ class About(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What a manoeuvre yields."""
+    """Results of a manoeuvre."""
 
     checks: list[Check]
     warnings: int
-    """Warnings of MuJoCo in all its runs."""
+    """Number of warnings of MuJoCo in all its runs."""
     curves: Mapping[str, Any] = MappingProxyType({})
     """Arrays for the figures, by subject."""
 
@@ -147,7 +147,7 @@ def bicycle_plant(machine: Machine = STOCK, dt: float = 0.002) -> tuple[BicycleP
 
 
 def warnings(plants: Iterable[Any]) -> int:
-    """How often MuJoCo warned since the plants' last resets."""
+    """Number of MuJoCo's warnings since the plants' last resets."""
     return sum(plant.warnings() for plant in plants)
 
 

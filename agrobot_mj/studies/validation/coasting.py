@@ -23,12 +23,12 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 5.0
 FROM_M_S, TO_M_S = 1.0, 4.0
-"""Speeds between which the acceleration is read: clear of standstill."""
+"""Speeds between which the acceleration is measured: well away from standstill."""
 BAND = 0.02
 
 
 def spin_inertia(plant: MujocoPlant) -> Array:
-    """About each wheel's axle, with what turns along, shape (4,) [kg m2]."""
+    """Inertia about each wheel's axle, with everything that turns with it, shape (4,) [kg m2]."""
     model = plant.model
     wheels = [model.body(f"wheel_{wheel}").inertia[1] for wheel in WHEELS]
     along = [model.dof_armature[model.joint(f"spin_{wheel}").dofadr[0]] for wheel in WHEELS]

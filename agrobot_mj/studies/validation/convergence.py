@@ -1,7 +1,7 @@
 """Halving the physics step
 
 The figure eight, closed loop with all its noise, at physics steps of 2 ms and of 1 ms: the root mean square of the
-lateral error must not care. `contact` is reported.
+lateral error must hardly change. `contact` is reported.
 """
 
 from typing import Any
@@ -14,11 +14,11 @@ from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyr
 STEP_S = 0.002
 BRIEFLY_S = 20.0
 BAND = 2.0
-"""Change of the lateral error [%]."""
+"""Largest change of the lateral error [%]."""
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
-    """Of the CG's lateral error on the figure eight [m]; infinite unless the run completes."""
+    """Rms of the CG's lateral error on the figure eight [m]; infinite unless the run completes."""
     changes = {"physics_dt_s": dt, **({"duration_s": duration_s} if duration_s else {})}
     scenario = load_scenario("figure_eight", changes).model_copy(update={"plant": Mujoco(tyre=tyre)})
     log = simulate(scenario)

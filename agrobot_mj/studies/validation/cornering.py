@@ -53,12 +53,12 @@ def circle(plant: Any, truth: Truth, seconds: float) -> Array:
 
 
 def gradient(rows: Array) -> float:
-    """K of `circle`'s rows [rad s2/m]."""
+    """Gradient K of the rows of `circle` [rad s2/m]."""
     return float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0])
 
 
 def paper_gradient(kind: str) -> float:
-    """K of the paper's formula for the bicycle, or for the `linear` tyre [rad s2/m]."""
+    """Gradient K by the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:
@@ -67,7 +67,7 @@ def paper_gradient(kind: str) -> float:
 
 
 def theory(kind: str) -> float | None:
-    """K on paper [rad s2/m]; None for MuJoCo's contact."""
+    """Gradient K in theory [rad s2/m]; None for MuJoCo's contact."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
     if not tyre_of(kind).judged:

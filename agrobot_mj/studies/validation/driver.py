@@ -1,4 +1,4 @@
-"""A driver who knows the truth: plain servos for speed and steering angle, so that a test measures the plant alone."""
+"""A driver that uses true values: simple servos for speed and steering angle, so that tests measure the plant alone."""
 
 from collections.abc import Callable
 from math import copysign
@@ -11,13 +11,13 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Drive, Truth
 Steer = float | Callable[[Truth], float]
 """A steering angle [rad], or a rule for one."""
 FULL_SPEED = 5.0
-"""Speed per pedal of the default driveline [m/s]."""
+"""Speed at full pedal of the default driveline [m/s]."""
 STEER_TOLERANCE = 2e-6
-"""Steering error that is left alone [rad]."""
+"""Steering error that the driver does not correct [rad]."""
 
 
 class Trace:
-    """What was seen, tick by tick."""
+    """Recorded truth and reports, tick by tick."""
 
     def __init__(self, truths: list[Truth], wheels: list[Array]) -> None:
         self.truths, self._wheels = truths, wheels
@@ -31,7 +31,7 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Reports, shape (n, 6, 4): quantity (see `tyres.patch`) and wheel."""
+        """Reports of the wheels, shape (n, 6, 4): quantity (see `tyres.patch`) and wheel."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
@@ -66,14 +66,14 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Towards a steering angle [rad]: proportional, over the dead band."""
+        """Voltage towards a steering angle [rad]: proportional, plus a step over the dead band."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Towards `speed`: PI to the pedal, proportional over its dead band."""
+        """Voltage towards `speed`: PI to a pedal position, proportional with a step over its dead band."""
         error = self.speed - self.truth.speed
         wanted = self.speed / FULL_SPEED + 0.1 * error + self.integral
         self.integral += 0.1 * error * TICK_S

@@ -28,11 +28,11 @@ SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
 DT_S = 0.002
 BAND = 0.02
-"""Of the change of kinetic energy."""
+"""Largest error as a share of the change of kinetic energy [-]."""
 
 
 class Wheel:
-    """One wheel over a step: where it is at its start, how it moves at its middle."""
+    """One wheel over a step: its position at the start, its motion at the middle."""
 
     def __init__(self, plant: MujocoPlant, i: int, normal: Array) -> None:
         body = plant.views.wheels[i]
@@ -44,7 +44,8 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Tyre loss, damping and power into the tyre's spring [W]; velocity and rotation (3,) are the step's middle."""
+        """Tyre loss, damping and power into the tyre's spring [W]; velocity and rotation (3,) are those at
+        mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -71,7 +72,7 @@ class Wheel:
 
 
 class Books:
-    """Energies since the start [J]."""
+    """Sums of energies since the start [J]."""
 
     def __init__(self, plant: MujocoPlant) -> None:
         self.plant = plant
@@ -90,7 +91,7 @@ class Books:
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step and book its powers; returns the truth."""
+        """Advance the plant by one physics step and add its powers; returns the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -110,14 +111,14 @@ class Books:
         return truth
 
     def close(self) -> tuple[float, float, float]:
-        """Loss of potential energy, change of kinetic energy, and what the books leave over [J]."""
+        """Loss of potential energy, change of kinetic energy, and the residual of the balance [J]."""
         potential, kinetic = self.stored() - self.start
         lost = self.hydraulic + self.tyres + self.damping + self.springs
         return -float(potential), float(kinetic), float(self.engine - potential - lost - kinetic)
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Drive the weave with one physics step a call."""
+    """Drive the weave with one physics step per call."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:

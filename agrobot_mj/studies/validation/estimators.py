@@ -18,7 +18,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 
 BEGIN_S = 20.0
-"""What lies before does not count [s]."""
+"""Time before which errors do not count [s]."""
 LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 40.0, "end_s": 45.0}], "duration_s": 60.0}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
 TURNED = {"fault": [{"kind": "steering_pot_bias", "bias_deg": 2.0}]}
@@ -45,7 +45,7 @@ REMEDIES: dict[str, dict[str, Any]] = {
     "ekf, position_walk_m_rt_s 0.03": {"position_walk_m_rt_s": 0.03},
     "ekf_bias, gnss_correlated_fraction 0": {"kind": "ekf_bias", "gnss_correlated_fraction": 0.0},
 }
-"""Against too small a stated uncertainty on the figure eight."""
+"""Estimators that state a larger uncertainty, tried on the figure eight."""
 ROUGH = "figure eight, rough ground of class D"
 CASES[ROUGH] = ("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}})
 SWINGS: dict[str, dict[str, Any]] = {
@@ -56,14 +56,14 @@ SWINGS: dict[str, dict[str, Any]] = {
     }
     for filter_s in (0.0, 0.1, 1e6)
 }
-"""On rough ground; the last one leaves the swing in the velocity."""
+"""Filters of the antenna's swing, tried on rough ground; the last one leaves the swing in the velocity."""
 
 
 class Row(NamedTuple):
-    """One estimator in one case."""
+    """Results of one estimator in one case."""
 
     position: float
-    """RMS [cm]."""
+    """RMS of the position error [cm]."""
     heading: float
     """RMS of the yaw against the true heading [deg]."""
     course: float
@@ -71,7 +71,7 @@ class Row(NamedTuple):
     nees: float
     nis: float
     coast: float
-    """NaN without a loss [cm]."""
+    """Position error at the end of a GNSS loss; NaN without a loss [cm]."""
     speed: float
     """RMS of the speed against that of the CG [cm/s]."""
     lateral: float
@@ -79,38 +79,38 @@ class Row(NamedTuple):
 
 
 def scenario_of(case: str, estimator: dict[str, Any], seed: int) -> Scenario:
-    """The experiment; its IMU is on, its noise is default."""
+    """Scenario of a case, with the IMU on and default noise."""
     name, given = CASES[case]
     return load_scenario(name, {**given, "seed": seed, "sensors.imu.enabled": True, "estimator": estimator})
 
 
 def row(log: Log) -> Row:
-    """The numbers of a run."""
+    """Results of a run."""
     c, counts = log.column, log.column("t") > BEGIN_S
-    off = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
+    error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     true_course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
     quality = c("gnss_quality")
     lost = np.flatnonzero(quality == 0)
     return Row(
-        100 * _rms(off[counts]),
+        100 * _rms(error[counts]),
         degrees(_rms(_wrapped(c("yaw_hat") - c("yaw"))[counts])),
         degrees(_rms(_wrapped(c("yaw_hat") - true_course)[counts])),
         float(np.mean(c("position_nees")[counts])),
         float(np.nanmean(c("position_nis")[counts])),
-        100 * float(off[lost[-1]]) if lost.size else np.nan,
+        100 * float(error[lost[-1]]) if lost.size else np.nan,
         100 * _rms((c("speed_hat") - c("speed"))[counts]),
         100 * _rms(c("e_lateral")[counts]),
     )
 
 
 def mean_row(case: str, estimator: dict[str, Any], seeds: int) -> Row:
-    """Means over seeds 1, 2, ..."""
+    """Mean results over the seeds 1, 2, ..."""
     rows = [row(run(scenario_of(case, estimator, seed))) for seed in range(1, seeds + 1)]
     return Row(*np.mean(rows, axis=0).tolist())
 
 
 def table(seeds: int) -> str:
-    """Everything, as Markdown."""
+    """All tables, as Markdown."""
     tried = [(case, words, given) for case in CASES for words, given in ESTIMATORS.items() if _of_interest(case, words)]
     tried += [("figure eight", words, given) for words, given in REMEDIES.items()]
     tried += [(ROUGH, words, given) for words, given in SWINGS.items()]

@@ -14,7 +14,7 @@ from agrobot_mj.core.palette import BLACK, BLUE, GREEN, GREY, PINK, VERMILION
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
-from agrobot_mj.studies.validation.antenna_lean import ESTIMATORS, held, offset
+from agrobot_mj.studies.validation.antenna_lean import ESTIMATORS, offset, steady_state
 from agrobot_mj.studies.validation.base import BICYCLE, Findings, tyre_of
 from agrobot_mj.studies.validation.cornering import RADIUS_M, paper_gradient
 from agrobot_mj.studies.validation.step_steer import Step
@@ -26,7 +26,7 @@ COLOURS = {BICYCLE: BLACK, "linear": BLUE, "magic_formula": VERMILION, "soil": G
 SPARE_COLOUR = PINK
 MARKS = {BICYCLE: "x", "linear": "o", "magic_formula": "s", "soil": "^", "contact": "+"}
 STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
-"""Of the lines, by estimator."""
+"""Line style of each estimator."""
 
 
 def write_figures(found: Mapping[str, Findings], folder: Path) -> list[Path]:
@@ -71,7 +71,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Distance of the CG from the line over the grade: a panel a controller, a line style an estimator."""
+    """Distance of the CG from the line over the grade: one panel per controller, one line style per estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -82,7 +82,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
         for kind, seen in by_tyre.items():
             given = {"controller": {"kind": controller}, "estimator": ESTIMATORS[estimator]}
             scenario = load_scenario("straight_line", {**given, "sensors.imu.enabled": True})
-            theory = [100 * offset(scenario, held(tyre_of(kind), grade)) for grade in grades]
+            theory = [100 * offset(scenario, steady_state(tyre_of(kind), grade)) for grade in grades]
             label = kind if estimator == "paper's sensors" else None
             axes.plot(grades, theory, style, color=_colour(kind), label=label)
             x, y = zip(*seen, strict=True)
@@ -131,4 +131,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""What draws the curves of a manoeuvre; its name is that of the file."""
+"""Function that draws the curves of each manoeuvre; the name of the function is that of the file."""

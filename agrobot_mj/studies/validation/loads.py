@@ -18,7 +18,7 @@ from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
 BAND = 0.01
-"""Of the load [-]."""
+"""Largest difference as a share of the load [-]."""
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
@@ -56,7 +56,7 @@ def run(quick: bool = False) -> Findings:
 
 
 def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Name, measured and static load [N]."""
+    """Name, measured load and static load [N]."""
     if facing == "across":
         wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

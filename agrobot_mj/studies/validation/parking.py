@@ -17,7 +17,7 @@ FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
 """Direction of steepest ascent for a tractor that faces east [deg]."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0
-"""Allowed in ten minutes."""
+"""Drift allowed in ten minutes [mm]."""
 REST = Drive(NEUTRAL_V, NEUTRAL_V)
 
 

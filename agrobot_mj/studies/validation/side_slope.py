@@ -54,7 +54,7 @@ def run(quick: bool = False) -> Findings:
 
 
 def _against(tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
-    """Both angles [deg] against theory."""
+    """Checks of both angles [deg] against theory."""
     heading = About("side slope", f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
     mean = About("side slope", f"mean crab, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:

@@ -15,11 +15,11 @@ from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5
-"""A voltage holds as long."""
+"""Time for which each random voltage is held [s]."""
 
 
 def soak(plant: MujocoPlant, seconds: float) -> tuple[int, int, int]:
-    """Ticks with a number that is not finite, warnings of MuJoCo, and how often the run began anew."""
+    """Number of ticks with a value that is not finite, of warnings of MuJoCo, and of restarts of the run."""
     rng = np.random.default_rng(1)
     broken = warned = restarts = 0
     drive = Drive(0.0, 0.0)

@@ -38,16 +38,16 @@ from agrobot_mj.tyres.laws import GRIP
 
 SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)
-"""Beyond neutral: above the dead band, below saturation [V]."""
+"""Voltages beyond neutral, above the dead band and below saturation [V]."""
 STEP_V = 3.0
-"""[V]."""
+"""Voltage of the step, beyond neutral [V]."""
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
-"""Of dead band, gains and rate limit; of the time constant; of the delay, two and a half physics steps."""
+"""Bands of dead band, gains and rate limit [-]; of the time constant [-]; of the delay, 2.5 physics steps [s]."""
 PHYSICS_S = 0.002
 
 
 class Law(NamedTuple):
-    """What was measured to one side."""
+    """Parameters identified to one side."""
 
     dead_band_v: float
     gain_l_min_v: float
@@ -70,14 +70,14 @@ def rolling(plant: Any, speed: float) -> Driver:
 
 
 def steady_rate(plant: Any, volts: float) -> float:
-    """Steering rate under `volts` beyond neutral, once the spool has arrived [rad/s]."""
+    """Steering rate under `volts` beyond neutral, once the spool has settled [rad/s]."""
     seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
     late = seen[round(0.8 / PHYSICS_S) :]
     return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Angle after a step of `STEP_V`: the spool's exponential, past the dead band, integrated; `gain` in rad/(s V)."""
+    """Angle after a step of `STEP_V`: the spool's exponential beyond the dead band, integrated; `gain` in rad/(s V)."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -99,13 +99,13 @@ def measure(plant: Any, side: int, displacement: float) -> Law:
 
 
 def oil_column(subject: str) -> float:
-    """What the cylinder adds to the delay [s]."""
+    """Delay that the cylinder adds [s]."""
     cylinder = Cylinder()
     return 0.0 if subject == BICYCLE else cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad
 
 
 def identification(subject: str, plant: Any) -> list[Check]:
-    """The valve's parameters, both sides."""
+    """Checks of the valve's parameters, both sides."""
     valve, cylinder = Valve(), Cylinder()
     limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
     checks = []
@@ -139,7 +139,7 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 
 
 def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
-    """Pressure parked and rolling."""
+    """Checks of the pressure, parked and rolling."""
     patch, front = plant.tyred.tyres.patch_half_length, plant.tractor.front_axle_load
     twisting = 2 / 3 * GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
@@ -165,12 +165,12 @@ def relief(tyre: Any) -> tuple[Check, MujocoPlant]:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """When the angle is first 2 degrees off its stop [s]."""
+    """Time at which the angle is first 2 degrees off its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """The same for a rigid cylinder under the valve's law, from its formulas [s]."""
+    """Time to leave the stop with a rigid cylinder under the valve's law, by formula [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0

@@ -33,44 +33,44 @@ from agrobot_mj.tyres import Linear
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02
-"""Of the steady gain: as close as the tests of the plant hold both plants together."""
+"""Band as a share of the steady gain [-]: as close as the tests of the plants hold both of them together."""
 TRANSIENT_BAND = 0.10
-"""Of the overshoot, a difference of numbers."""
+"""Band as a share of the overshoot, which is a difference of two values [-]."""
 
 
 class Step(NamedTuple):
-    """A response from the tick of the step on."""
+    """A response, from the tick of the step on."""
 
     t: Array
-    """[s]."""
+    """Time since the step [s]."""
     steer: Array
-    """[rad]."""
+    """Steering angle [rad]."""
     yaw_rate: Array
-    """[rad/s]."""
+    """Yaw rate [rad/s]."""
     gain: float
     """Steady yaw rate over steering angle [1/s]."""
 
     @property
     def response_s(self) -> float:
-        """From half the steering angle to 90 % of the yaw rate [s]."""
+        """Time from half the steering angle to 90 % of the yaw rate [s]."""
         return rise(self.t, self.yaw_rate, 0.9) - rise(self.t, self.steer, 0.5)
 
     @property
     def overshoot(self) -> float:
-        """Of the yaw rate over its steady value [-]."""
+        """Overshoot of the yaw rate over its steady value [-]."""
         steady = self.yaw_rate[-40:].mean()
         return float(self.yaw_rate.max() / steady - 1)
 
 
 def rise(t: Array, values: Array, share: float) -> float:
-    """When `values` first reach a share of their last [s], interpolated."""
+    """Time at which `values` first reach a share of their last value, interpolated [s]."""
     level = share * values[-40:].mean()
     k = int(np.argmax(values >= level))
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
 
 
 def swept(voltage: float) -> float:
-    """Angle that a rigid cylinder turns under a pulse of `voltage`, until the spool has come back [rad]."""
+    """Angle that a rigid cylinder turns under a pulse of `voltage`, until the spool is back at neutral [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -99,7 +99,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Steady gain on paper [1/s]; None for MuJoCo's contact."""
+    """Steady gain in theory [1/s]; None for MuJoCo's contact."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -158,10 +158,10 @@ def run(quick: bool = False) -> Findings:
         checks.append(About("step steer", "response time", subject, "s").reported(seen.response_s))
         about = About("step steer", "overshoot", subject, "%")
         if subject == Linear().kind:
-            overshoot, wanted, off = transient(seen)
+            overshoot, wanted, difference = transient(seen)
             checks.append(about.near(overshoot, wanted, TRANSIENT_BAND))
             about = About("step steer", "yaw rate off the bicycle with relaxation, rms", subject, "%")
-            checks.append(about.below(off, 100 * BAND))
+            checks.append(about.below(difference, 100 * BAND))
         else:
             checks.append(about.reported(100 * seen.overshoot))
     return Findings(checks, warnings(plant for _, plant, _ in plants), curves)

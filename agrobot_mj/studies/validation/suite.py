@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
 
-from agrobot_mj.simulation.storage import whole, write_json
+from agrobot_mj.simulation.storage import atomic, write_json
 from agrobot_mj.studies.validation import (
     antenna_lean,
     coasting,
@@ -39,36 +39,36 @@ MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
     "convergence": convergence.run,
     "soak": soak.run,
 }
-"""By the name that their checks bear, in the order of the page."""
+"""Manoeuvres by the name in their checks, in the order of the page."""
 
 
 def validate(
-    out: Path, quick: bool = False, told: Callable[[str, list[Check], float], None] | None = None
+    out: Path, quick: bool = False, on_finished: Callable[[str, list[Check], float], None] | None = None
 ) -> list[Check]:
     """Drive every manoeuvre and write the results into `out`; returns all checks, also those that failed.
 
-    `quick` takes a minute, the whole a few. `told` hears of each manoeuvre once it is done: its name, its checks and
-    the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
+    `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
+    and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
     found: dict[str, Findings] = {}
     for name, run in MANOEUVRES.items():
         began = time.perf_counter()
         found[name] = run(quick)
-        if told is not None:
-            told(name, found[name].checks, time.perf_counter() - began)
+        if on_finished is not None:
+            on_finished(name, found[name].checks, time.perf_counter() - began)
     warned = sum(findings.warnings for findings in found.values())
     checks = [check for findings in found.values() for check in findings.checks]
     checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
     write_figures(found, out / "images")
     write_json(out / "validation.json", [as_row(check) for check in checks])
     texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
-    with whole(out / "validation.md") as part:
+    with atomic(out / "validation.md") as part:
         part.write_text(page(checks, texts), encoding="utf-8")
     return checks
 
 
 def as_row(check: Check) -> dict[str, str | float | bool | None]:
-    """For JSON: the fields, with None for what is no finite number, and whether it passed."""
+    """The check for JSON: its fields, None for values that are not finite, and whether it passed."""
     fields = check._asdict().items()
     row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
     return {**row, "passed": check.passed}

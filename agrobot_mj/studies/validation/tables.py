@@ -1,4 +1,4 @@
-"""The checks as Markdown: a section a manoeuvre, with its text and a table theory / bicycle / MuJoCo on each tyre."""
+"""The checks as Markdown: one section per manoeuvre, with text and a table: theory / bicycle / MuJoCo on each tyre."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,11 +22,11 @@ FIGURES = {
 }
 """Manoeuvre to its figure and what that shows."""
 NEGLIGIBLE = 1e-3
-"""Smaller numbers are shown as less than this."""
+"""Magnitude below which a number is shown as less than this."""
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """The whole page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
+    """The complete page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands."
@@ -56,7 +56,7 @@ def _dedent(block: str) -> str:
 
 
 def table(checks: Sequence[Check]) -> str:
-    """One row a quantity, one column a subject."""
+    """Table of one row per quantity and one column per subject."""
     subjects = sorted(dict.fromkeys(check.subject for check in checks), key=lambda subject: subject != BICYCLE)
     quantities: dict[tuple[str, str], dict[str, Check]] = {}
     for check in checks:
@@ -86,7 +86,7 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """Four digits that count, no exponent."""
+    """A number with four significant digits and no exponent."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"

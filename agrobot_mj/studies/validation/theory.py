@@ -1,4 +1,4 @@
-"""The tractor on paper: loads, slip angles and tipping under a steady lateral acceleration, from parameters alone.
+"""Theory of the tractor: loads, slip angles and tipping under a steady lateral acceleration, from parameters alone.
 
 Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor a side slope
 `grade` with its left side uphill is the same as a bend to the left: a lateral acceleration a = g sin(grade) under
@@ -38,7 +38,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which the laws are read: rolling, clear of all that fades near standstill [m/s]."""
+"""Speed at which the laws are evaluated: rolling, well above the speeds at which their terms fade [m/s]."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -48,21 +48,21 @@ class Parts(NamedTuple):
     """The two bodies that the roll pivot joins."""
 
     body_kg: float
-    """m_b [kg]."""
+    """Mass m_b of the body [kg]."""
     body_x: float
-    """x_b [m]."""
+    """Longitudinal position x_b of the body's CG [m]."""
     body_z: float
-    """z_b [m]."""
+    """Height z_b of the body's CG [m]."""
     front_kg: float
-    """m_f: axle, knuckles and front wheels [kg]."""
+    """Mass m_f of axle, knuckles and front wheels [kg]."""
     front_z: float
-    """z_f [m]."""
+    """Height z_f of the CG of the front parts [m]."""
     pivot_z: float
-    """h_P [m]."""
+    """Height h_P of the pivot [m]."""
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """From the compiled model, at static load."""
+    """The two bodies of the compiled model, at static load."""
     model = tractor_spec(tractor, Cylinder(), Driveline()).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -78,9 +78,9 @@ class Loads(NamedTuple):
     """Wheel loads under a steady lateral acceleration."""
 
     wheels: Array
-    """fl, fr, rl, rr, shape (4,) [N]."""
+    """Loads of fl, fr, rl, rr, shape (4,) [N]."""
     lean: float
-    """phi, to the right [rad]."""
+    """Lean angle phi, to the right positive [rad]."""
 
 
 class Balance(NamedTuple):
@@ -88,13 +88,13 @@ class Balance(NamedTuple):
 
     loads: Loads
     front_slip: float
-    """Of the front wheels, positive where the force points left [rad]."""
+    """Slip angle of the front wheels, positive if the force points left [rad]."""
     rear_slip: float
-    """Of the rear wheels [rad]."""
+    """Slip angle of the rear wheels, positive if the force points left [rad]."""
 
 
 class Tractor:
-    """A tractor on one kind of tyre, on paper."""
+    """Steady states of a tractor on one kind of tyre, in theory."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
@@ -105,7 +105,7 @@ class Tractor:
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
     def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
-        """Wheel loads; `front_force` is F_f and `shift` what moves from the front to the rear axle [N]."""
+        """Wheel loads; `front_force` is F_f, and `shift` the load that moves from the front to the rear axle [N]."""
         p, b = self.p, self.parts
         L, T, k = p.wheelbase_m, p.track_m, p.rear_tyre_stiffness_n_m
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
@@ -125,7 +125,7 @@ class Tractor:
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Law of wheel `i`, and its rolling tyre at these slips and load."""
+        """Law of wheel `i`, and the state of its rolling tyre at these slips and this load."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
@@ -135,7 +135,7 @@ class Tractor:
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """rho_i N_i [N]: rolling resistance, and what soil adds at the slip that towing the wheel against it takes."""
+        """Rolling resistance rho_i N_i plus, on soil, the drag of the slip at which a towed wheel overcomes it [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -177,7 +177,7 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Moment of the patches against turning with the path: each twists by the curvature times its length [N m]."""
+        """Moment of the patches against turning with the path [N m]: each twists by the curvature times its length."""
         half = self.tyres.patch_half_length
         return float(2 / 3 * GRIP * loads.sum() * half * min(2 * half * abs(curvature) / SLIDE, 1.0))
 
@@ -198,7 +198,8 @@ class Tractor:
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """K of the line delta = delta_0 + K a_y through steady bends of `radius` [m] at `speeds` [m/s]; [rad s2/m]."""
+        """Gradient K [rad s2/m] of the line delta = delta_0 + K a_y, in steady bends of `radius` [m] at `speeds`
+        [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -223,6 +224,6 @@ class Tractor:
 
 
 def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
-    """K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    """Gradient K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)

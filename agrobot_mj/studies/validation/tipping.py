@@ -22,17 +22,17 @@ FROM_DEG, TO_DEG = 22.0, 45.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
 """Rates of tilting below and above `FROM_DEG`: quasi-static where it counts."""
 SLID_M = 1.0
-"""Beyond what the carcasses give way [m]."""
+"""Sliding distance from which the tractor slides, beyond the deflection of the carcasses [m]."""
 BAND_DEG = 2.0
 
 
 class Tilt(NamedTuple):
-    """How a tilt ended."""
+    """End of a tilt."""
 
     lifted_deg: float
     """Slope at which the upper rear wheel last touched the ground [deg]."""
     slid_deg: float | None
-    """Slope at which the tractor had slid `SLID_M`, if it did before it tipped [deg]."""
+    """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool) -> Tilt:

@@ -52,7 +52,9 @@ def written(tmp_path_factory):
             patch.setattr(module, "level_plants", lambda: level_plants(only_linear=True))
         patch.setattr(suite, "MANOEUVRES", {name: suite.MANOEUVRES[name] for name in names} | broken)
         told = []
-        checks = suite.validate(out, quick=True, told=lambda name, checks, seconds: told.append((name, len(checks))))
+        checks = suite.validate(
+            out, quick=True, on_finished=lambda name, checks, seconds: told.append((name, len(checks)))
+        )
     return out, checks, told
 
 
