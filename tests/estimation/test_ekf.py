@@ -197,7 +197,7 @@ def test_yaw_rate_sources():
     kinematic = steps["kinematic"].estimate
     assert kinematic.yaw_rate == pytest.approx(kinematic.speed * tan(0.15) / 1.4, rel=5 * STEER_NOISE / 0.15)
     assert kinematic.yaw_rate != steps["ekf"].estimate.yaw_rate
-    assert [Ekf(yaw_rate_source=s).needs_gyro for s in steps] == [False, False, True]
+    assert [Ekf(yaw_rate_source=s).needs for s in steps] == [{}, {}, {"gyro": 'yaw_rate_source: "gyro"'}]
 
 
 def test_an_update_depends_on_its_arguments_alone():
