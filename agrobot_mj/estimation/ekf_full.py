@@ -76,11 +76,11 @@ class EkfFull(StateEstimator):
     """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
     steer_sigma_deg_s: Positive = 1.0
     """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate: tyres lag in a bend."""
-    rear_compliance_deg_s2_m: NonNegative = 0.8
+    rear_compliance_deg_s2_m: NonNegative = 0.7
     """Sideslip of R per specific side force [deg s2/m]. Estimate: rear mass over cornering stiffness, firm ground."""
-    position_walk_m_rt_s: Positive = 0.005
+    position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate: sway."""
-    yaw_walk_deg_rt_s: Positive = 0.1
+    yaw_walk_deg_rt_s: Positive = 0.05
     """Random walk of the heading: sideslip that is not modelled [deg/sqrt(s)]. Estimate."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Estimate (pedal)."""
@@ -90,7 +90,7 @@ class EkfFull(StateEstimator):
     """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
-    wheel_scale_walk_rt_s: Positive = 0.002
+    wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate: slip changes with the ground."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the position given to `init` [m]. Estimate."""

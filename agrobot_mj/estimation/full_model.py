@@ -10,8 +10,8 @@
 chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
 side slope [m/s2], known with an IMU only; c is the compliance of the rear tyres [rad s2/m]. Without a the heading takes
 up the crab of a slope. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the
-biases and k are random walks. A step is the midpoint rule, of third order in a turn, where the Euler step of the paper's EKF
-turns half a tick too late. Measurements, each a row of innovation, Jacobian and variance:
+biases and k are random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a
+tick too late. Measurements, each a row of innovation, Jacobian and variance:
 
     gyro = omega + b_g,    wheel speed = (1 + k) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
     fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    at a standstill 0 = v, 0 = omega

@@ -34,8 +34,8 @@ class WheelSpeed(Sensor):
     """White noise of a reading [m/s]. Estimate: 1-3 cm/s, pulses within a tick."""
     scale_error: float = 0.02
     """Constant relative error: believed over true radius, less one [-]. Estimate (0-0.05: wear, pressure)."""
-    slip_sigma: NonNegative = 0.005
-    """Slow slip, relative to the speed [-]. Estimate (0.002-0.02)."""
+    slip_sigma: NonNegative = 0.002
+    """Slow slip, relative to the speed [-]. Estimate: a tenth of the mean slip of a tractor without draught (0.001-0.01)."""
     slip_time_s: Positive = 10.0
     """Correlation time of the slow slip [s]. Estimate: ten metres of ground."""
     least_speed_m_s: NonNegative = 0.03
