@@ -35,7 +35,7 @@ class WheelSpeed(Sensor):
     scale_error: float = 0.02
     """Constant relative error: believed over true radius, less one [-]. Estimate (0-0.05: wear, pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Slow slip, relative to the speed [-]. Estimate: a tenth of the mean slip of a tractor without draught (0.001-0.01)."""
+    """Slow slip, relative to the speed [-]. Estimate: a tenth of the mean slip without draught (0.001-0.01)."""
     slip_time_s: Positive = 10.0
     """Correlation time of the slow slip [s]. Estimate: ten metres of ground."""
     least_speed_m_s: NonNegative = 0.03

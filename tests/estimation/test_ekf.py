@@ -97,7 +97,7 @@ def test_estimates_are_closer_than_fixes():
     assert degrees(rms[2]) < 0.4
 
 
-def test_the_stated_uncertainty_is_honest_or_a_little_cautious():
+def test_against_white_noise_the_stated_uncertainty_is_honest_or_a_little_cautious():
     """Mean normalised squared position error: 2 expected, less since there is no walk in this truth."""
     nees = []
     for seed in range(4):

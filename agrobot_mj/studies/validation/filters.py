@@ -2,8 +2,8 @@
 tables of docs/estimators.md.
 
 A drive is the truth of a run of the paper's stack, recorded once. Sensors with other seeds measure it again and an
-estimator follows, at a tenth of the cost of the run: twenty seeds per case for `ekf_full`, over four drives. Gyro, wheel speed and
-inertial unit are on, with the errors of `SENSORS`.
+estimator follows, at a tenth of the cost of the run: twenty seeds per case for `ekf_full`, over four drives. Gyro,
+wheel speed and inertial unit are on, with the errors of `SENSORS`.
 """
 
 import sys
@@ -198,15 +198,17 @@ LOSS_STARTS_S = (25.0, 75.0)
 HEADINGS_DEG = (0, 45, 90, 135, 180, -90)
 """Errors of the start heading [deg]."""
 
+HEADS = (
+    *("case", "estimator", "position [cm]", "heading [deg]", "course [deg]", "yaw rate [deg/s]"),
+    *("NEES", "NIS", "time [us]"),
+)
+
 
 def main() -> None:
     """Print the tables."""
     say = sys.stdout.write
     drives: dict[str, list[RecordedDrive]] = {}
-    say(
-        "| case | estimator | position [cm] | heading [deg] | course [deg] | yaw rate [deg/s] | NEES | NIS | time [us] |\n"
-    )
-    say("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n")
+    say(f"| {' | '.join(HEADS)} |\n| --- | --- |{' ---: |' * (len(HEADS) - 2)}\n")
     for case, (run, keys, day) in CASES.items():
         key = str(run)
         drives[key] = drives.get(key) or [record("figure_eight", {**run, "seed": k + 1}) for k in range(DRIVES)]
