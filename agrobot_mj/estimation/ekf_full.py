@@ -56,6 +56,8 @@ class EkfFull(StateEstimator):
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
     """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
+    imu_wander_sigma_deg: NonNegative = 0.2
+    """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
@@ -122,25 +124,8 @@ class EkfFull(StateEstimator):
         """Health, gates and slow errors."""
         return HEALTH_COLUMNS + COLUMNS
 
-    @property
-    def levels(self) -> dict[str, float]:
-        """Keys of the noise in SI units, by their names in `FullLevels`."""
-        return {
-            "compliance": radians(self.rear_compliance_deg_s2_m),
-            "gyro_sigma": radians(self.gyro_sigma_deg_s),
-            "wheel_sigma": self.wheel_sigma_m_s,
-            "steer_sigma": radians(self.steer_sigma_deg_s),
-            "velocity_sigma": self.gnss_velocity_sigma_m_s,
-        }
-
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
         """Standing at R = (x, y) [m]; the heading `yaw` [rad] is only where the search for it begins."""
-        walks = (
-            *(self.position_walk_m_rt_s, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)),
-            *(self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)),
-            *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
-            self.wheel_scale_walk_rt_s,
-        )
         s, v, gamma = self.initial_position_sigma_m, 0.2, radians(1.0)
         sigmas = (
             *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
@@ -148,11 +133,12 @@ class EkfFull(StateEstimator):
         )
         mean = np.zeros(N)
         mean[:3] = x, y, yaw + radians(self.initial_yaw_error_deg)
-        gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, self._ticks)
+        patience = max(1, round(self.gate_patience_s / TICK_S))
+        gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, patience)
         return FullState(
             filter=FullFilter(
-                FullLevels(wheelbase=tractor.wheelbase_m, walks=walks, **self.levels),
-                self._fix_noises(),
+                self._levels(tractor),
+                self._fix_noises(tractor.antenna_height_m),
                 gates,
                 tractor.antenna_height_m if self.terrain_compensation else 0.0,
                 self.swing_filter_s,
@@ -162,17 +148,31 @@ class EkfFull(StateEstimator):
             health=Health(),
         )
 
-    @property
-    def _ticks(self) -> int:
-        return max(1, round(self.gate_patience_s / TICK_S))
+    def _levels(self, tractor: TractorParameters) -> FullLevels:
+        """Noise in SI units."""
+        return FullLevels(
+            wheelbase=tractor.wheelbase_m,
+            compliance=radians(self.rear_compliance_deg_s2_m),
+            walks=(
+                *(self.position_walk_m_rt_s, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)),
+                *(self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)),
+                *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
+                self.wheel_scale_walk_rt_s,
+            ),
+            gyro_sigma=radians(self.gyro_sigma_deg_s),
+            wheel_sigma=self.wheel_sigma_m_s,
+            steer_sigma=radians(self.steer_sigma_deg_s),
+            velocity_sigma=self.gnss_velocity_sigma_m_s,
+        )
 
-    def _fix_noises(self) -> dict[int, FixNoise]:
-        """Error of a fix by its quality."""
+    def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
+        """Error at R of a fix by its quality, for an `antenna` of that height [m] with a slow error of its lean."""
+        lean = radians(self.imu_wander_sigma_deg) * antenna if self.terrain_compensation else 0.0
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
         return {
-            Quality.FIX: _fix_noise(s, fixed, self.gnss_correlation_time_s),
-            Quality.FLOAT: _fix_noise(s_float, floating, self.gnss_float_correlation_time_s),
+            Quality.FIX: _fix_noise(s, fixed, lean, self.gnss_correlation_time_s),
+            Quality.FLOAT: _fix_noise(s_float, floating, lean, self.gnss_float_correlation_time_s),
         }
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
@@ -219,6 +219,6 @@ class EkfFull(StateEstimator):
         )
 
 
-def _fix_noise(sigma: float, share: float, correlation_time: float) -> FixNoise:
-    """Split of the error of a fix, of standard deviation `sigma` [m], at a `share` of its variance."""
-    return FixNoise(sigma * sqrt(share), sigma * sqrt(1.0 - share), correlation_time)
+def _fix_noise(sigma: float, share: float, lean: float, correlation_time: float) -> FixNoise:
+    """Split of the error of a fix, `sigma` [m], at a `share` of its variance; `lean` [m] is slow, too."""
+    return FixNoise(sqrt(sigma * sigma * share + lean * lean), sigma * sqrt(1.0 - share), correlation_time)

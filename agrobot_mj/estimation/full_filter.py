@@ -3,9 +3,10 @@
 All that the filter believes stands in `Core`; filterpy's object is a workspace only. A tick predicts, then corrects by
 all rows at once: gyro, wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
 
-Gates: a pair of innovations is rejected where it is both improbable (`gate_sigma`) and larger than a floor, below which
-sway of the antenna is nothing unusual. Rejections in a row for `gate_patience_s` mean that the filter is wrong: the
-position restarts from the fix, and after refused velocities the yaw is searched anew.
+Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
+sway of the antenna is nothing unusual. Refusals in a row for `gate_patience_s` mean that the filter is wrong: the
+position restarts from the fix, and after refused velocities the yaw is searched anew. Wheels whose speed is off the
+fix's by more than that floor spin or slide, and are not heard.
 
 Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
 velocities V to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any start and in
@@ -15,7 +16,7 @@ reverse too; its standard deviation is that of a velocity over sqrt(sum(w^2)).
 from cmath import exp as turn
 from cmath import phase
 from functools import lru_cache
-from math import isfinite, radians, sin, sqrt
+from math import hypot, isfinite, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +29,8 @@ from agrobot_mj.estimation.full_model import (
     PSI,
     FixNoise,
     FullLevels,
+    MeasurementRow,
     N,
-    Row,
     X,
     Y,
     course,
@@ -178,9 +179,12 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             standing=core.standing + 1 if still else 0,
             nis=float("nan"),
         )
-        rows = self._motion_rows(core, inputs)
         if fix is not None:
             fix = fix if core.lever is None else at_foot(fix, core.lever)
+            if abs(hypot(fix.vx, fix.vy) - abs(inputs.wheel)) > self.gates.velocity:
+                inputs = inputs._replace(wheel=float("nan"))
+        rows = self._motion_rows(core, inputs)
+        if fix is not None:
             core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
             rows += more
         return self._correct(core, rows)
@@ -192,7 +196,7 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         now = offset(self.antenna, inputs.roll, inputs.pitch, float(self.x[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
-    def _motion_rows(self, core: Core, inputs: Inputs) -> list[Row]:
+    def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
         """What gyro, wheels and steering tell, as far as they do."""
         mean, levels = core.mean, self.levels
         rows = [steer_row(mean, inputs.steer, levels)] if isfinite(inputs.steer) else []
@@ -202,7 +206,7 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, levels))
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
-    def _judge(self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise) -> tuple[Core, list[Row]]:
+    def _judge(self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise) -> tuple[Core, list[MeasurementRow]]:
         """Core and rows after a look at the fix of R."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
@@ -230,11 +234,11 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def _searched(
         self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
-    ) -> tuple[Core, list[Row]]:
+    ) -> tuple[Core, list[MeasurementRow]]:
         """The position that of the fix, and the search one velocity further."""
         core = _at(core, fix, noise)._replace(accepted_t=inputs.t)
-        w = inputs.wheel if isfinite(inputs.wheel) else sqrt(fix.vx**2 + fix.vy**2)
-        if abs(w) > SEARCH_SPEED:
+        w = inputs.wheel
+        if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
             chi = course(core.mean, self.levels, inputs.side)
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
@@ -243,7 +247,7 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         mean[PSI] += phase(search.total)
         return core._replace(mean=mean, covariance=_alone(core.covariance, PSI, ALIGNED_SIGMA), search=None), []
 
-    def _correct(self, core: Core, rows: list[Row]) -> Core:
+    def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
         """Mean and covariance corrected by all rows at once."""
         if not rows:
             return core
@@ -257,9 +261,9 @@ class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         return core._replace(mean=self.x, covariance=self.P)
 
 
-def _size(pair: list[Row]) -> float:
+def _size(pair: list[MeasurementRow]) -> float:
     """Length of an innovation."""
-    return sqrt(pair[0].innovation ** 2 + pair[1].innovation ** 2)
+    return hypot(pair[0].innovation, pair[1].innovation)
 
 
 def _alone(covariance: Array, index: int, sigma: float) -> Array:

@@ -58,7 +58,7 @@ class FixNoise(NamedTuple):
     """Correlation time of the correlated part [s]."""
 
 
-class Row(NamedTuple):
+class MeasurementRow(NamedTuple):
     """One scalar measurement, linearised."""
 
     innovation: float
@@ -115,54 +115,56 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float) -> tup
     return decay, np.diag(q)
 
 
-def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> Row:
+def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
     """The gyro's yaw rate [rad/s]."""
-    return Row(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
+    return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
 
 
-def wheel_row(mean: Array, wheel: float, pitch: float, levels: FullLevels) -> Row:
+def wheel_row(mean: Array, wheel: float, pitch: float, levels: FullLevels) -> MeasurementRow:
     """The wheels' speed along the ground [m/s], which `pitch` [rad] makes longer than its plan."""
     v, scale = float(mean[V]), (1.0 + float(mean[K])) / cos(pitch)
-    return Row(wheel - scale * v, {V: scale, K: v / cos(pitch)}, levels.wheel_sigma**2)
+    return MeasurementRow(wheel - scale * v, {V: scale, K: v / cos(pitch)}, levels.wheel_sigma**2)
 
 
-def steer_row(mean: Array, steer: float, levels: FullLevels) -> Row:
+def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
     """The steering angle [rad] as a statement on the yaw rate."""
     v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
     per_speed = tan(delta) / L
     jacobian = {OMEGA: 1.0, V: -per_speed, B_S: v * (1.0 + tan(delta) ** 2) / L}
-    return Row(v * per_speed - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
+    return MeasurementRow(v * per_speed - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
 
 
-def standing_rows(mean: Array) -> list[Row]:
+def standing_rows(mean: Array) -> list[MeasurementRow]:
     """A tractor that stands neither moves nor turns."""
     return [
-        Row(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
-        Row(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
+        MeasurementRow(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
+        MeasurementRow(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
     ]
 
 
-def position_rows(mean: Array, fix: Fix, noise: FixNoise) -> list[Row]:
+def position_rows(mean: Array, fix: Fix, noise: FixNoise) -> list[MeasurementRow]:
     """Position of a fix at R [m]."""
     s, r = noise.correlated, noise.white**2
     return [
-        Row(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s}, r),
-        Row(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s}, r),
+        MeasurementRow(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s}, r),
+        MeasurementRow(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s}, r),
     ]
 
 
-def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> list[Row]:
+def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> list[MeasurementRow]:
     """Velocity of a fix at R [m/s]."""
     v, omega, c, chi = float(mean[V]), float(mean[OMEGA]), levels.compliance, course(mean, levels, side)
     east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2
     by_v, by_omega = -c * omega, -c * v  # of chi
     return [
-        Row(fix.vx - v * east, {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}, r),
-        Row(fix.vy - v * north, {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}, r),
+        MeasurementRow(
+            fix.vx - v * east, {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}, r
+        ),
+        MeasurementRow(fix.vy - v * north, {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}, r),
     ]
 
 
-def squared_innovation(pair: list[Row], covariance: Array) -> float:
+def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
     """NIS of a pair of rows against the covariance (10, 10) of the states [-]."""
     (a, b), P = pair, covariance
     s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance

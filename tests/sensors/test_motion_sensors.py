@@ -76,6 +76,6 @@ def test_the_plants_tell_the_speed_of_their_wheels(plant):
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
     for _ in range(200):
-        loop.advance(loop.tick()[0])
+        loop.advance(loop.tick().drive)
     ratio = loop.truth.wheel_speed / loop.truth.speed
     assert ratio == 1.0 if plant == "bicycle" else 1.0 < ratio < 1.08

@@ -81,7 +81,7 @@ def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -
     loop, truths = Loop(load_scenario(name, {**SENSORS, **overrides, "duration_s": duration})), []
     for _ in range(loop.scenario.ticks):
         truths.append(loop.truth)
-        loop.advance(loop.tick()[0])
+        loop.advance(loop.tick().drive)
     return RecordedDrive(loop.scenario, truths)
 
 
