@@ -77,6 +77,8 @@ class Truth(NamedTuple):
     """Steering angle after each physics step of the last tick, oldest first, shape (n,) [rad]."""
     pedal_samples: Array
     """Pedal position after each physics step of the last tick, oldest first, shape (n,) [-]."""
+    wheel_speed: float = nan
+    """Mean circumferential speed of the rear wheels: spin times free radius, forward positive [m/s]."""
 
 
 class Fix(NamedTuple):
@@ -90,6 +92,8 @@ class Fix(NamedTuple):
     """Velocity, east [m/s]."""
     vy: float
     """Velocity, north [m/s]."""
+    t: float = nan
+    """Time at which the antenna was there, since the start; NaN if the receiver does not say [s]."""
 
 
 class Quality:
@@ -166,6 +170,8 @@ class Measurement(NamedTuple):
     """Roll from the inertial unit, left side up positive; NaN without one [rad]."""
     pitch: float = nan
     """Pitch from the inertial unit, nose down positive; NaN without one [rad]."""
+    wheel_speed: float = nan
+    """Speed of the driven wheels from their sensor, forward positive; NaN without one [m/s]."""
     readings: Mapping[str, Any] = MappingProxyType({})
     """Readings of all sensors, by their names in `[sensors]`."""
 
@@ -178,11 +184,11 @@ class Estimate(NamedTuple):
     y: float
     """CG, north [m]."""
     yaw: float
-    """Heading, wrapped to (-pi, pi] [rad]."""
+    """Heading, or the course of R where the estimator finds that one, wrapped to (-pi, pi] [rad]."""
     speed: float
-    """Velocity along the heading [m/s]."""
+    """Velocity of R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
-    """Yaw rate from the source that `estimator.yaw_rate_source` names [rad/s]."""
+    """Yaw rate [rad/s]."""
     rear_x: float
     """R, east [m]."""
     rear_y: float
@@ -193,8 +199,16 @@ class Estimate(NamedTuple):
     """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
     steer_bias: float = nan
     """What the steering angle reads beyond what the motion shows, left positive; NaN if not estimated [rad]."""
+    sideslip: float = 0.0
+    """Course of R less heading, where `yaw` is the course; 0 if not told apart [rad]."""
     aligned: bool = True
-    """Whether the heading is known; False while a filter that starts without one still seeks it."""
+    """Whether the yaw has been found; until then it is what was given at the start."""
+    fix_age: float = nan
+    """Age of the newest fix that was accepted, time since the start before the first [s]."""
+    position_sigma: float = nan
+    """Standard deviation of R in the direction of its largest uncertainty [m]."""
+    nis_mean: float = nan
+    """NIS of the position smoothed over some seconds, 2 if consistent [-]."""
 
 
 class Reference(NamedTuple):

@@ -4,14 +4,17 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.estimation.base import EstimatorState
+from agrobot_mj.estimation.base import StateEstimator
 from agrobot_mj.estimation.ekf import Ekf
 from agrobot_mj.estimation.ekf_bias import EkfBias
+from agrobot_mj.estimation.ekf_full import EkfFull
+from agrobot_mj.estimation.pose_estimator import EstimatorState
 
 Estimator = Annotated[
     Ekf
-    | EkfBias,
+    | EkfBias
+    | EkfFull,
     Field(discriminator="kind"),
 ]  # fmt: skip
 
-__all__ = ["Ekf", "EkfBias", "Estimator", "EstimatorState"]
+__all__ = ["Ekf", "EkfBias", "EkfFull", "Estimator", "EstimatorState", "StateEstimator"]

@@ -29,7 +29,7 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.base import PoseEstimator
+from agrobot_mj.estimation.pose_estimator import PoseEstimator
 from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.machine.tractor import TractorParameters
 

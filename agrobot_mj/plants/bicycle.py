@@ -253,6 +253,7 @@ class BicyclePlant:
             antenna_velocity=(vx, vy, 0.0),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
+            wheel_speed=u,
         )
 
     def poses(self) -> Array:

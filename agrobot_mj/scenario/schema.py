@@ -132,10 +132,11 @@ def _misfits(s: Scenario) -> list[str]:
     if s.plant.kind == "bicycle":
         found += _beyond_the_bicycle(s)
     found += clashes(s.fault)
-    if s.estimator.needs_gyro and not s.sensors.gyro.enabled:
-        found.append('estimator.yaw_rate_source: "gyro" needs sensors.gyro.enabled = true')
-    if s.estimator.needs_imu and not s.sensors.imu.enabled:
-        found.append("estimator.terrain_compensation: needs sensors.imu.enabled = true")
+    found += [
+        f"estimator.{why} needs sensors.{name}.enabled = true"
+        for name, why in s.estimator.needs.items()
+        if not getattr(s.sensors, name).enabled
+    ]
     return found
 
 

@@ -6,6 +6,7 @@ from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
 from agrobot_mj.sensors.suite import Sensors, SensorState
+from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
 __all__ = [
     "Gnss",
@@ -17,4 +18,5 @@ __all__ = [
     "SensorState",
     "Sensors",
     "SteeringPotentiometer",
+    "WheelSpeed",
 ]

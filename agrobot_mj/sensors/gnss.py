@@ -103,6 +103,7 @@ class Gnss(Sensor):
             y=y + dy + slow * correlated[1] + fast * white[1],
             vx=vx + self.velocity_sigma_m_s * white[2],
             vy=vy + self.velocity_sigma_m_s * white[3],
+            t=truth.t,
         )
 
 

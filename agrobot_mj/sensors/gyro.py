@@ -1,6 +1,10 @@
-"""Yaw rate gyro: truth plus constant bias plus white noise. Radians per second, keys in degrees per second."""
+"""Yaw rate gyro: truth + constant bias + random walk of the bias + white noise.
 
-from math import nan, radians
+Radians per second, keys in degrees per second. The walk has a random stream of its own and starts from zero.
+"""
+
+from math import nan, radians, sqrt
+from typing import NamedTuple
 
 from numpy.random import Generator
 
@@ -8,6 +12,17 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Column, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative
 from agrobot_mj.sensors.base import Sensor
+
+
+class GyroState(NamedTuple):
+    """The gyro between two ticks."""
+
+    generator: Generator
+    """Random stream of the white noise; advances in place."""
+    walk_generator: Generator
+    """Random stream of the bias; advances in place."""
+    walk_deg_s: float = 0.0
+    """Bias beyond the constant one [deg/s]."""
 
 
 class Gyro(Sensor):
@@ -19,21 +34,26 @@ class Gyro(Sensor):
     """White noise of a reading [deg/s]. Estimate (MEMS, averaged over a tick)."""
     bias_deg_s: float = 0.0
     """Constant error [deg/s]. Estimate."""
+    bias_walk_deg_s_rt_s: NonNegative = 0.002
+    """Random walk of the bias [deg/s/sqrt(s)]. Estimate (MEMS: 0.02 deg/s in 100 s, as it warms up)."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """The reading, where there is a gyro."""
         return (Column("gyro", "rad/s", "yaw rate from the gyro"),) if self.enabled else ()
 
-    def init(self, seed: int) -> Generator:
-        """Its random stream, which advances in place."""
-        return stream(seed, "gyro")
+    def init(self, seed: int) -> GyroState:
+        """No walk yet."""
+        return GyroState(stream(seed, "gyro"), stream(seed, "gyro.bias"))
 
-    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
+    def measure(self, state: GyroState, truth: Truth, conditions: Conditions, dt: float) -> tuple[GyroState, float]:
         """Yaw rate [rad/s]."""
         if not self.enabled:
             return state, nan
-        return state, truth.yaw_rate + radians(self.bias_deg_s + self.sigma_deg_s * state.standard_normal())
+        generator, walk_generator, walk = state
+        walk += self.bias_walk_deg_s_rt_s * sqrt(dt) * walk_generator.standard_normal()
+        error = self.bias_deg_s + walk + self.sigma_deg_s * generator.standard_normal()
+        return GyroState(generator, walk_generator, walk), truth.yaw_rate + radians(error)
 
     def report(self, reading: float) -> tuple[float, ...]:
         """The reading, where there is a gyro."""

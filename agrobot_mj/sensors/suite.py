@@ -13,6 +13,7 @@ from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
+from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
 
 class SensorState(NamedTuple):
@@ -37,6 +38,8 @@ class Sensors(Spec):
     """Yaw rate, off by default."""
     imu: Imu = Imu()
     """Roll and pitch, off by default."""
+    wheel_speed: WheelSpeed = WheelSpeed()
+    """Speed of the driven wheels, off by default."""
 
     @property
     def all(self) -> dict[str, Sensor]:
@@ -69,6 +72,7 @@ class Sensors(Spec):
             gyro=readings["gyro"],
             roll=imu.roll,
             pitch=imu.pitch,
+            wheel_speed=readings["wheel_speed"],
             readings=readings,
         )
         return SensorState(states, readings), measurement

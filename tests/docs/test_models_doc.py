@@ -35,6 +35,8 @@ def entries() -> list[Entry]:
         tables, several = table.split("."), brackets == "[["
         item: Any = {"kind": kind} if kind else {}
         data = reduce(lambda inner, name: {name: inner}, reversed(tables), [item] if several else item)
+        if tables[0] == "estimator":
+            data["sensors"] = {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}
         part: Any = reduce(getattr, tables, resolve(data, "docs"))
         part = part[0] if several else part
         for key, value, source in ROW.findall(body):

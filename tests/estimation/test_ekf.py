@@ -97,7 +97,7 @@ def test_estimates_are_closer_than_fixes():
     assert degrees(rms[2]) < 0.4
 
 
-def test_the_stated_uncertainty_is_honest_or_a_little_cautious():
+def test_against_white_noise_the_stated_uncertainty_is_honest_or_a_little_cautious():
     """Mean normalised squared position error: 2 expected, less since there is no walk in this truth."""
     nees = []
     for seed in range(4):
@@ -197,7 +197,7 @@ def test_yaw_rate_sources():
     kinematic = steps["kinematic"].estimate
     assert kinematic.yaw_rate == pytest.approx(kinematic.speed * tan(0.15) / 1.4, rel=5 * STEER_NOISE / 0.15)
     assert kinematic.yaw_rate != steps["ekf"].estimate.yaw_rate
-    assert [Ekf(yaw_rate_source=s).needs_gyro for s in steps] == [False, False, True]
+    assert [Ekf(yaw_rate_source=s).needs for s in steps] == [{}, {}, {"gyro": 'yaw_rate_source: "gyro"'}]
 
 
 def test_an_update_depends_on_its_arguments_alone():

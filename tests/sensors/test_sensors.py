@@ -102,7 +102,7 @@ def errors(gnss, ticks, quality=Quality.FIX):
     for _ in range(ticks):
         state, (fix, _) = gnss.measure(state, now, NOMINAL._replace(gnss_quality=quality), DT)
         fixes.append(fix)
-    return np.array(fixes) - [*now.antenna[:2], *now.antenna_velocity[:2]]
+    return np.array(fixes)[:, :4] - [*now.antenna[:2], *now.antenna_velocity[:2]]
 
 
 def covariances(error, lags):
@@ -151,7 +151,7 @@ def test_the_error_starts_in_its_stationary_distribution():
 
 def test_it_is_the_antenna_that_is_measured():
     fix = record(Sensors(gnss=PERFECT), 1)[0].fix
-    assert fix == (10.0, -5.0, 1.1, 0.4)
+    assert fix == (10.0, -5.0, 1.1, 0.4, 0.0)
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 4])
@@ -169,6 +169,7 @@ def test_latency_delivers_the_solution_whole_ticks_later(ticks):
             assert (measurement.fix, measurement.quality) == (None, Quality.NONE)
         else:
             assert (measurement.fix.x, measurement.quality) == (k - ticks, Quality.FIX)
+            assert measurement.fix.t == pytest.approx((k - ticks) * DT)
 
 
 def test_latency_that_is_no_whole_number_of_ticks_is_refused():
@@ -213,7 +214,7 @@ def test_seed_decides_everything():
 def test_no_two_channels_share_their_noise():
     gnss, n = Gnss(correlated_fraction=0.5, correlation_time_s=DT), 2000
     log = record(Sensors(gnss=gnss, gyro=Gyro(enabled=True)), n, state_of=lambda k: truth())
-    channels = np.array([[*m.fix, m.steer, m.pedal, m.gyro] for m in log]).T
+    channels = np.array([[*m.fix[:4], m.steer, m.pedal, m.gyro] for m in log]).T
     assert np.abs(np.corrcoef(channels) - np.eye(7)).max() < 6 / sqrt(n)
 
 

@@ -25,6 +25,7 @@ def truth(k):
         antenna_velocity=(1.2, 0.0, 0.0),
         steer_samples=np.full(25, 0.1),
         pedal_samples=np.full(25, 0.5),
+        wheel_speed=1.2,
     )
 
 

@@ -172,6 +172,7 @@ class MujocoPlant:
             antenna_velocity=(motion[9], motion[10], motion[11]),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
+            wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
         )
 
     def poses(self) -> Array:

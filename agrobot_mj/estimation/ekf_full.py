@@ -1,0 +1,224 @@
+"""Estimator for guidance: one EKF over pose, motion and all slow errors, fed by GNSS, gyro, wheel speed and steering.
+
+`full_model` holds the ten states and the measurements, `full_filter` a tick with gates and alignment, `horizon` the use
+of late fixes. The start heading is not trusted: the yaw counts as found once the tractor has moved a metre or two, and
+`Estimate.aligned` says so. `Estimate.yaw` is the course of R, which a path follower steers; less `sideslip` it is the
+heading. The two differ by the slip of the rear tyres, modelled from the side force, whose part from gravity on a
+side slope needs the IMU (`terrain_compensation`); without it the heading takes up the crab. Not in the paper.
+"""
+
+from math import nan, radians, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quality
+from agrobot_mj.core.spec import Fraction, NonNegative, Positive
+from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
+from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, Core, FullFilter, Gates, Inputs
+from agrobot_mj.estimation.full_model import B_G, B_S, FixNoise, FullLevels, K, N
+from agrobot_mj.estimation.horizon import Horizon, Present, present
+from agrobot_mj.estimation.lever_arm import offset
+from agrobot_mj.machine.tractor import TractorParameters
+
+COLUMNS = (
+    Column("aligned", "-", "whether the yaw has been found, 0 or 1"),
+    Column("sideslip_hat", "rad", "estimated course of R less heading"),
+    Column("gyro_bias_hat", "rad/s", "estimated bias of the gyro"),
+    Column("wheel_scale_hat", "-", "estimated relative error of the wheel speed"),
+    Column("rejected_positions", "-", "positions of fixes refused by the gate since the start"),
+    Column("rejected_velocities", "-", "velocities of fixes refused by the gate since the start"),
+    Column("estimator_restarts", "-", "restarts of the position or the alignment since the start"),
+)
+
+
+class FullState(NamedTuple):
+    """The estimator between two ticks."""
+
+    filter: FullFilter
+    """Workspace that `init` prepares; keeps nothing between ticks."""
+    cg: tuple[float, float, float]
+    """CG from R in vehicle axes: l_r, 0, height [m]."""
+    horizon: Horizon
+    """Beliefs, and the readings newer than they."""
+    health: Health
+    """Diagnostics without the truth."""
+    estimate: Estimate | None = None
+    """Estimate of the last tick, None before the first."""
+
+
+class EkfFull(StateEstimator):
+    """Ten states, gates, alignment and late fixes; `[estimator] kind = "ekf_full"`."""
+
+    kind: Literal["ekf_full"] = "ekf_full"
+    terrain_compensation: bool = False
+    """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU)."""
+    swing_filter_s: NonNegative = 0.1
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
+    imu_wander_sigma_deg: NonNegative = 0.2
+    """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
+    gnss_sigma_m: Positive = 0.02
+    """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
+    gnss_correlated_fraction: Fraction = 0.3
+    """Believed share of the correlated part in the variance of a fixed solution [-]. Estimate, the receiver's."""
+    gnss_correlation_time_s: Positive = 30.0
+    """Believed correlation time of that part [s]. Estimate, the receiver's."""
+    gnss_float_sigma_m: Positive = 0.3
+    """Believed error of a float solution, per axis [m]. Estimate."""
+    gnss_float_correlated_fraction: Fraction = 0.9
+    """Believed share of the correlated part in the variance of a float solution [-]. Estimate, the receiver's."""
+    gnss_float_correlation_time_s: Positive = 60.0
+    """Believed correlation time of that part [s]. Estimate: the receiver's, and jumps between ambiguities."""
+    gnss_velocity_sigma_m_s: Positive = 0.03
+    """Believed error of the GNSS velocity, per axis [m/s]. Estimate."""
+    gyro_sigma_deg_s: Positive = 0.1
+    """Believed noise of the gyro [deg/s]. Estimate, the sensor's."""
+    wheel_sigma_m_s: Positive = 0.02
+    """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
+    steer_sigma_deg_s: Positive = 1.0
+    """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate: tyres lag in a bend."""
+    rear_compliance_deg_s2_m: NonNegative = 0.7
+    """Sideslip of R per specific side force [deg s2/m]. Estimate: rear mass over cornering stiffness, firm ground."""
+    position_walk_m_rt_s: Positive = 0.003
+    """Random walk of the position [m/sqrt(s)]. Estimate: sway."""
+    yaw_walk_deg_rt_s: Positive = 0.05
+    """Random walk of the heading: sideslip that is not modelled [deg/sqrt(s)]. Estimate."""
+    speed_walk_m_s_rt_s: Positive = 0.1
+    """Random walk of the speed [m/s/sqrt(s)]. Estimate (pedal)."""
+    yaw_rate_walk_deg_s_rt_s: Positive = 3.0
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (steering)."""
+    gyro_bias_walk_deg_s_rt_s: Positive = 0.003
+    """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
+    steer_bias_walk_deg_rt_s: Positive = 0.1
+    """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
+    wheel_scale_walk_rt_s: Positive = 0.001
+    """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate: slip changes with the ground."""
+    initial_position_sigma_m: Positive = 0.05
+    """Standard deviation of the position given to `init` [m]. Estimate."""
+    initial_gyro_bias_sigma_deg_s: Positive = 0.5
+    """Standard deviation of the gyro's bias at the start [deg/s]. Estimate."""
+    initial_steer_bias_sigma_deg: Positive = 1.0
+    """Standard deviation of the steering bias at the start [deg]. Estimate: the potentiometer's resolution."""
+    initial_wheel_scale_sigma: Positive = 0.05
+    """Standard deviation of the wheel speed's relative error at the start [-]. Estimate: wear, pressure, slip."""
+    initial_yaw_error_deg: float = 0.0
+    """Error put on the heading given to `init`, to see it found [deg]."""
+    gate_sigma: Positive = 5.0
+    """Innovation above which a fix is improbable, in standard deviations [-]. Estimate."""
+    gate_position_m: NonNegative = 0.25
+    """Innovation of the position that is never refused [m]. Estimate: sway of the antenna by 7 deg."""
+    gate_velocity_m_s: NonNegative = 0.5
+    """Innovation of the velocity that is never refused [m/s]. Estimate: sway of the antenna at 15 deg/s."""
+    gate_patience_s: Positive = 2.0
+    """Time of refusals in a row after which the filter restarts from the fixes [s]. Estimate."""
+
+    @property
+    def needs(self) -> dict[str, str]:
+        """Gyro and wheel speed, and the inertial unit for the compensation."""
+        own = {"gyro": 'kind: "ekf_full"', "wheel_speed": 'kind: "ekf_full"'}
+        return own | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Health, gates and slow errors."""
+        return HEALTH_COLUMNS + COLUMNS
+
+    def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
+        """Standing at R = (x, y) [m]; the heading `yaw` [rad] is only where the search for it begins."""
+        s, v, gamma = self.initial_position_sigma_m, 0.2, radians(1.0)
+        sigmas = (
+            *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
+            *(radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0, self.initial_wheel_scale_sigma),
+        )
+        mean = np.zeros(N)
+        mean[:3] = x, y, yaw + radians(self.initial_yaw_error_deg)
+        patience = max(1, round(self.gate_patience_s / TICK_S))
+        gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, patience)
+        return FullState(
+            filter=FullFilter(
+                self._levels(tractor),
+                self._fix_noises(tractor.antenna_height_m),
+                gates,
+                tractor.antenna_height_m if self.terrain_compensation else 0.0,
+                self.swing_filter_s,
+            ),
+            cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
+            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)))),
+            health=Health(),
+        )
+
+    def _levels(self, tractor: TractorParameters) -> FullLevels:
+        """Noise in SI units."""
+        return FullLevels(
+            wheelbase=tractor.wheelbase_m,
+            compliance=radians(self.rear_compliance_deg_s2_m),
+            walks=(
+                *(self.position_walk_m_rt_s, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)),
+                *(self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)),
+                *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
+                self.wheel_scale_walk_rt_s,
+            ),
+            gyro_sigma=radians(self.gyro_sigma_deg_s),
+            wheel_sigma=self.wheel_sigma_m_s,
+            steer_sigma=radians(self.steer_sigma_deg_s),
+            velocity_sigma=self.gnss_velocity_sigma_m_s,
+        )
+
+    def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
+        """Error at R of a fix by its quality, for an `antenna` of that height [m] with a slow error of its lean."""
+        lean = radians(self.imu_wander_sigma_deg) * antenna if self.terrain_compensation else 0.0
+        fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
+        s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
+        return {
+            Quality.FIX: _fix_noise(s, fixed, lean, self.gnss_correlation_time_s),
+            Quality.FLOAT: _fix_noise(s_float, floating, lean, self.gnss_float_correlation_time_s),
+        }
+
+    def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
+        """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
+        m, tilt = measurement, self.terrain_compensation
+        inputs = Inputs(m.t, m.gyro, m.wheel_speed, m.steer, m.roll if tilt else 0.0, m.pitch if tilt else 0.0)
+        horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)
+        health = state.health.after(horizon.core.nis, horizon.core.accepted_t, dt)
+        now = present(horizon, state.filter.levels, inputs.side, dt)
+        estimate = self._estimate(state.cg, inputs, horizon.core, health, now)
+        return FullState(state.filter, state.cg, horizon, health, estimate), estimate
+
+    def _estimate(
+        self, cg: tuple[float, float, float], inputs: Inputs, core: Core, health: Health, now: Present
+    ) -> Estimate:
+        east, north = offset(cg, inputs.roll, inputs.pitch, now.heading)
+        return Estimate(
+            x=now.x + east,
+            y=now.y + north,
+            yaw=wrap(now.heading + now.sideslip),
+            speed=now.speed,
+            yaw_rate=now.yaw_rate,
+            rear_x=now.x,
+            rear_y=now.y,
+            covariance=now.covariance,
+            nis=core.nis,
+            steer_bias=float(core.mean[B_S]),
+            sideslip=now.sideslip,
+            aligned=core.search is None,
+            fix_age=inputs.t - health.fix_t,
+            position_sigma=largest_sigma(now.covariance),
+            nis_mean=health.nis,
+        )
+
+    def report(self, state: FullState) -> tuple[float, ...]:
+        """Values of `columns` after a tick."""
+        core, e = state.horizon.core, state.estimate
+        if e is None:
+            return (nan,) * len(self.columns)
+        return (
+            *(e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip),
+            *(float(core.mean[B_G]), float(core.mean[K])),
+            *(float(core.rejected_positions), float(core.rejected_velocities), float(core.restarts)),
+        )
+
+
+def _fix_noise(sigma: float, share: float, lean: float, correlation_time: float) -> FixNoise:
+    """Split of the error of a fix, `sigma` [m], at a `share` of its variance; `lean` [m] is slow, too."""
+    return FixNoise(sqrt(sigma * sigma * share + lean * lean), sigma * sqrt(1.0 - share), correlation_time)

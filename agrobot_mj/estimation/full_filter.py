@@ -1,0 +1,299 @@
+"""Filter of the estimator `ekf_full` at the time of a fix: one tick of filterpy's EKF with gates and alignment.
+
+All that the filter believes stands in `Core`; filterpy's object is a workspace only. A tick predicts, then corrects by
+all rows at once: gyro, wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
+
+Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
+sway of the antenna is nothing unusual. Refusals in a row for `gate_patience_s` mean that the filter is wrong: the
+position restarts from the fix, and after refused velocities the yaw is searched anew. Wheels whose speed is off the
+fix's by more than that floor spin or slide, and are not heard.
+
+Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
+velocities V to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any start and in
+reverse too; its standard deviation is that of a velocity over sqrt(sum(w^2)).
+"""
+
+from cmath import exp as turn
+from cmath import phase
+from functools import lru_cache
+from math import hypot, isfinite, radians, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from agrobot_mj.core.signals import Array, Fix, Quality
+from agrobot_mj.estimation.full_model import (
+    G_E,
+    G_N,
+    PSI,
+    FixNoise,
+    FullLevels,
+    MeasurementRow,
+    N,
+    X,
+    Y,
+    course,
+    gyro_row,
+    position_rows,
+    process_noise,
+    propagate_mean,
+    squared_innovation,
+    standing_rows,
+    steer_row,
+    transition,
+    velocity_rows,
+    wheel_row,
+)
+from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.machine.tractor import GRAVITY
+
+ALIGNMENT_SIGMA = radians(0.3)
+"""Standard deviation at which the search for the yaw ends [rad]. Estimate: 1.4 m of travel at 1.2 m/s."""
+ALIGNED_SIGMA = radians(1.0)
+"""Uncertainty of the yaw after the search [rad]. Estimate: that of the search, and a gyro bias for two seconds."""
+UNALIGNED_SIGMA = radians(104.0)
+"""Uncertainty of a yaw of which nothing is known: uniform over the circle [rad]."""
+SEARCH_SPEED = 0.1
+"""Wheel speed from which on velocities tell the yaw [m/s]. Estimate: three times their noise."""
+STANDING_SPEED, STANDING_TICKS = 0.05, 10
+"""Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
+
+
+class Inputs(NamedTuple):
+    """What a tick measures besides the fix; a reading that is not there is NaN."""
+
+    t: float
+    """Time of the readings [s]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+    wheel: float
+    """Wheel speed [m/s]."""
+    steer: float
+    """Steering angle [rad]."""
+    roll: float
+    """Roll, 0 without compensation [rad]."""
+    pitch: float
+    """Pitch, 0 without compensation [rad]."""
+
+    @property
+    def side(self) -> float:
+        """Part of gravity in the specific side force [m/s2]."""
+        return GRAVITY * sin(self.roll)
+
+
+class Gates(NamedTuple):
+    """When a fix is refused."""
+
+    nis: float
+    """NIS of a pair above which it is improbable [-]."""
+    position: float
+    """Position innovation that is always believed [m]."""
+    velocity: float
+    """Velocity innovation that is always believed [m/s]."""
+    patience: int
+    """Refusals in a row after which the filter gives in [ticks]."""
+
+
+class Search(NamedTuple):
+    """Search for the yaw."""
+
+    total: complex = 0j
+    """Sum of w V exp(-i chi) [m2/s2]."""
+    weight: float = 0.0
+    """Sum of w^2 [m2/s2]."""
+
+
+class Core(NamedTuple):
+    """All that the filter believes and remembers at the time of its last tick."""
+
+    mean: Array
+    """States, shape (10,)."""
+    covariance: Array
+    """Covariance of `mean`, shape (10, 10)."""
+    search: Search | None = Search()
+    """Search for the yaw; None once it is found."""
+    lever: Lever | None = None
+    """Lean of the antenna, with compensation."""
+    quality: int = Quality.FIX
+    """Quality of the last fix."""
+    standing: int = 0
+    """Ticks in a row with wheels that stand."""
+    refused_position: int = 0
+    """Positions refused in a row."""
+    refused_velocity: int = 0
+    """Velocities refused in a row."""
+    rejected_positions: int = 0
+    """Positions refused since the start."""
+    rejected_velocities: int = 0
+    """Velocities refused since the start."""
+    restarts: int = 0
+    """How often the position was restarted or the yaw searched anew."""
+    seen_t: float = -1.0
+    """Time of the last fix [s]."""
+    accepted_t: float = 0.0
+    """Time of the last accepted fix, the start before the first [s]."""
+    nis: float = float("nan")
+    """NIS of the position of the last tick, NaN without a fix."""
+
+
+class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
+    """The filter for one set of levels; `step` is a function of its arguments."""
+
+    x: Array
+    """Mean, shape (10,)."""
+    P: Array
+    """Covariance, shape (10, 10)."""
+
+    def __init__(
+        self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
+    ) -> None:
+        """`noises` by quality; height of the `antenna` [m], 0 where it counts as straight above R."""
+        super().__init__(dim_x=N, dim_z=2)
+        self.levels, self.noises, self.gates = levels, noises, gates
+        self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
+
+    def predict_x(self, u: tuple[float, float, float, bool]) -> None:
+        """Prior mean, and the matching F and Q, for (side, dt, correlation time, whether aligned); filterpy's hook."""
+        side, dt, correlation_time, aligned = u
+        decay, self.Q = _process_noise(self.levels, dt, correlation_time)
+        self.F = transition(self.x, self.levels, side, dt, decay)
+        place = self.x[:2]
+        self.x = propagate_mean(self.x, self.levels, side, dt, decay)
+        if not aligned:  # a displacement in an unknown direction says nothing
+            self.F[:2] = np.eye(2, N)
+            self.x[:2] = place
+
+    def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
+        """Core after a tick of length `dt` [s] with these inputs, given the fix of its end."""
+        if fix is not None and quality != core.quality:
+            core = _forget_correlated(core._replace(quality=quality))
+        self.x, self.P = core.mean, core.covariance
+        noise = self.noises[core.quality]
+        self.predict((inputs.side, dt, noise.correlation_time, core.search is None))
+        still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
+        core = core._replace(
+            mean=self.x,
+            covariance=self.P,
+            lever=self._lever(core, inputs, dt),
+            standing=core.standing + 1 if still else 0,
+            nis=float("nan"),
+        )
+        if fix is not None:
+            fix = fix if core.lever is None else at_foot(fix, core.lever)
+            if abs(hypot(fix.vx, fix.vy) - abs(inputs.wheel)) > self.gates.velocity:
+                inputs = inputs._replace(wheel=float("nan"))
+        rows = self._motion_rows(core, inputs)
+        if fix is not None:
+            core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
+            rows += more
+        return self._correct(core, rows)
+
+    def _lever(self, core: Core, inputs: Inputs, dt: float) -> Lever | None:
+        """Lean of the antenna at the end of a tick."""
+        if not self.antenna[2]:
+            return None
+        now = offset(self.antenna, inputs.roll, inputs.pitch, float(self.x[PSI]))
+        return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
+
+    def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
+        """What gyro, wheels and steering tell, as far as they do."""
+        mean, levels = core.mean, self.levels
+        rows = [steer_row(mean, inputs.steer, levels)] if isfinite(inputs.steer) else []
+        if isfinite(inputs.gyro):
+            rows.append(gyro_row(mean, inputs.gyro, levels))
+        if isfinite(inputs.wheel):
+            rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, levels))
+        return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
+
+    def _judge(self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise) -> tuple[Core, list[MeasurementRow]]:
+        """Core and rows after a look at the fix of R."""
+        if core.search is not None:
+            return self._searched(core, core.search, inputs, fix, noise)
+        position = position_rows(core.mean, fix, noise)
+        velocity = velocity_rows(core.mean, fix, self.levels, inputs.side)
+        nis = squared_innovation(position, core.covariance)
+        core = core._replace(nis=nis)
+        good = nis < self.gates.nis or _size(position) < self.gates.position
+        if good:
+            core = core._replace(refused_position=0, accepted_t=inputs.t)
+        else:
+            refused = core.refused_position + 1
+            core = core._replace(refused_position=refused, rejected_positions=core.rejected_positions + 1)
+            if refused >= self.gates.patience:
+                core = _restarted(core, fix, noise)._replace(accepted_t=inputs.t)
+        moving = squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
+        if moving:
+            core = core._replace(refused_velocity=0)
+        else:
+            refused = core.refused_velocity + 1
+            core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
+            if refused >= self.gates.patience:
+                core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
+        return core, (position if good else []) + (velocity if moving else [])
+
+    def _searched(
+        self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
+    ) -> tuple[Core, list[MeasurementRow]]:
+        """The position that of the fix, and the search one velocity further."""
+        core = _at(core, fix, noise)._replace(accepted_t=inputs.t)
+        w = inputs.wheel
+        if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
+            chi = course(core.mean, self.levels, inputs.side)
+            search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
+        if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
+            return core._replace(search=search), []
+        mean = core.mean.copy()
+        mean[PSI] += phase(search.total)
+        return core._replace(mean=mean, covariance=_alone(core.covariance, PSI, ALIGNED_SIGMA), search=None), []
+
+    def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
+        """Mean and covariance corrected by all rows at once."""
+        if not rows:
+            return core
+        H, n = np.zeros((len(rows), N)), len(rows)
+        for i, row in enumerate(rows):
+            for j, value in row.jacobian.items():
+                H[i, j] = value
+        self.x, self.P = core.mean, core.covariance
+        innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
+        self.update(innovations, lambda x: H, lambda x: np.zeros(n), R=R)
+        return core._replace(mean=self.x, covariance=self.P)
+
+
+def _size(pair: list[MeasurementRow]) -> float:
+    """Length of an innovation."""
+    return hypot(pair[0].innovation, pair[1].innovation)
+
+
+def _alone(covariance: Array, index: int, sigma: float) -> Array:
+    """A covariance in which one state has a new standard deviation and nothing to do with the others."""
+    P = covariance.copy()
+    P[index], P[:, index] = 0.0, 0.0
+    P[index, index] = sigma * sigma
+    return P
+
+
+def _forget_correlated(core: Core) -> Core:
+    """Correlated error in its stationary distribution: that of a float solution is another one."""
+    mean = core.mean.copy()
+    mean[[G_E, G_N]] = 0.0
+    return core._replace(mean=mean, covariance=_alone(_alone(core.covariance, G_E, 1.0), G_N, 1.0))
+
+
+def _at(core: Core, fix: Fix, noise: FixNoise) -> Core:
+    """Position of the fix, as uncertain as one fix."""
+    core, sigma = _forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
+    mean = core.mean.copy()
+    mean[X], mean[Y] = fix.x, fix.y
+    return core._replace(mean=mean, covariance=_alone(_alone(core.covariance, X, sigma), Y, sigma))
+
+
+def _restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
+    """After too many refusals: the position restarts from the fix."""
+    return _at(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)
+
+
+@lru_cache(maxsize=8)
+def _process_noise(levels: FullLevels, dt: float, correlation_time: float) -> tuple[float, Array]:
+    return process_noise(levels, dt, correlation_time)

@@ -1,0 +1,184 @@
+"""Model of the estimator `ekf_full`: ten states, how they move, and what the sensors see of them.
+
+    x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
+    psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
+    v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
+    omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
+
+    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta,    beta = -c (v omega + a)
+
+chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
+side slope [m/s2], known with an IMU only; c is the compliance of the rear tyres [rad s2/m]. Without a the heading takes
+up the crab of a slope. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the
+biases and k are random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a
+tick too late. Measurements, each a row of innovation, Jacobian and variance:
+
+    gyro = omega + b_g,    wheel speed = (1 + k) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
+    fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    at a standstill 0 = v, 0 = omega
+"""
+
+from math import cos, exp, radians, sin, sqrt, tan
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array, Fix
+
+N = 10
+X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K = range(N)
+
+
+class FullLevels(NamedTuple):
+    """Noise of the model and of the sensors; walks per root of a second, sigmas per reading."""
+
+    wheelbase: float
+    """Wheelbase L [m]."""
+    compliance: float
+    """Sideslip of R per specific side force, c [rad s2/m]."""
+    walks: tuple[float, ...]
+    """Random walk of x, y, psi, v, omega, b_g, b_s and k, in their units [.../sqrt(s)]."""
+    gyro_sigma: float
+    """Noise of the gyro [rad/s]."""
+    wheel_sigma: float
+    """Noise of the wheel speed [m/s]."""
+    steer_sigma: float
+    """Noise of the yaw rate that the steering angle tells [rad/s]."""
+    velocity_sigma: float
+    """Noise of the GNSS velocity, per axis [m/s]."""
+
+
+class FixNoise(NamedTuple):
+    """Believed error of the position of a fix of one quality."""
+
+    correlated: float
+    """Standard deviation of the correlated part, s [m]."""
+    white: float
+    """Standard deviation of the white part [m]."""
+    correlation_time: float
+    """Correlation time of the correlated part [s]."""
+
+
+class MeasurementRow(NamedTuple):
+    """One scalar measurement, linearised."""
+
+    innovation: float
+    """Measured less expected."""
+    jacobian: dict[int, float]
+    """Derivatives by the states that it depends on."""
+    variance: float
+    """Variance of its noise."""
+
+
+STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
+"""How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Estimate: it rocks on its tyres."""
+
+
+def course(mean: Array, levels: FullLevels, side: float) -> float:
+    """Direction in which R moves, chi [rad]; `side` is the part of gravity in the side force [m/s2]."""
+    return float(mean[PSI] - levels.compliance * (mean[V] * mean[OMEGA] + side))
+
+
+def propagate_mean(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
+    """Mean (10,) after `dt` [s]; `decay` is that of g [-]."""
+    v, omega = float(mean[V]), float(mean[OMEGA])
+    chi = course(mean, levels, side) + 0.5 * omega * dt
+    after = mean.copy()
+    after[X] += v * dt * cos(chi)
+    after[Y] += v * dt * sin(chi)
+    after[PSI] += omega * dt
+    after[G_E] *= decay
+    after[G_N] *= decay
+    return after
+
+
+def transition(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
+    """Derivative of `propagate_mean` by the mean, shape (10, 10)."""
+    v, omega, c = float(mean[V]), float(mean[OMEGA]), levels.compliance
+    chi = course(mean, levels, side) + 0.5 * omega * dt
+    east, north = dt * cos(chi), dt * sin(chi)
+    by_v, by_omega = -c * omega, 0.5 * dt - c * v  # of chi
+    F = np.eye(N)
+    F[X, PSI], F[Y, PSI] = -v * north, v * east
+    F[X, V], F[Y, V] = east - v * north * by_v, north + v * east * by_v
+    F[X, OMEGA], F[Y, OMEGA] = -v * north * by_omega, v * east * by_omega
+    F[PSI, OMEGA] = dt
+    F[G_E, G_E] = F[G_N, G_N] = decay
+    return F
+
+
+def process_noise(levels: FullLevels, dt: float, correlation_time: float) -> tuple[float, Array]:
+    """Decay of g over `dt` [s] and covariance (10, 10) of what moves the states besides."""
+    decay = exp(-dt / correlation_time)
+    q = np.zeros(N)
+    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] = dt * np.square(levels.walks)
+    q[[G_E, G_N]] = 1.0 - decay * decay
+    return decay, np.diag(q)
+
+
+def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
+    """The gyro's yaw rate [rad/s]."""
+    return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
+
+
+def wheel_row(mean: Array, wheel: float, pitch: float, levels: FullLevels) -> MeasurementRow:
+    """The wheels' speed along the ground [m/s], which `pitch` [rad] makes longer than its plan."""
+    v, scale = float(mean[V]), (1.0 + float(mean[K])) / cos(pitch)
+    return MeasurementRow(wheel - scale * v, {V: scale, K: v / cos(pitch)}, levels.wheel_sigma**2)
+
+
+def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
+    """The steering angle [rad] as a statement on the yaw rate."""
+    v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
+    per_speed = tan(delta) / L
+    jacobian = {OMEGA: 1.0, V: -per_speed, B_S: v * (1.0 + tan(delta) ** 2) / L}
+    return MeasurementRow(v * per_speed - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
+
+
+def standing_rows(mean: Array) -> list[MeasurementRow]:
+    """A tractor that stands neither moves nor turns."""
+    return [
+        MeasurementRow(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
+        MeasurementRow(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
+    ]
+
+
+def position_rows(mean: Array, fix: Fix, noise: FixNoise) -> list[MeasurementRow]:
+    """Position of a fix at R [m]."""
+    s, r = noise.correlated, noise.white**2
+    return [
+        MeasurementRow(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s}, r),
+        MeasurementRow(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s}, r),
+    ]
+
+
+def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> list[MeasurementRow]:
+    """Velocity of a fix at R [m/s]."""
+    v, omega, c, chi = float(mean[V]), float(mean[OMEGA]), levels.compliance, course(mean, levels, side)
+    east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2
+    by_v, by_omega = -c * omega, -c * v  # of chi
+    return [
+        MeasurementRow(
+            fix.vx - v * east, {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}, r
+        ),
+        MeasurementRow(fix.vy - v * north, {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}, r),
+    ]
+
+
+def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
+    """NIS of a pair of rows against the covariance (10, 10) of the states [-]."""
+    (a, b), P = pair, covariance
+    s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance
+    s_bb = _quadratic(b.jacobian, b.jacobian, P) + b.variance
+    s_ab = _quadratic(a.jacobian, b.jacobian, P)
+    y_a, y_b = a.innovation, b.innovation
+    return (s_bb * y_a * y_a - 2 * s_ab * y_a * y_b + s_aa * y_b * y_b) / (s_aa * s_bb - s_ab * s_ab)
+
+
+def _quadratic(left: dict[int, float], right: dict[int, float], P: Array) -> float:
+    return sum(h * k * float(P[i, j]) for i, h in left.items() for j, k in right.items())
+
+
+def steady_gain(walk: float, sigma: float, dt: float) -> float:
+    """Gain of the steady Kalman filter of a random walk, `walk` per root of a second, seen with `sigma` [-]."""
+    q = walk * walk * dt / (sigma * sigma)
+    return 0.5 * (sqrt(q * q + 4.0 * q) - q)

@@ -1,0 +1,121 @@
+"""Fixes used at the time they belong to: the filter lives at the time of the newest fix, dead reckoning leads to now.
+
+The core is as old as the fixes are: newer readings wait, a fix meets the core at its own time, and the pose of now
+follows by integrating the waiting gyro and wheel readings. Without latency nothing waits. A fix older than the core
+(latency that has grown) takes it back to that time, from a history of cores; a fix older than the last one is not used.
+While no fix comes the core stays as old as it was.
+"""
+
+from math import cos, isfinite, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.estimation.full_filter import Core, FullFilter, Inputs
+from agrobot_mj.estimation.full_model import B_G, PSI, FullLevels, K, X, Y, steady_gain
+
+HISTORY_TICKS = 110
+"""Cores kept: the longest latency of a receiver, 5 s, and a few more."""
+
+
+class Horizon(NamedTuple):
+    """The core, the readings that it has not seen yet, and where it came from."""
+
+    core: Core
+    """Beliefs at the time of the core."""
+    waiting: tuple[Inputs, ...] = ()
+    """Readings after that time, oldest first."""
+    history: tuple[tuple[Core, Inputs], ...] = ()
+    """Each tick's core before it and the inputs that took it further, oldest first."""
+
+    def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
+        """The horizon after a tick of length `dt` [s]."""
+        horizon = self._replace(waiting=(*self.waiting, inputs))
+        late = 0 if fix is None or not isfinite(fix.t) else max(0, round((inputs.t - fix.t) / dt))
+        stale = late >= len(horizon.waiting) + len(self.history) or inputs.t - late * dt < self.core.seen_t + 0.5 * dt
+        if fix is None or stale:
+            return horizon._advanced(filter_, len(horizon.waiting) - len(self.waiting), dt)
+        horizon = horizon._back(late + 1 - len(horizon.waiting))
+        horizon = horizon._advanced(filter_, len(horizon.waiting) - late - 1, dt)
+        return horizon._stepped(filter_, fix, quality, dt)
+
+    def _back(self, ticks: int) -> "Horizon":
+        """The horizon as it was, for a positive number of ticks, with all readings since waiting again."""
+        if ticks <= 0:
+            return self
+        undone = self.history[-ticks:]
+        waiting = (*(inputs for _, inputs in undone), *self.waiting)
+        return Horizon(undone[0][0], waiting, self.history[:-ticks])
+
+    def _advanced(self, filter_: FullFilter, ticks: int, dt: float) -> "Horizon":
+        """After that many of the waiting readings, without a fix."""
+        horizon = self
+        for _ in range(ticks):
+            horizon = horizon._stepped(filter_, None, self.core.quality, dt)
+        return horizon
+
+    def _stepped(self, filter_: FullFilter, fix: Fix | None, quality: int, dt: float) -> "Horizon":
+        """After the oldest of the waiting readings, with its fix."""
+        first, *rest = self.waiting
+        core = filter_.step(self.core, first, fix, quality, dt)
+        return Horizon(core, tuple(rest), (*self.history[-HISTORY_TICKS:], (self.core, first)))
+
+
+class Present(NamedTuple):
+    """What is believed of this moment."""
+
+    x: float
+    """R, east [m]."""
+    y: float
+    """R, north [m]."""
+    heading: float
+    """Heading, not wrapped [rad]."""
+    sideslip: float
+    """Course of R less heading [rad]."""
+    speed: float
+    """Speed of R along its course [m/s]."""
+    yaw_rate: float
+    """Yaw rate [rad/s]."""
+    covariance: Array
+    """Covariance of x, y and heading, shape (3, 3)."""
+
+
+def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
+    """Dead reckoning from the core over the waiting readings; `side` as in the last inputs [m/s2]."""
+    core, c = horizon.core, levels.compliance
+    x, y, psi, v, omega = core.mean[:5].tolist()
+    x_0, y_0, bias, scale = x, y, float(core.mean[B_G]), 1.0 + float(core.mean[K])
+    gain_v, gain_omega = _gains(levels, dt)
+    for inputs in horizon.waiting:
+        v += gain_v * (inputs.wheel * cos(inputs.pitch) / scale - v) if isfinite(inputs.wheel) else 0.0
+        omega += gain_omega * (inputs.gyro - bias - omega) if isfinite(inputs.gyro) else 0.0
+        chi = psi - c * (v * omega + inputs.side) + 0.5 * omega * dt
+        if core.search is None:
+            x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
+        psi += omega * dt
+    P = core.covariance[:3, :3]
+    if horizon.waiting:
+        P = _led_on(core, levels, (x - x_0, y - y_0), scale, len(horizon.waiting) * dt)
+    return Present(x, y, psi, -c * (v * omega + side), v, omega, P)
+
+
+def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
+    """Share of a new wheel and gyro reading in speed and yaw rate [-]."""
+    return (
+        steady_gain(levels.walks[3], levels.wheel_sigma, dt),
+        steady_gain(levels.walks[4], levels.gyro_sigma, dt),
+    )
+
+
+def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], scale: float, time: float) -> Array:
+    """Covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s]."""
+    east, north = moved
+    G = np.zeros((3, len(core.mean)))
+    G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
+    G[0, PSI], G[1, PSI] = -north, east
+    G[0, K], G[1, K] = -east / scale, -north / scale
+    G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
+    walk, yaw_walk = levels.walks[0], levels.walks[2]
+    own = np.diag([walk * walk * time, walk * walk * time, yaw_walk * yaw_walk * time])
+    return np.asarray(G @ core.covariance @ G.T + own, dtype=np.float64)

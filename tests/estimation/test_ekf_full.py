@@ -1,0 +1,325 @@
+"""`ekf_full` on drives of the MuJoCo tractor: accuracy, late fixes, losses, start headings, gates."""
+
+from math import cos, degrees, isfinite, nan, radians, sin
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
+from agrobot_mj.estimation import EkfFull
+from agrobot_mj.estimation.full_model import B_G
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.studies.validation.filters import (
+    BIAS,
+    FULL,
+    PAPER,
+    SLOPE,
+    TILT,
+    alignment,
+    coasted,
+    follow,
+    late,
+    loss,
+    outlier,
+    record,
+    rms,
+    settled,
+)
+
+DT, TRACTOR = 0.05, TractorParameters()
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """45 s of a figure eight on level ground, magic formula."""
+    return record("figure_eight", {}, 48.0)
+
+
+def driven(estimator, duration, speed=1.2, turn=0.1, yaw=0.3, told_yaw=0.3, seed=1, changed=lambda t, m: m):
+    """States and estimates of the estimator on exact arcs at R, white noise; `changed` alters measurements."""
+    rng, (x, y) = stream(seed, "test"), (0.0, 0.0)
+    state, found = estimator.init(x, y, told_yaw, TRACTOR), []
+    for k in range(round(duration / DT)):
+        u, w = speed(k * DT) if callable(speed) else speed, turn if speed else 0.0
+        w = w if u else 0.0
+        yaw += 0.5 * w * DT
+        x, y = x + u * DT * cos(yaw), y + u * DT * sin(yaw)
+        yaw += 0.5 * w * DT
+        t, n = (k + 1) * DT, rng.standard_normal(7)
+        fix = Fix(
+            *(x + 0.02 * n[0], y + 0.02 * n[1], u * cos(yaw) + 0.03 * n[2], u * sin(yaw) + 0.03 * n[3]),
+            t=t,
+        )
+        measurement = Measurement(
+            *(t, fix, Quality.FIX, np.arctan2(w * 1.4, u) if u > 0 else 0.0, 0.0),
+            gyro=w + radians(0.5) + radians(0.1) * n[4],
+            wheel_speed=1.03 * u + 0.02 * n[5] if u else 0.0,
+        )
+        state, estimate = estimator.update(state, changed(t, measurement), DT)
+        found.append((state, estimate, (x, y, yaw)))
+    return found
+
+
+def off(step):
+    _, e, (x, y, _) = step
+    return np.hypot(e.rear_x - x, e.rear_y - y)
+
+
+# --- accuracy
+
+
+def test_position_and_heading_on_a_figure_eight(drive):
+    numbers = [settled(follow(drive, FULL, seed)) for seed in range(4)]
+    position, heading, course, yaw_rate, nees, nis, _ = np.mean(numbers, axis=0)
+    assert position < 2.5
+    assert heading < 0.2
+    assert course < 0.2
+    assert yaw_rate < 0.12
+    assert 1.0 < nees < 3.0
+    assert 1.6 < nis < 2.4
+
+
+def test_on_a_side_slope_the_yaw_is_the_course_and_the_heading_is_known_beside_it():
+    """With roll from the IMU, 10 deg: the tractor crabs by more than a degree."""
+    slope = record("straight_line", SLOPE, 40.0)
+    trace = follow(slope, {**FULL, **TILT}, 1)
+    crab = degrees(np.mean((trace.course - trace.heading)[400:]))
+    assert abs(np.mean(np.degrees(trace.course[400:]))) < 0.25
+    assert abs(np.mean(np.degrees(trace.heading[400:]))) < 0.5
+    assert rms(trace.position[400:]) < 0.03
+    assert isfinite(crab)
+
+
+# --- fixes at the time they belong to
+
+
+def test_latency_costs_next_to_nothing(drive):
+    prompt, delayed = (settled(follow(drive, FULL, 1, day))[0] for day in (lambda t: NOMINAL, late(0.2)))
+    assert delayed - prompt < 2.0
+    assert settled(follow(drive, BIAS, 1, late(0.2)))[0] > 15.0
+
+
+def test_a_late_fix_meets_the_belief_of_its_own_time():
+    """Fixes late by a changing number of ticks: the core is bit for bit what it was with prompt ones."""
+    estimator, prompt = EkfFull(), driven(EkfFull(), 20.0)
+    fixes = [None, *(m for m in _measurements(20.0))]
+    state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
+    delivered = 0
+    for k in range(1, 401):
+        lag = 0 if k < 100 else 4 if k < 200 else 9 if k < 300 else 2
+        belongs = k - lag
+        fix = fixes[belongs].fix if belongs > delivered else None
+        delivered = max(delivered, belongs)
+        state, estimate = estimator.update(state, fixes[k]._replace(fix=fix), DT)
+        if fix is not None:
+            assert len(state.horizon.waiting) == lag
+            if k < 300:  # from then on some fixes have been overtaken, and are lost
+                assert np.array_equal(state.horizon.core.mean, prompt[belongs - 1][0].horizon.core.mean)
+    assert np.hypot(estimate.rear_x - prompt[-1][2][0], estimate.rear_y - prompt[-1][2][1]) < 0.05
+
+
+def _measurements(duration):
+    found = []
+    driven(EkfFull(), duration, changed=lambda t, m: found.append(m) or m)
+    return found
+
+
+def test_a_fix_older_than_the_last_is_not_used():
+    fixes, estimator = _measurements(5.0), EkfFull()
+    state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
+    for m in fixes[:60]:
+        state, _ = estimator.update(state, m, DT)
+    blind, _ = estimator.update(state, fixes[60]._replace(fix=None), DT)
+    old, _ = estimator.update(state, fixes[60]._replace(fix=fixes[20].fix), DT)
+    assert np.array_equal(blind.horizon.core.mean, old.horizon.core.mean)
+
+
+# --- losses
+
+
+def test_it_coasts_through_an_arc(drive):
+    short = [coasted(follow(drive, FULL, seed, loss(25.0, 5.0)), 30.0) for seed in range(3)]
+    long = [coasted(follow(drive, FULL, seed, loss(25.0, 20.0)), 45.0) for seed in range(3)]
+    assert rms(np.array(short)) < 5.0
+    assert rms(np.array(long)) < 15.0
+    assert coasted(follow(drive, BIAS, 0, loss(25.0, 20.0)), 45.0) > 30.0
+
+
+def test_age_and_sigma_grow_without_fixes():
+    def lost(t, m):
+        return m._replace(fix=None, quality=Quality.NONE) if t > 10.0 else m
+
+    steps = [e for _, e, _ in driven(EkfFull(), 20.0, changed=lost)]
+    assert steps[199].fix_age == pytest.approx(0.0, abs=1e-9)
+    assert steps[-1].fix_age == pytest.approx(10.0, abs=1e-6)
+    sigmas = np.array([e.position_sigma for e in steps])
+    assert (np.diff(sigmas[205:]) > 0).all()
+    assert sigmas[-1] > 2 * sigmas[199]
+
+
+# --- start headings
+
+
+@pytest.mark.parametrize("error_deg", [0.0, 30.0, 90.0, 180.0, -120.0])
+def test_any_start_heading_is_found_within_five_metres(drive, error_deg):
+    short = drive._replace(truths=drive.truths[:300])
+    metres, heading = alignment(follow(short, FULL, 7, yaw_error=radians(error_deg)))
+    assert metres < 5.0
+    assert heading < 1.0
+
+
+def test_until_then_it_says_so():
+    steps = driven(EkfFull(), 6.0, speed=lambda t: 1.2 if t > 2 else 0.0, told_yaw=2.5)
+    aligned = [e.aligned for _, e, _ in steps]
+    first = aligned.index(True)
+    assert first > 40
+    assert all(aligned[first:])
+    assert degrees(np.sqrt(steps[first - 1][1].covariance[2, 2])) > 90
+    assert degrees(np.sqrt(steps[first][1].covariance[2, 2])) < 2
+    assert all(off(step) < 0.1 for step in steps)
+
+
+def test_it_is_found_in_reverse():
+    steps = driven(EkfFull(), 8.0, speed=-1.0, turn=0.05, told_yaw=0.3 + 2.0)
+    _, e, (_, _, yaw) = steps[-1]
+    assert e.aligned
+    assert degrees(abs(e.yaw - yaw)) < 1.5
+    assert e.speed == pytest.approx(-1.0, abs=0.05)
+
+
+def test_the_key_puts_an_error_on_the_start_heading():
+    state = EkfFull(initial_yaw_error_deg=90.0).init(0.0, 0.0, 0.3, TRACTOR)
+    assert state.horizon.core.mean[2] == pytest.approx(0.3 + np.pi / 2)
+
+
+# --- gates
+
+
+def test_one_wrong_fix_moves_nothing_and_is_counted(drive):
+    short = drive._replace(truths=drive.truths[:700])
+    clean, struck = (follow(short, FULL, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
+    assert np.hypot(struck.east - clean.east, struck.north - clean.north).max() < 0.03
+    clean, struck = (follow(short, PAPER, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
+    assert np.hypot(struck.east - clean.east, struck.north - clean.north).max() > 0.1
+
+
+def shifted(after, metres=2.0):
+    return lambda t, m: m._replace(fix=m.fix._replace(x=m.fix.x + metres)) if t > after else m
+
+
+def test_refusals_are_counted():
+    once = driven(EkfFull(), 12.0, changed=lambda t, m: shifted(0.0)(t, m) if abs(t - 10.0) < 0.01 else m)
+    core = once[-1][0].horizon.core
+    assert (core.rejected_positions, core.rejected_velocities, core.restarts) == (1, 0, 0)
+    assert max(off(step) for step in once[180:]) < 0.05
+
+
+def test_a_shift_that_stays_is_accepted_in_the_end():
+    steps = driven(EkfFull(), 20.0, changed=shifted(10.0))
+    core = steps[-1][0].horizon.core
+    assert core.restarts == 1
+    assert core.rejected_positions == pytest.approx(40, abs=1)
+    _, e, (x, _, _) = steps[-1]
+    assert e.rear_x - x == pytest.approx(2.0, abs=0.05)
+    assert steps[235][1].nis_mean > 20.0
+
+
+def test_a_heading_that_is_wrong_is_searched_anew():
+    """The vehicle is turned by hand while gyro and wheels say nothing of it."""
+    found = _measurements(40.0)
+    estimator = EkfFull()
+    state, c, s = estimator.init(0.0, 0.0, 0.3, TRACTOR), cos(2.0), sin(2.0)
+    turned = (Fix(c * f.x - s * f.y, s * f.x + c * f.y, c * f.vx - s * f.vy, s * f.vx + c * f.vy, f.t) for f in
+              (m.fix for m in found))  # fmt: skip
+    aligned = []
+    for k, (m, fix) in enumerate(zip(found, turned, strict=True)):
+        state, estimate = estimator.update(state, m._replace(fix=fix) if k > 200 else m, DT)
+        aligned.append(estimate.aligned)
+    assert not all(aligned[200:300])
+    assert all(aligned[300:])
+    assert estimate.nis_mean < 4.0
+
+
+def test_sway_of_the_antenna_is_not_refused():
+    trace = follow(record("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}}, 40.0), FULL, 1)
+    assert trace.position[400:].max() < 0.2
+
+
+# --- standing, and sensors that fail
+
+
+def test_wheels_that_spin_are_not_heard():
+    """It comes to a halt within two seconds from 10 s on, while the wheels go on turning at 1.2 m/s."""
+
+    def stuck(t, m):
+        return m._replace(wheel_speed=1.25) if t > 10.0 else m
+
+    steps = driven(EkfFull(), 25.0, speed=lambda t: max(0.0, min(1.2, 0.6 * (12.0 - t))), changed=stuck)
+    assert max(off(step) for step in steps[100:]) < 0.15
+    assert max(off(step) for step in steps[300:]) < 0.05
+    assert abs(steps[-1][1].speed) < 0.05
+    assert all(e.aligned for _, e, _ in steps[100:])
+
+
+def test_standing_it_learns_the_bias_of_the_gyro_and_does_not_wander():
+    steps = driven(EkfFull(), 20.0, speed=0.0)
+    assert degrees(steps[-1][0].horizon.core.mean[B_G]) == pytest.approx(0.5, abs=0.05)
+    assert abs(steps[-1][1].speed) < 0.01
+    places = np.array([(e.rear_x, e.rear_y) for _, e, _ in steps[300:]])
+    assert np.ptp(places, axis=0).max() < 0.12
+
+
+@pytest.mark.parametrize("channel", ["gyro", "wheel_speed"])
+def test_without_one_of_its_sensors_it_goes_on(channel):
+    steps = driven(EkfFull(), 20.0, changed=lambda t, m: m._replace(**{channel: nan}) if t > 10.0 else m)
+    assert max(off(step) for step in steps[100:]) < 0.1
+
+
+def test_it_needs_gyro_and_wheel_speed():
+    with pytest.raises(ScenarioError) as error:
+        load_scenario("circle", {"estimator": {"kind": "ekf_full", "terrain_compensation": True}})
+    for name in ("gyro", "wheel_speed", "imu"):
+        assert f"needs sensors.{name}.enabled = true" in str(error.value)
+
+
+# --- what it tells
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_columns_and_report_agree(lost):
+    estimator = EkfFull()
+    steps = driven(estimator, 8.0, changed=lambda t, m: m._replace(fix=None) if lost else m)
+    for state, _, _ in steps[::20]:
+        assert len(estimator.report(state)) == len(estimator.columns)
+    told = dict(zip((name for name, _, _ in estimator.columns), estimator.report(steps[-1][0]), strict=True))
+    assert told["aligned"] == float(not lost)
+    assert told["accepted_fix_age"] == pytest.approx(8.0 if lost else 0.0)
+    assert estimator.report(estimator.init(0.0, 0.0, 0.0, TRACTOR))[0] != 0.0
+
+
+def test_an_update_depends_on_its_arguments_alone():
+    estimator, steps = EkfFull(), driven(EkfFull(), 5.0)
+    extra = _measurements(5.05)[-1]
+    state = steps[-1][0]
+    before = state.horizon.core.mean.copy()
+    first, again = (estimator.update(state, extra, DT)[1] for _ in range(2))
+    assert first._replace(covariance=None) == again._replace(covariance=None)
+    assert np.array_equal(before, state.horizon.core.mean)
+
+
+# --- the whole, at length
+
+
+@pytest.mark.slow
+def test_the_targets_over_twenty_seeds():
+    drives = [record("figure_eight", {"seed": k + 1}, 100.0) for k in range(4)]
+    pairs = [(drives[k % 4], 100 + k) for k in range(20)]
+    numbers = np.mean([settled(follow(d, FULL, seed)) for d, seed in pairs], axis=0)
+    assert numbers[1] < 0.15
+    assert 1.0 < numbers[4] < 3.0
+    for seconds, limit in ((5.0, 5.0), (20.0, 15.0)):
+        ends = [coasted(follow(d, FULL, seed, loss(25.0, seconds)), 25.0 + seconds) for d, seed in pairs]
+        assert rms(np.array(ends)) < limit

@@ -1,0 +1,207 @@
+"""Model of `ekf_full`: derivatives, where it is linear, and whether its errors are as large as it says."""
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from agrobot_mj.core.signals import Fix, Quality
+from agrobot_mj.estimation.full_filter import Core, FullFilter, Gates, Inputs
+from agrobot_mj.estimation.full_model import (
+    B_G,
+    B_S,
+    G_E,
+    G_N,
+    OMEGA,
+    PSI,
+    FixNoise,
+    FullLevels,
+    K,
+    N,
+    V,
+    X,
+    Y,
+    gyro_row,
+    position_rows,
+    process_noise,
+    propagate_mean,
+    squared_innovation,
+    standing_rows,
+    steady_gain,
+    steer_row,
+    transition,
+    velocity_rows,
+    wheel_row,
+)
+
+DT = 0.05
+LEVELS = FullLevels(
+    wheelbase=1.4,
+    compliance=0.012,
+    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3),
+    gyro_sigma=0.002,
+    wheel_sigma=0.02,
+    steer_sigma=0.02,
+    velocity_sigma=0.03,
+)
+NOISE = FixNoise(correlated=0.011, white=0.017, correlation_time=30.0)
+OPEN = Gates(nis=1e9, position=1e9, velocity=1e9, patience=40)
+STATES = [
+    np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02])
+    for psi in (0.0, 1.0, -2.5, 7.0)
+    for v in (-1.0, 0.0, 1.2)
+    for omega in (0.0, 0.3)
+]
+
+
+def derivative(function, state, h=1e-6):
+    """Central differences of a function of the state, its values along the first axis."""
+    return np.transpose([(function(state + h * e) - function(state - h * e)) / (2 * h) for e in np.eye(N)])
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("side", [0.0, -1.7])
+def test_the_transition_equals_finite_differences(state, side):
+    fixed = (LEVELS, side, DT, 0.99)
+    assert np.allclose(
+        transition(state, *fixed), derivative(lambda x: propagate_mean(x, *fixed), state), rtol=0, atol=1e-8
+    )
+
+
+FIX = Fix(3.1, -2.2, 0.4, 0.9)
+ROWS = {
+    "gyro": lambda x: [gyro_row(x, 0.2, LEVELS)],
+    "wheel": lambda x: [wheel_row(x, 1.1, 0.1, LEVELS)],
+    "steer": lambda x: [steer_row(x, 0.3, LEVELS)],
+    "standing": standing_rows,
+    "position": lambda x: position_rows(x, FIX, NOISE),
+    "velocity": lambda x: velocity_rows(x, FIX, LEVELS, -1.7),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("name", ROWS)
+def test_the_rows_equal_finite_differences(state, name):
+    """An innovation is measured less expected: it falls as the expected value rises."""
+    dense = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in ROWS[name](state)])
+    innovations = derivative(lambda x: np.array([row.innovation for row in ROWS[name](x)]), state)
+    assert np.allclose(dense, -innovations, rtol=0, atol=1e-8)
+
+
+def test_a_circle_closes():
+    """Midpoint rule without slip: after a turn of 100 ticks R is back to a millimetre on a circle of 5 m."""
+    omega = 2 * np.pi / (100 * DT)
+    mean = np.zeros(N)
+    mean[V], mean[OMEGA] = 5.0 * omega, omega
+    for _ in range(100):
+        mean = propagate_mean(mean, LEVELS._replace(compliance=0.0), 0.0, DT, 1.0)
+    assert np.abs(mean[[X, Y]]).max() < 1e-3
+    assert mean[PSI] == pytest.approx(2 * np.pi)
+
+
+def test_the_squared_innovation_is_that_of_both_together():
+    root = np.random.default_rng(1).standard_normal((N, N))
+    P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, 0.0)
+    H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
+    y = np.array([row.innovation for row in pair])
+    S = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
+    assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
+
+
+def test_the_steady_gain_is_that_of_the_riccati_equation():
+    walk, sigma, p = 0.1, 0.02, 1.0
+    for _ in range(200):
+        p += walk**2 * DT
+        gain = p / (p + sigma**2)
+        p *= 1 - gain
+    assert steady_gain(walk, sigma, DT) == pytest.approx(gain, rel=1e-9)
+
+
+def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
+    """Course, biases and scale certain: states x, v, y and the correlated errors, filtered here by the textbook."""
+    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0))
+    filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+    mean, sigmas = np.zeros(N), np.zeros(N)
+    sigmas[[X, Y, V, G_E, G_N]] = 0.05, 0.05, 0.5, 1.0, 1.0
+    core = Core(mean, np.diag(sigmas**2), search=None)
+    keep = [X, V, Y, G_E, G_N]
+    decay, Q = process_noise(levels, DT, NOISE.correlation_time)
+    m, P, Q = np.zeros(5), np.diag(sigmas[keep] ** 2), Q[np.ix_(keep, keep)]
+    F = np.diag([1.0, 1.0, 1.0, decay, decay])
+    F[0, 1] = DT
+    s = NOISE.correlated
+    H = np.array([[0, 1, 0, 0, 0], [1, 0, 0, s, 0], [0, 0, 1, 0, s], [0, 1, 0, 0, 0]], dtype=float)
+    R = np.diag([levels.wheel_sigma**2, NOISE.white**2, NOISE.white**2, levels.velocity_sigma**2])
+    rng = np.random.default_rng(4)
+    for k in range(400):
+        z = np.array([1.2, 1.2 * DT * (k + 1), 0.0, 1.2]) + 0.02 * rng.standard_normal(4)
+        fix = None if 200 < k < 240 else Fix(z[1], z[2], z[3], 0.0)
+        inputs = Inputs(DT * (k + 1), 0.0, z[0], 0.0, 0.0, 0.0)
+        core = filter_.step(core, inputs, fix, Quality.FIX, DT)
+        rows = slice(0, 1) if fix is None else slice(0, 4)
+        m, P = F @ m, F @ P @ F.T + Q
+        S = H[rows] @ P @ H[rows].T + R[rows, rows]
+        gain = np.linalg.solve(S, H[rows] @ P).T
+        m, P = m + gain @ (z[rows] - H[rows] @ m), P - gain @ H[rows] @ P
+        assert np.allclose(core.mean[keep], m, rtol=0, atol=1e-9)
+        assert np.allclose(core.covariance[np.ix_(keep, keep)], P, rtol=0, atol=1e-12)
+    assert P[0, 0] < 1e-3
+
+
+def test_errors_are_as_large_as_it_says():
+    """Normalised squared error of all ten states at the end of independent runs of the model itself."""
+    runs, ticks, nees, nis = 60, 100, 0.0, 0.0
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02])
+    decay, Q = process_noise(LEVELS, DT, NOISE.correlation_time)
+    start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for seed in range(runs):
+        rng, filter_ = np.random.default_rng(seed), FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+        truth = start + sigmas * rng.standard_normal(N)
+        core = Core(start, np.diag(sigmas**2), search=None)
+        for k in range(ticks):
+            truth = propagate_mean(truth, LEVELS, 0.0, DT, decay) + np.sqrt(np.diag(Q)) * rng.standard_normal(N)
+            core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
+            nis += core.nis
+        error = core.mean - truth
+        nees += error @ np.linalg.solve(core.covariance, error)
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], N * runs)
+    assert low < nees < high
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 2 * runs * ticks)
+    assert low < nis < high
+
+
+def _measured(truth, rng, t):
+    """Inputs and fix that the model gives of a true state."""
+    w = rng.standard_normal(7)
+    v, omega = truth[V], truth[OMEGA]
+    chi = truth[PSI] - LEVELS.compliance * v * omega
+    told = omega + LEVELS.steer_sigma * w[0]  # the error of the steering row is one of the yaw rate
+    steer = np.arctan(told * LEVELS.wheelbase / v) + truth[B_S]
+    inputs = Inputs(
+        t,
+        omega + truth[B_G] + LEVELS.gyro_sigma * w[1],
+        (1 + truth[K]) * v + LEVELS.wheel_sigma * w[2],
+        steer,
+        0.0,
+        0.0,
+    )
+    fix = Fix(
+        truth[X] + NOISE.correlated * truth[G_E] + NOISE.white * w[3],
+        truth[Y] + NOISE.correlated * truth[G_N] + NOISE.white * w[4],
+        v * cos(chi) + LEVELS.velocity_sigma * w[5],
+        v * sin(chi) + LEVELS.velocity_sigma * w[6],
+    )
+    return inputs, fix
+
+
+def test_a_turned_potentiometer_is_found():
+    filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02])
+    truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0])
+    core = Core(np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.diag(sigmas**2), search=None)
+    rng = np.random.default_rng(2)
+    for k in range(600):
+        truth = propagate_mean(truth, LEVELS, 0.0, DT, 1.0)
+        core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
+    assert core.mean[B_S] == pytest.approx(bias, abs=radians(0.3))

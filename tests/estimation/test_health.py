@@ -1,0 +1,75 @@
+"""What estimators say of themselves: honest uncertainty against the shipped noise, age of the fix, smoothed NIS."""
+
+from math import nan
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.signals import NOMINAL, Quality
+from agrobot_mj.core.spec import every
+from agrobot_mj.estimation import Ekf, Estimator
+from agrobot_mj.estimation.base import NIS_MOST, Health, largest_sigma
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.studies.validation.filters import BIAS, FULL, PAPER, follow, record
+
+DT = 0.05
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """45 s of a figure eight of the MuJoCo tractor."""
+    return record("figure_eight", {}, 45.0)
+
+
+def nees(drive, kind):
+    """Mean normalised squared error of the position against fixes with the receiver's own, correlated errors."""
+    assert drive.scenario.sensors.gnss == Sensors().gnss
+    return np.mean([follow(drive, kind, seed).nees[400:].mean() for seed in range(6)])
+
+
+@pytest.mark.parametrize("kind", [BIAS, FULL], ids=["ekf_bias", "ekf_full"])
+def test_the_stated_uncertainty_is_honest_or_a_little_cautious(drive, kind):
+    assert 1.0 < nees(drive, kind) < 3.0
+
+
+def test_the_papers_filter_takes_the_correlated_error_for_motion(drive):
+    assert nees(drive, PAPER) > 4.0
+
+
+@pytest.mark.parametrize("spec", every(Estimator))
+def test_every_estimator_tells_its_health(drive, spec):
+    """Six seconds with fixes, then none: age and sigma grow, the smoothed NIS stays."""
+    estimator, sensors, first = spec(), drive.scenario.sensors, drive.truths[0]
+    state = estimator.init(first.rear_x, first.rear_y, first.yaw, TractorParameters())
+    sensing, told = sensors.init(1), []
+    for truth in drive.truths[:240]:
+        day = NOMINAL if truth.t < 6.0 else NOMINAL._replace(gnss_quality=Quality.NONE)
+        sensing, measured = sensors.measure(sensing, truth, day, DT)
+        state, estimate = estimator.update(state, measured, DT)
+        told.append(estimate)
+    assert told[100].fix_age == pytest.approx(0.0, abs=1e-9)
+    assert told[-1].fix_age == pytest.approx(6.0, abs=1e-6)
+    assert told[-1].position_sigma > 2 * told[100].position_sigma > 0.0
+    assert told[-1].nis_mean == told[125].nis_mean
+    assert 0.5 < told[100].nis_mean < 5.0
+    assert told[-1].aligned
+
+
+def test_the_smoothed_nis_follows_and_one_outlier_is_bounded():
+    health = Health()
+    for _ in range(1000):
+        health = health.after(5.0, 1.0, DT)
+    assert health.nis == pytest.approx(5.0, rel=1e-3)
+    assert health.after(nan, None, DT) == health
+    assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
+
+
+def test_the_largest_sigma_is_the_root_of_the_largest_eigenvalue():
+    P = np.array([[4.0, 1.5], [1.5, 1.0]])
+    assert largest_sigma(P) == pytest.approx(np.sqrt(np.linalg.eigvalsh(P)[-1]))
+
+
+def test_the_papers_estimators_count_as_aligned():
+    assert Ekf().needs == {}
+    assert Ekf().columns == ()

@@ -1,0 +1,81 @@
+"""Gyro and wheel speed: their errors are those of their keys."""
+
+from math import exp, isnan, radians, sqrt
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.signals import NOMINAL, Truth
+from agrobot_mj.sensors import Gyro, WheelSpeed
+from agrobot_mj.simulation.loop import Loop
+
+DT = 0.05
+
+
+def truth(wheel_speed=1.2, yaw_rate=0.1):
+    return Truth(
+        *(0.0, 0.0, 0.0, 0.5, 0.3, 0.0, 0.0, 1.2, 0.0, yaw_rate, 0.1, 0.5, 0.3, 0.3),
+        antenna=(0.0, 0.0, 2.0),
+        antenna_velocity=(1.1, 0.4, 0.0),
+        steer_samples=np.full(25, 0.1),
+        pedal_samples=np.full(25, 0.5),
+        wheel_speed=wheel_speed,
+    )
+
+
+def readings(sensor, ticks, seed=1, **now):
+    state, found = sensor.init(seed), []
+    for _ in range(ticks):
+        state, reading = sensor.measure(state, truth(**now), NOMINAL, DT)
+        found.append(reading)
+    return np.array(found)
+
+
+def test_without_a_sensor_there_is_no_reading():
+    assert isnan(readings(WheelSpeed(), 1)[0])
+
+
+@pytest.mark.parametrize("speed", [1.2, -0.8])
+def test_the_scale_and_the_noise_are_those_of_the_keys(speed):
+    n, sensor = 4000, WheelSpeed(enabled=True, scale_error=0.03, slip_sigma=0.0, sigma_m_s=0.02)
+    found = readings(sensor, n, wheel_speed=speed)
+    assert found.mean() == pytest.approx(1.03 * speed, abs=5 * 0.02 / sqrt(n))
+    assert found.std() == pytest.approx(0.02, rel=5 / sqrt(2 * n))
+
+
+@pytest.mark.parametrize("lag", [0, 2, 10])
+def test_the_slip_has_its_sigma_and_its_correlation_time(lag):
+    n, sensor = 40_000, WheelSpeed(enabled=True, scale_error=0.0, slip_sigma=0.01, slip_time_s=0.25, sigma_m_s=0.0)
+    slip = readings(sensor, n, wheel_speed=1.0) - 1.0
+    expected = 1e-4 * exp(-lag * DT / 0.25)
+    assert slip[: n - lag] @ slip[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
+
+
+def test_wheels_that_stand_read_exactly_zero():
+    assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.02) == 0.0).all()
+    assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.04) != 0.0).all()
+
+
+def test_the_bias_of_the_gyro_walks():
+    """After 10 s the spread over seeds is the walk times the root of the time."""
+    gyro, runs = Gyro(enabled=True, sigma_deg_s=0.0, bias_deg_s=0.5, bias_walk_deg_s_rt_s=0.01), 300
+    last = np.degrees([readings(gyro, 200, seed)[-1] for seed in range(runs)]) - np.degrees(0.1)
+    assert last.mean() == pytest.approx(0.5, abs=5 * 0.032 / sqrt(runs))
+    assert last.std() == pytest.approx(0.01 * sqrt(10.0), rel=5 / sqrt(2 * runs))
+
+
+def test_the_walk_moves_no_noise():
+    still, walking = (Gyro(enabled=True, bias_walk_deg_s_rt_s=walk) for walk in (0.0, 1e-9))
+    assert readings(walking, 50) == pytest.approx(readings(still, 50), abs=radians(1e-7))
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_the_plants_tell_the_speed_of_their_wheels(plant):
+    """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
+    loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
+    assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
+    for _ in range(200):
+        loop.advance(loop.tick().drive)
+    ratio = loop.truth.wheel_speed / loop.truth.speed
+    assert ratio == 1.0 if plant == "bicycle" else 1.0 < ratio < 1.08
