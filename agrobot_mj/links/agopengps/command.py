@@ -16,7 +16,7 @@ from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets, ad
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher
-from agrobot_mj.simulation.storage import whole, write_log
+from agrobot_mj.simulation.storage import atomic, write_log
 
 Pacing = Literal["real_time", "answered"]
 """The wall clock paces the run, or the host by its answers."""
@@ -69,7 +69,7 @@ def link(
             channel = Answered(sockets) if a.pace == "answered" else RealTime(sockets)
         done = run_link(scenario, channel, options, watchers, should_stop, record, a.live)
     write_log(done.log, folder)
-    with whole(folder / "link.parquet") as temporary:
+    with atomic(folder / "link.parquet") as temporary:
         table = done.session.traffic.table(done.session.started)
         pq.write_table(table, temporary, compression="zstd")
     return done.log
