@@ -37,12 +37,21 @@ def wanted(text: str) -> list[Requirement]:
     return [Requirement(line) for line in lines]
 
 
+def optional(text: str) -> set[str]:
+    """Names of what the extras ask for: locked, but not installed by default."""
+    extras = tomllib.loads(text)["project"].get("optional-dependencies", {})
+    return {Requirement(line).name.lower() for lines in extras.values() for line in lines}
+
+
 def faults(root: Path) -> list[str]:
     """All disagreements, one line each."""
     pins = exported((root / "requirements.lock").read_text(encoding="utf-8"))
     lock = locked((root / "uv.lock").read_text(encoding="utf-8"))
+    extras = optional((root / "pyproject.toml").read_text(encoding="utf-8"))
     found = []
     for key in sorted(pins.keys() | lock.keys()):
+        if key not in pins and key[0] in extras:
+            continue
         if pins.get(key) != lock.get(key) or not pins[key]:
             where = "differs from uv.lock" if key in pins and key in lock else "is in one lock file only"
             found.append(f"requirements.lock: {key[0]}=={key[1]} {where}")

@@ -18,7 +18,7 @@ for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
     *(runs.run, runs.compare, links.link),
     *(recordings.view, recordings.snapshot),
-    *(studies.rig, studies.identify, studies.validate),
+    *(studies.rig, studies.identify, studies.validate, studies.tune),
 ):
     app.command(command.__name__.rstrip("_"))(command)
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agrobot_mj.cli.options import Out, Quiet, results_folder
+from agrobot_mj.cli.interrupts import interruptible
+from agrobot_mj.cli.options import Out, Quiet, Sets, Source, overrides, results_folder
 
 if TYPE_CHECKING:
     from agrobot_mj.studies.validation import Check
@@ -62,3 +63,36 @@ def validate(
         print(check.line, file=sys.stderr)
     if failed:
         raise typer.Exit(1)
+
+
+def tune(
+    source: Source,
+    guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
+    budget: Annotated[int, typer.Option(min=8, help="Evaluations of the objective, the same for every law.")] = 64,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds of each surface and speed.")] = 2,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search the gains of a guidance law.
+
+    They are judged on other surfaces and seeds; tuning.json says how they came about.
+    """
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import task
+    from agrobot_mj.studies.tune import tune as search
+    from agrobot_mj.studies.tune import write_tuning
+
+    kind = {} if guidance is None else {"guidance.kind": guidance}
+    scenario = load_scenario(source, {**kind, **overrides(sets)})
+    folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
+    with interruptible(), task(f"{scenario.guidance.kind}: {budget} evaluations", budget) as advance:
+        found = search(scenario, budget, seeds, jobs, lambda evaluations: [advance() for _ in range(evaluations)])
+    path = write_tuning(found, folder)
+    if not quiet:
+        for part in ("training", "test"):
+            score = found.provenance[part]
+            print(f"{part}: {score['score']['mean']:.3f}, before {score['score_of_defaults']['mean']:.3f}")
+        print(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
+        print(path)

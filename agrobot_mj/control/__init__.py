@@ -9,14 +9,23 @@ from agrobot_mj.control.base import Guidance as GuidanceLaw
 from agrobot_mj.control.base import Situation, YawController
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
+from agrobot_mj.control.lqr import Lqr
+from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.open_loop import OpenLoop
 from agrobot_mj.control.pd import Pd
 from agrobot_mj.control.pd_fnn import PdT1fnn, PdT2fnn
 from agrobot_mj.control.pd_isgn import PdIsgn
+from agrobot_mj.control.pi import Pi
+from agrobot_mj.control.pure_pursuit import PurePursuit
+from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
     Kinematic
     | Feedforward
+    | PurePursuit
+    | Stanley
+    | Lqr
+    | Nmpc
     | AgOpenGps,
     Field(discriminator="kind"),
 ]  # fmt: skip
@@ -25,6 +34,7 @@ Guidance = Annotated[
 Controller = Annotated[
     OpenLoop
     | Pd
+    | Pi
     | PdT2fnn
     | PdT1fnn
     | PdIsgn,
@@ -39,11 +49,16 @@ __all__ = [
     "Guidance",
     "GuidanceLaw",
     "Kinematic",
+    "Lqr",
+    "Nmpc",
     "OpenLoop",
     "Pd",
     "PdIsgn",
     "PdT1fnn",
     "PdT2fnn",
+    "Pi",
+    "PurePursuit",
     "Situation",
+    "Stanley",
     "YawController",
 ]

@@ -6,6 +6,7 @@ of its own family, `[controller]`; other laws need none. Both keep their state o
 `update(state, ...) -> (State, output)`. Further signals go into the log as `columns`, with values from `report`.
 """
 
+from collections.abc import Mapping
 from math import nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -58,6 +59,8 @@ class Guidance(Reporting):
     """Base of every guidance law, `[guidance] kind`."""
 
     kind: str
+    tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Keys that a tuning may change, with their ranges in the keys' units."""
 
     def init(self) -> Any:
         """State before the first tick."""
@@ -111,6 +114,8 @@ class YawController(Reporting):
     kind: str
     closed_loop: ClassVar[bool] = True
     """Whether the law uses the yaw rate."""
+    tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Keys that a tuning may change, with their ranges in the keys' units."""
 
     def init(self) -> Any:
         """State before the first tick."""
@@ -121,3 +126,10 @@ class YawController(Reporting):
     ) -> tuple[Any, YawCommand]:
         """State and command at time `t` [s] from the error [rad/s] after `dt` [s]; `steer_limit` [rad]."""
         raise NotImplementedError
+
+    def relieve(self, state: Any, excess: float) -> Any:
+        """State after the whole command, feed-forward included, was `excess` [rad] beyond the steering's limit.
+
+        For anti-windup; a controller without an integral that could wind up has nothing to do.
+        """
+        return state

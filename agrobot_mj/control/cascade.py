@@ -69,6 +69,9 @@ class Cascade(Guidance):
         controller, command = self.controller.update(state.controller, situation.t, e_yaw_rate, dt, limit)
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
+        excess = command.tau_c - command.tau_n + ahead - steer
+        if excess:
+            controller = self.controller.relieve(controller, excess)
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead), Command(steer, speed_ref)
 
     @property

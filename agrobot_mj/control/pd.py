@@ -4,7 +4,7 @@ Error e = reference less measured yaw rate [rad/s], output tau_c [rad], left pos
 limit. Source: the paper, section III-B. With k_D = 0, the default, it is a P controller.
 """
 
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import YawCommand, YawController
 from agrobot_mj.control.pid import FilteredRate, clip
@@ -20,6 +20,8 @@ class Conventional(YawController):
     """Derivative gain k_D [rad s2/rad]. Estimate."""
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the filter of the derivative of the error [s]. Estimate."""
+    tunable: ClassVar = {"kp": (0.1, 1.5), "kd": (0.0, 0.3)}
+    """Ranges in which the gains are sought."""
 
     def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
         """The filtered derivative of the error and tau_c [rad]."""

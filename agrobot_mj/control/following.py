@@ -1,0 +1,211 @@
+"""What path-following laws share: where the tractor is beside the path, how fast to go, and the limits of the steering.
+
+The path is that of the CG. A tractor whose rear axle rolls without sideslip then heads beside the path's tangent, by
+the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel, on an arc sin(beta) =
+l_r kappa. The rear axle runs on a curvature tan(beta) / l_r, which the wheelbase turns into the steering angle delta
+= atan(L tan(beta) / l_r). Forward, beta follows from the path behind, in reverse from the path ahead (the bounded
+solution), so that a step of curvature gives a steering angle that the tractor can follow.
+
+Errors are in the frame of the heading, left positive, in both directions of travel; the curvature is the turn of the
+heading per metre along the heading, so that delta has the sign of kappa in reverse too.
+"""
+
+from collections.abc import Sequence
+from math import asin, atan, cos, isnan, log, nan, radians, sin, tan, tanh
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import Guidance, Route, Situation
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.signals import Column, Command, PathPoint
+from agrobot_mj.core.spec import NonNegative, Positive
+
+SLOWEST_M_S = 0.3
+"""Laws whose gains depend on the speed take no smaller one [m/s]."""
+LARGEST_BIAS = radians(10.0)
+"""Largest estimated steering bias that is corrected [rad]."""
+LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
+"""Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
+
+
+class Following(Guidance):
+    """Base of the laws that follow the path by its nearest point; a law gives `steering`."""
+
+    saturation_m_s: NonNegative = 0.6
+    """Largest speed spent on catching up with the time-based reference [m/s]. Estimate, that of the kinematic law."""
+    gain_per_m: Positive = 0.4
+    """Slope of this correction relative to its saturation [1/m]. Estimate, that of the kinematic law."""
+    steer_rate_deg_s: Positive = 25.0
+    """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
+    lateral_acceleration_m_s2: Positive = 2.0
+    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate: a third of what tips the tractor."""
+    preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
+    """Time by which the feed-forward angle is taken ahead [s]. Estimate: delay and lag of the steering."""
+    compensate_steer_bias: bool = True
+    """Whether a steering bias that the estimator knows is added to the command."""
+
+    def memory(self) -> Any:
+        """State of the law itself before the first tick."""
+        return None
+
+    def steering(self, memory: Any, beside: "Beside", situation: Situation, dt: float) -> tuple[Any, float]:
+        """Memory after a tick of `dt` [s] and wanted steering angle [rad]; what is out of reach will be clipped."""
+        raise NotImplementedError
+
+    def init(self) -> "FollowingState":
+        """Before the first tick."""
+        return FollowingState(self.memory())
+
+    def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
+        """Place beside the path, steering law, limits."""
+        beside = self._beside(state, situation, dt)
+        memory, wanted = self.steering(state.memory, beside, situation, dt)
+        steer = clip(wanted + beside.bias, beside.low, beside.high)
+        state = FollowingState(
+            memory, beside.place.s, steer, beside.direction, beside.cross_track, beside.heading, beside.steer_ahead
+        )
+        return state, Command(steer, self._speed(beside, situation))
+
+    def slip_length(self, situation: Situation) -> float:
+        """Distance of the CG from the point of the tractor that has no sideslip [m]; l_r unless the tyres slip."""
+        return situation.machine.cg_to_rear_axle
+
+    def effective_wheelbase(self, situation: Situation) -> float:
+        """Steering angle per curvature of that point, small angles [m]; L unless the tyres slip."""
+        return situation.machine.wheelbase_m
+
+    def _beside(self, state: "FollowingState", situation: Situation, dt: float) -> "Beside":
+        estimate, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
+        leg = route.leg(t)
+        near = _distance_at(route, leg, t) if state.s is None else state.s
+        place = route.nearest(estimate.x, estimate.y, near, t)
+        along = to_heading(r.yaw, r.vx, r.vy)[0]
+        direction = _sign(along if abs(along) > 1e-6 else state.direction or place.speed)
+        l_r, L = self.slip_length(situation), self.effective_wheelbase(situation)
+        beta = sideslip(route, place.s, direction, leg, l_r)
+        later = sideslip(route, place.s + abs(estimate.speed) * self.preview_s, direction, leg, l_r)
+        bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
+        u, m = max(abs(estimate.speed), SLOWEST_M_S), situation.machine
+        limit = min(m.steer_limit, atan(m.wheelbase_m * self.lateral_acceleration_m_s2 / u**2))
+        last, reach = situation.steer if state.steer is None else state.steer, radians(self.steer_rate_deg_s) * dt
+        return Beside(
+            place=place,
+            leg=leg,
+            direction=direction,
+            speed=direction * u,
+            yaw=place.yaw - beta,
+            cross_track=place.offset,
+            heading=wrap(estimate.yaw - place.yaw + beta),
+            steer_here=atan(L * tan(beta) / l_r),
+            steer_ahead=atan(L * tan(later) / l_r),
+            bias=clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
+            low=max(-limit, min(last, limit) - reach),
+            high=min(limit, max(last, -limit) + reach),
+        )
+
+    def _speed(self, beside: "Beside", situation: Situation) -> float:
+        """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction."""
+        r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
+        along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
+        return beside.direction * max(beside.direction * (along + k_s * tanh(k_e * lead)), 0.0)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Where the law sees the tractor beside the path."""
+        return (
+            Column("path_s", "m", "distance along the path of the point nearest to the estimated CG"),
+            Column("e_cross_track_hat", "m", "estimated CG from the path, left of the heading positive"),
+            Column("e_heading_hat", "rad", "estimated heading less that of a tractor on the path, left positive"),
+            Column("steer_feedforward", "rad", "steering angle that the curvature of the path asks for"),
+        )
+
+    def report(self, state: "FollowingState") -> Sequence[float]:
+        """Values of `columns`."""
+        return (nan if state.s is None else state.s, state.cross_track, state.heading, state.steer_ahead)
+
+
+class FollowingState(NamedTuple):
+    """Memory of a `Following`."""
+
+    memory: Any
+    """State of the law itself."""
+    s: float | None = None
+    """Distance of the nearest point along the path; None before the first tick [m]."""
+    steer: float | None = None
+    """Last command; None before the first tick [rad]."""
+    direction: float = 0.0
+    """Last direction of travel: 1 forward, -1 in reverse, 0 unknown."""
+    cross_track: float = nan
+    """Last cross-track error [m]."""
+    heading: float = nan
+    """Last heading error [rad]."""
+    steer_ahead: float = nan
+    """Last feed-forward angle [rad]."""
+
+
+class Beside(NamedTuple):
+    """Where the tractor is beside the path in one tick."""
+
+    place: PathPoint
+    """Point of the path nearest to the CG, on the present leg."""
+    leg: tuple[float, float]
+    """Distances between which the direction of travel is kept [m]."""
+    direction: float
+    """1 forward, -1 in reverse."""
+    speed: float
+    """Estimated speed along the heading, of this direction and at least SLOWEST_M_S [m/s]."""
+    yaw: float
+    """Heading of a tractor whose CG follows the path there [rad]."""
+    cross_track: float
+    """CG from the path, left of the heading positive [m]."""
+    heading: float
+    """Heading less `yaw`, wrapped [rad]."""
+    steer_here: float
+    """Steering angle that the path asks for at this place [rad]."""
+    steer_ahead: float
+    """Steering angle that it asks for `preview_s` later [rad]."""
+    bias: float
+    """Estimated steering bias, which the command has to contain [rad]."""
+    low: float
+    """Smallest steering command within reach in this tick [rad]."""
+    high: float
+    """Largest steering command within reach in this tick [rad]."""
+
+    def offset_of(self, ahead: float, direction: float, situation: Situation) -> float:
+        """Offset of the tractor's point `ahead` [m] of the CG from where it would be without errors [m].
+
+        Positive to the left of `direction` [rad].
+        """
+        e, psi = situation.estimate, self.yaw
+        east = e.x - self.place.x + ahead * (cos(e.yaw) - cos(psi))
+        north = e.y - self.place.y + ahead * (sin(e.yaw) - sin(psi))
+        return to_heading(direction, east, north)[1]
+
+
+def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
+    """Sideslip beta [rad] of a CG on the path at `s` [m], `length` [m] before the point that has none.
+
+    The mean of the curvature behind (in reverse: ahead), weighted by exp(-distance / length).
+    """
+    low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # before its start the path is straight
+    ways = (clip(s - direction * lag * length, low, high) for lag in LAGS)
+    curvature = sum(route.ahead(way).curvature for way in ways) / len(LAGS)
+    return asin(clip(length * curvature, -0.95, 0.95))
+
+
+def _distance_at(route: Route, leg: tuple[float, float], t: float) -> float:
+    """Distance along the path [m] at which the reference is at time `t` [s]."""
+    low, high = leg[0], max(leg[0], 1.0)
+    while route.ahead(high).t < t and high < min(leg[1], 1e6):
+        high *= 2
+    high = min(high, leg[1])
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (middle, high) if route.ahead(middle).t < t else (low, middle)
+    return low
+
+
+def _sign(x: float) -> float:
+    return -1.0 if x < 0 else 1.0

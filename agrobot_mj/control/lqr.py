@@ -1,0 +1,190 @@
+"""LQR on the linear bicycle in steady slip, with the steering's lag and delay, integral action and feed-forward.
+
+Model at the speed u (negative in reverse), errors of the CG beside the path, delta less its feed-forward value:
+  e_y' = u e_psi + a gamma,  e_psi' = gamma,  gamma = u delta / (L + K u^2),  tau delta' = delta_c(t - T) - delta,
+with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and a = l_r - m l_f u^2 / (L C_r), the distance of the CG
+from the point that has no sideslip [Snider2009], [Rajamani2012]. Sampled every tick, the commands under way are
+states. The cost is
+  (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
+Gains come from the discrete Riccati equation on a grid of speeds, once a process, and are interpolated. The integral
+is kept as an angle and rests while the command is at a limit or the tractor stands.
+
+Forward and in reverse, at any speed of the grid. It leaves no offset behind steady disturbances (slope, steering
+bias, payload); a disturbance that changes faster than the integral - each arc, where the estimated heading is biased
+- leaves its transient.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import radians
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from scipy.linalg import expm, solve_discrete_are
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.following import Beside, Following, FollowingState
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.signals import TICK_S, Array, Column
+from agrobot_mj.core.spec import Latency, Positive
+from agrobot_mj.machine.tractor import TractorParameters
+
+SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
+"""Speeds for which gains are computed, either direction [m/s]."""
+STANDING_M_S = 0.1
+"""Speed below which the integral rests [m/s]."""
+
+
+class LqrState(NamedTuple):
+    """Memory of `Lqr`."""
+
+    integral: float = 0.0
+    """Angle that stands for the integral of the cross-track error [rad]."""
+    under_way: tuple[float, ...] = ()
+    """Feedback part of the commands that the steering has not answered yet, oldest first [rad]."""
+
+
+class Lqr(Following):
+    """Linear-quadratic regulator of cross-track error, heading and steering angle."""
+
+    kind: Literal["lqr"] = "lqr"
+    front_cornering_stiffness_n_rad: Positive = 14_800.0
+    """C_f of the front axle [N/rad]. Estimate, that of the bicycle plant."""
+    rear_cornering_stiffness_n_rad: Positive = 30_000.0
+    """C_r of the rear axle [N/rad]. Estimate, that of the bicycle plant."""
+    steering_lag_s: Positive = 0.7
+    """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
+    steering_delay_s: Latency = 0.1
+    """T, delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
+    offset_m: Positive = 0.2
+    """Cross-track error that costs 1 [m]. Estimate."""
+    heading_deg: Positive = 6.0
+    """Heading error that costs 1 [deg]. Estimate."""
+    rate_deg_s: Positive = 10.0
+    """Steering rate that costs 1 [deg/s]. Estimate."""
+    steer_deg: Positive = 6.0
+    """Steering angle beside the feed-forward that costs 1 [deg]. Estimate."""
+    integral_m_s: Positive | None = 1.5
+    """Integral of the cross-track error that costs 1 [m s]; none at all when null. Estimate."""
+    integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
+    """Largest angle of the integral [deg]. Estimate: holds a side slope of 20 deg."""
+    approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
+    """Largest angle at which it heads for a path far away [deg]. Estimate: the model is linear."""
+    tunable: ClassVar = {
+        "offset_m": (0.02, 0.5),
+        "heading_deg": (2.0, 30.0),
+        "rate_deg_s": (3.0, 60.0),
+        "integral_m_s": (0.1, 3.0),
+    }
+    """Ranges in which the gains are sought."""
+
+    def memory(self) -> LqrState:
+        """Nothing under way."""
+        return LqrState(under_way=(0.0,) * round(self.steering_delay_s / TICK_S))
+
+    def steering(self, memory: LqrState, beside: Beside, situation: Situation, dt: float) -> tuple[LqrState, float]:
+        """Feed-forward and state feedback."""
+        gains = self.gains(situation.machine, beside.speed)
+        delta = situation.steer - beside.bias - beside.steer_here
+        far = radians(self.approach_deg) * gains[1] / gains[0]
+        offset = clip(beside.cross_track, -abs(far), abs(far))
+        errors = (offset, beside.heading, delta, *memory.under_way)
+        feedback = memory.integral - sum(k * x for k, x in zip(gains, errors, strict=False))
+        wanted = beside.steer_ahead + feedback
+        possible = clip(wanted, beside.low - beside.bias, beside.high - beside.bias)
+        step = -gains[-1] * beside.cross_track * dt if offset == beside.cross_track else 0.0
+        integral = self._integral(memory, situation, step, wanted - possible)
+        under_way = (*memory.under_way, possible - beside.steer_ahead)[1:]
+        return LqrState(integral, under_way), wanted
+
+    def gains(self, machine: TractorParameters, speed: float) -> list[float]:
+        """Gains on e_y, e_psi, delta, the commands under way (oldest first), and on the integral of e_y."""
+        speeds, table = _table(self, machine, speed < 0)
+        u = clip(abs(speed), speeds[0], speeds[-1])
+        k = min(int(np.searchsorted(speeds, u, "right")), len(speeds) - 1)
+        share = (u - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
+        return [a + share * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
+
+    def slip_length(self, situation: Situation) -> float:
+        """a, at least a tenth of l_r [m]."""
+        return _slip(self, situation.machine, situation.estimate.speed)[0]
+
+    def effective_wheelbase(self, situation: Situation) -> float:
+        """L + K u^2 [m]."""
+        return _slip(self, situation.machine, situation.estimate.speed)[1]
+
+    def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
+        """The integral after this tick's `step`, unless the command is `excess` beyond its limits [rad]."""
+        if excess * step > 0 or abs(situation.estimate.speed) < STANDING_M_S:
+            return memory.integral
+        limit = radians(self.integral_limit_deg)
+        return clip(memory.integral + step, -limit, limit)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Those of every path-following law, and the integral."""
+        return (*super().columns, Column("steer_integral", "rad", "steering angle held by the integral of the law"))
+
+    def report(self, state: FollowingState) -> Sequence[float]:
+        """Values of `columns`."""
+        return (*super().report(state), state.memory.integral)
+
+
+def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:
+    """Distance a of the CG from the point without sideslip, and L + K u^2 [m]."""
+    m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
+    C_f, C_r, u2 = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad, speed * speed
+    K = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
+    return max(l_r - m * l_f * u2 / (L * C_r), 0.1 * l_r), max(L + K * u2, 0.5 * L)
+
+
+@lru_cache(maxsize=64)
+def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
+    """The grid of speeds [m/s], absolute, and the gains at each."""
+    return list(SPEEDS), [_gains(law, machine, -u if reverse else u).tolist() for u in SPEEDS]
+
+
+def _gains(law: Lqr, machine: TractorParameters, u: float) -> Array:
+    """Gains at the speed `u` [m/s]; the last one, on the integral, is 0 without."""
+    a, wheelbase = _slip(law, machine, u)
+    n = round(law.steering_delay_s / TICK_S)
+    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
+    rate = np.zeros(4 + n)
+    rate[2], answered = -1 / law.steering_lag_s, 1 / law.steering_lag_s
+    if n:
+        rate[3] = answered
+    Q = np.outer(rate, rate) / radians(law.rate_deg_s) ** 2
+    Q[0, 0] += law.offset_m**-2
+    Q[1, 1] += radians(law.heading_deg) ** -2
+    R = np.array([[radians(law.steer_deg) ** -2 + (0 if n else (answered / radians(law.rate_deg_s)) ** 2)]])
+    size = 4 + n if law.integral_m_s else 3 + n
+    if law.integral_m_s:
+        Q[-1, -1] += law.integral_m_s**-2
+    A, B, Q = A[:size, :size], B[:size], Q[:size, :size]
+    P = solve_discrete_are(A, B, Q, R)
+    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+    return K if law.integral_m_s else np.append(K, 0.0)
+
+
+def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
+    """State and input matrix for one tick of (e_y, e_psi, delta, n commands under way, integral of e_y).
+
+    `turn` is gamma / delta [1/s].
+    """
+    continuous = np.zeros((5, 5))  # e_y, e_psi, delta, integral, command held over the tick
+    continuous[0, 1:3] = u, a * turn
+    continuous[1, 2] = turn
+    continuous[2, 2], continuous[2, 4] = -1 / lag, 1 / lag
+    continuous[3, 0] = 1.0
+    step = expm(continuous * TICK_S)
+    A, B = np.zeros((4 + n, 4 + n)), np.zeros((4 + n, 1))
+    places = [0, 1, 2, 3 + n]
+    A[np.ix_(places, places)] = step[:4, :4]
+    if n:
+        A[places, 3] = step[:4, 4]
+        A[range(3, 2 + n), range(4, 3 + n)] = 1.0
+        B[2 + n, 0] = 1.0
+    else:
+        B[places, 0] = step[:4, 4]
+    return A, B

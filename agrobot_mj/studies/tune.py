@@ -1,0 +1,203 @@
+"""Gains of a guidance law by search: the same objective, cases and budget for every law, judged on other cases.
+
+Objective: the mean over surfaces, speeds and seeds of  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S;  a run that
+does not complete its path, or leaves it by metres, counts as FAILED. A worn valve among the cases is what a loss of
+margin costs. Differential evolution over the ranges that the law declares (`tunable`), begun with its defaults, so
+that the result is never worse on the training cases than these; test surfaces and seeds are never seen by the search.
+The result says how it came about.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from math import degrees, exp, log
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.storage import write_json
+
+XTE_M = 0.05
+"""Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
+TRAVEL_DEG_S = 5.0
+"""Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
+FAILED = 20.0
+"""Cost of a run that fails, and the most that any run costs [-]."""
+POPULATION = 8
+"""Candidates in a generation."""
+WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
+"""Valve with 40 % of its flow and 0.8 V more dead band."""
+COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
+
+Overrides = dict[str, Any]
+TRAINING: dict[str, Overrides] = {
+    "as the scenario": {},
+    "soil": {"plant.tyre.kind": "soil"},
+    "worn valve": {"fault": [WORN]},
+}
+"""Surfaces of the search."""
+TEST: dict[str, Overrides] = {
+    "rough D": {"terrain.kind": "rough", "terrain.iso_class": "D"},
+    "side slope 10 deg": {"terrain.kind": "slope", "terrain.grade_deg": 10.0, **COMPENSATED},
+    "worn valve on soil": {"plant.tyre.kind": "soil", "fault": [WORN]},
+}
+"""Surfaces of the judgement."""
+SPEEDS = {"training": (0.8, 1.5), "test": (1.2,)}
+"""Speeds of the path [m/s]."""
+FIRST_TEST_SEED = 1000
+"""Seeds of the search count up from the scenario's, those of the judgement from here."""
+
+
+class TuningCase(NamedTuple):
+    """One run of the objective."""
+
+    surface: str
+    speed: float
+    """[m/s]."""
+    seed: int
+    scenario: Scenario
+
+
+class Tuning(NamedTuple):
+    """What a search found."""
+
+    gains: dict[str, float]
+    """By dotted key."""
+    provenance: dict[str, Any]
+    """How it came about and how it scores, ready for JSON."""
+
+
+def tunable(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises `ScenarioError`."""
+    law, controller = scenario.guidance, scenario.controller
+    found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
+    if law.using(controller) is not law:
+        found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
+    if not found:
+        raise ScenarioError(f"guidance.kind: {law.kind!r} declares nothing to tune; name a law that does")
+    return found
+
+
+def tuning_cases(scenario: Scenario, part: str, seeds: int) -> list[TuningCase]:
+    """The cases of "training" or "test"; surfaces that the plant cannot have are left out."""
+    surfaces = TRAINING if part == "training" else TEST
+    first = scenario.seed if part == "training" else FIRST_TEST_SEED
+    found = []
+    for (surface, changes), speed in product(surfaces.items(), SPEEDS[part]):
+        try:
+            changed = scenario.changed({**changes, "path.speed_m_s": speed})
+        except ScenarioError:
+            continue
+        found += [TuningCase(surface, speed, s, changed.changed({"seed": s})) for s in range(first, first + seeds)]
+    return found
+
+
+def cost(scenario: Scenario, gains: Overrides) -> float:
+    """Cost of one run under these gains [-]."""
+    done = run(scenario.changed(gains))
+    steer = done.column("steer")
+    if done.outcome != scenario.expected_outcome or done.metrics["xte_rms"] is None:
+        return FAILED
+    xte = float(done.metrics["xte_rms"])
+    travel = degrees(float(np.abs(np.diff(steer)).sum())) / float(done.column("t")[-1])
+    return min(xte / XTE_M + travel / TRAVEL_DEG_S, FAILED)
+
+
+def mean_cost(cases: Sequence[TuningCase], gains: Overrides) -> float:
+    """The objective [-]."""
+    return sum(cost(case.scenario, gains) for case in cases) / len(cases)
+
+
+def tune(
+    scenario: Scenario,
+    budget: int = 64,
+    seeds: int = 2,
+    jobs: int = 1,
+    done: Callable[[int], object] = lambda evaluations: None,
+) -> Tuning:
+    """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations."""
+    ranges = tunable(scenario)
+    training, test = (tuning_cases(scenario, part, seeds) for part in ("training", "test"))
+    if not training:
+        raise ScenarioError(f"{scenario.name}: none of the surfaces of a tuning fits this scenario")
+    space = [(log(low), log(high)) if low > 0 else (low, high) for low, high in ranges.values()]
+    objective = partial(_objective, training, ranges)
+    start = _candidates(scenario, ranges, space)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+
+        def evaluate(function: Callable[[Any], float], candidates: Iterable[Any]) -> list[float]:
+            found = list((pool.map if jobs > 1 else map)(function, list(candidates)))
+            done(len(found))
+            return found
+
+        best = differential_evolution(
+            objective, space, init=start, maxiter=max(budget // POPULATION - 1, 0), polish=False, seed=1,
+            updating="deferred", workers=evaluate, tol=0.0,
+        )  # fmt: skip
+    gains = _gains(ranges, best.x)
+    provenance = {
+        "version": __version__,
+        "scenario": scenario.name,
+        "guidance": scenario.guidance.kind,
+        "controller": scenario.controller.kind if any(key.startswith("controller") for key in ranges) else None,
+        "evaluations": int(best.nfev),
+        "ranges": {key: list(limits) for key, limits in ranges.items()},
+        "gains": gains,
+        "training": _judged(training, gains),
+        "test": _judged(test, gains),
+    }
+    return Tuning(gains, provenance)
+
+
+def write_tuning(tuning: Tuning, folder: Path) -> Path:
+    """Write tuning.json under `folder`; returns its path."""
+    write_json(folder / "tuning.json", tuning.provenance)
+    return folder / "tuning.json"
+
+
+def _objective(cases: Sequence[TuningCase], ranges: dict[str, tuple[float, float]], x: Any) -> float:
+    return mean_cost(cases, _gains(ranges, x))
+
+
+def _gains(ranges: dict[str, tuple[float, float]], x: Any) -> dict[str, float]:
+    """Gains from a point of the search; those whose range excludes 0 are sought by their logarithm."""
+    return {
+        key: float(f"{exp(value) if low > 0 else value:.4g}")
+        for (key, (low, _)), value in zip(ranges.items(), np.asarray(x).tolist(), strict=True)
+    }
+
+
+def _candidates(scenario: Scenario, ranges: dict[str, tuple[float, float]], space: list[tuple[float, float]]) -> Any:
+    """First generation, shape (POPULATION, keys): the present gains, and a Latin hypercube."""
+    rng, n = np.random.default_rng(1), len(space)
+    cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
+    low, high = np.array(space).T
+    points = low + (cells + rng.random((POPULATION, n))) / POPULATION * (high - low)
+    for k, (key, (lowest, _)) in enumerate(ranges.items()):
+        part, name = key.split(".")
+        now = getattr(getattr(scenario, part), name)
+        if now is not None:
+            points[0, k] = np.clip(log(now) if lowest > 0 and now > 0 else now, low[k], high[k])
+    return points
+
+
+def _judged(cases: Sequence[TuningCase], gains: Overrides) -> dict[str, Any]:
+    """Score of these gains and of the present ones, by surface."""
+    surfaces = list(dict.fromkeys(case.surface for case in cases))
+    found: dict[str, Any] = {
+        "speeds_m_s": sorted({case.speed for case in cases}),
+        "seeds": sorted({case.seed for case in cases}),
+    }
+    for name, chosen in (("score", gains), ("score_of_defaults", {})):
+        scores = {s: mean_cost([case for case in cases if case.surface == s], chosen) for s in surfaces}
+        found[name] = {**scores, "mean": sum(scores.values()) / max(len(scores), 1)}
+    return found

@@ -1,0 +1,205 @@
+"""Every path-following law drives a tractor without slip to its path, forward and in reverse."""
+
+from importlib.util import find_spec
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from drives import MACHINE, Bend, drive
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agrobot_mj.control import Guidance, Lqr, Nmpc, PurePursuit
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.following import Following, sideslip
+from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, _slip
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S, Estimate
+from agrobot_mj.core.spec import every
+from agrobot_mj.paths import Circle
+from agrobot_mj.paths.route import SampledRoute
+
+CASADI = find_spec("casadi") is not None
+NEEDS_CASADI = pytest.mark.skipif(not CASADI, reason="casadi is not installed (pip install agrobot-mj[nmpc])")
+LAWS = [
+    pytest.param(kind(), id=kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
+    for kind in every(Guidance)
+    if issubclass(kind, Following)
+]
+INTEGRATING = [p for p in LAWS if isinstance(p.values[0], Lqr | Nmpc)]
+SPEED = [1.2, -1.2, 0.5, -0.5, 3.0]
+
+
+@pytest.mark.parametrize("speed", SPEED)
+@pytest.mark.parametrize("law", LAWS)
+def test_converges_from_an_offset_and_a_heading_error(law: Following, speed: float) -> None:
+    d = drive(law, Bend(speed), 40.0, offset=0.6, heading=0.25)
+    assert abs(d.offset[-100:]).max() < 0.02
+    assert abs(d.offset).max() < 1.3
+
+
+@pytest.mark.parametrize("curvature", [0.1, -0.2])
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+@pytest.mark.parametrize("law", LAWS)
+def test_no_error_rests_on_an_arc(law: Following, speed: float, curvature: float) -> None:
+    d = drive(law, Bend(speed, curvature), 40.0)
+    assert abs(d.offset[-100:]).max() < 0.01
+    assert np.mean(d.steer[-100:]) == pytest.approx(
+        np.arctan(
+            MACHINE.wheelbase_m * np.tan(np.arcsin(MACHINE.cg_to_rear_axle * curvature)) / MACHINE.cg_to_rear_axle
+        ),
+        abs=radians(0.3),
+    )
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_step_of_curvature_costs_little(law: Following) -> None:
+    """Less than the 9 cm that a look-ahead of 2.7 m cuts off the corner: its square over eight radii."""
+    d = drive(law, Bend(1.2, 0.1), 15.0)
+    assert abs(d.offset).max() < 0.08
+
+
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+@pytest.mark.parametrize("law", LAWS)
+def test_a_mirrored_path_gives_mirrored_commands(law: Following, speed: float) -> None:
+    left = drive(law, Mirrored(speed, 0.1, 1.0), 12.0, offset=0.3, heading=0.1)
+    right = drive(law, Mirrored(speed, 0.1, -1.0), 12.0, offset=-0.3, heading=-0.1)
+    steers = np.array([(a.steer, -b.steer) for a, b in zip(left.commands, right.commands, strict=True)])
+    assert steers[:, 0] == pytest.approx(steers[:, 1], abs=1e-6)
+    assert [c.speed for c in left.commands] == pytest.approx([c.speed for c in right.commands], abs=1e-9)
+
+
+class Mirrored(Bend):
+    """A bend along east, mirrored at the east axis by the sign."""
+
+    def __init__(self, speed: float, curvature: float, sign: float) -> None:
+        super().__init__(speed, sign * curvature)
+
+    def at(self, t: float):
+        """Turned so that it sets out along east."""
+        r = super().at(t)
+        c, s = cos(-0.3), sin(-0.3)
+        turn = lambda x, y: (c * x - s * y, s * x + c * y)  # noqa: E731
+        return r._replace(
+            **dict(zip("xy", turn(r.x, r.y), strict=True)),
+            **dict(zip(("vx", "vy"), turn(r.vx, r.vy), strict=True)),
+            yaw=r.yaw - 0.3,
+        )
+
+
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+@pytest.mark.parametrize("law", INTEGRATING)
+def test_laws_with_disturbance_estimate_leave_no_offset_behind_a_steering_bias(law: Following, speed: float) -> None:
+    d = drive(law, Bend(speed), 60.0, bias=radians(3.0))
+    assert abs(d.offset[-100:]).max() < 0.01
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_known_steering_bias_leaves_no_offset(law: Following) -> None:
+    d = drive(law, Bend(1.2), 60.0, bias=radians(3.0), known_bias=radians(3.0))
+    assert abs(d.offset[-100:]).max() < 0.01
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_commands_keep_to_angle_rate_and_lateral_acceleration(law: Following) -> None:
+    d = drive(law, Bend(3.0, 0.05), 20.0, offset=3.0, heading=-1.0)
+    steer = np.array([c.steer for c in d.commands])
+    assert abs(steer).max() <= MACHINE.steer_limit + 1e-12
+    at_speed = steer[200:]
+    allowed = np.arctan(MACHINE.wheelbase_m * law.lateral_acceleration_m_s2 / 2.5**2)
+    assert abs(at_speed).max() <= allowed
+    # the limit itself tightens as the tractor gains speed, which may outrun the rate
+    assert np.abs(np.diff(at_speed)).max() <= radians(law.steer_rate_deg_s) * TICK_S + 1e-9
+
+
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+@pytest.mark.parametrize("law", LAWS)
+def test_the_speed_never_turns_against_the_leg(law: Following, speed: float) -> None:
+    """However far the tractor is ahead of its reference it waits; it does not go back."""
+    path = Bend(speed)
+    m, route = MACHINE, SampledRoute(path)
+    r = path.at(10.0)
+    lead = 5.0 * (1 if speed > 0 else -1)
+    x, y = r.x + lead * cos(r.yaw), r.y + lead * sin(r.yaw)
+    e = Estimate(
+        x, y, r.yaw, 0.0, 0.0, x - m.cg_to_rear_axle * cos(r.yaw), y - m.cg_to_rear_axle * sin(r.yaw), np.eye(3)
+    )
+    law = law.model_copy(update={"saturation_m_s": 2.0})
+    state, command = law.update(law.init(), Situation(10.0, e, r, route, m, 0.0), TICK_S)
+    assert command.speed == 0.0
+    assert state.s == pytest.approx(17.0, abs=0.2)  # the place is found at once, wherever the law takes over
+
+
+def test_the_rear_axle_follows_the_path_behind_and_in_reverse_the_path_ahead() -> None:
+    route = SampledRoute(Bend(1.0, 0.1, 5.0))
+    leg, l_r = (0.0, np.inf), 0.5
+    assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
+    assert 0.4 < sideslip(route, 5.4, 1.0, leg, l_r) / np.arcsin(0.05) < 0.8
+    assert sideslip(route, 9.0, 1.0, leg, l_r) == pytest.approx(np.arcsin(0.05))
+    assert 0.2 < sideslip(route, 4.6, -1.0, leg, l_r) / np.arcsin(0.05) < 0.7
+    assert sideslip(route, 5.1, -1.0, leg, l_r) == pytest.approx(np.arcsin(0.05))
+
+
+def test_pure_pursuit_on_its_path_steers_for_the_radius_of_the_rear_axle() -> None:
+    path = Circle(radius_m=8.0, speed_m_s=1.0, ramp_s=0.0)
+    r, m, route = path.at(20.0), MACHINE, SampledRoute(path)
+    psi = r.yaw - np.arcsin(m.cg_to_rear_axle / 8.0)
+    e = Estimate(
+        r.x, r.y, psi, 1.0, 0.1, r.x - m.cg_to_rear_axle * cos(psi), r.y - m.cg_to_rear_axle * sin(psi), np.eye(3)
+    )
+    law = PurePursuit(steer_rate_deg_s=1e6)
+    _, command = law.update(law.init(), Situation(20.0, e, r, route, m, 0.0), TICK_S)
+    assert command.steer == pytest.approx(np.arctan(m.wheelbase_m / np.sqrt(8.0**2 - m.cg_to_rear_axle**2)), rel=1e-3)
+
+
+def test_the_integral_of_the_lqr_rests_at_the_limits() -> None:
+    """Off the path and hardly allowed to steer, it gathers a fraction of the angle that the plain integral would."""
+    law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
+    d = drive(law, Bend(1.2), 20.0, offset=1.5)
+    integral = np.array([report[-1] for report in d.reports])
+    plain = law.gains(MACHINE, 1.2)[-1] * np.cumsum(d.offset) * TICK_S
+    assert abs(integral).max() < 0.3 * abs(plain).max()
+
+
+@given(st.sampled_from(SPEEDS), st.booleans())
+def test_the_closed_loop_of_the_lqr_is_stable_at_every_speed_of_its_grid(speed: float, reverse: bool) -> None:
+    law, u = Lqr(), -speed if reverse else speed
+    a, wheelbase = _slip(law, MACHINE, u)
+    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
+    assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[None])).max() < 1.0
+
+
+def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
+    """One tick of the model equals a fine integration of its equations."""
+    law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
+    a, wheelbase = _slip(law, MACHINE, u)
+    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
+    x, command = np.array([0.1, -0.05, 0.1, 0.0]), 0.2
+    expected = A @ x + B[:, 0] * command
+    for _ in range(5000):
+        e_y, e, delta, _ = x
+        gamma = u * delta / wheelbase
+        x = x + TICK_S / 5000 * np.array([u * e + a * gamma, gamma, (command - delta) / law.steering_lag_s, e_y])
+    assert x == pytest.approx(expected, abs=1e-6)
+
+
+def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    from agrobot_mj.control import nmpc
+
+    def absent(name: str) -> None:
+        raise ImportError(name)
+
+    nmpc._solver.cache_clear()
+    monkeypatch.setattr(nmpc, "import_module", absent)
+    with pytest.raises(ScenarioError, match=r"pip install agrobot-mj\[nmpc\]"):
+        Nmpc().init()
+    nmpc._solver.cache_clear()
+
+
+def test_columns_and_report_agree() -> None:
+    for p in LAWS:
+        law = p.values[0]
+        if isinstance(law, Nmpc) and not CASADI:
+            continue
+        assert len(law.columns) == len(law.report(law.init()))
+        assert all(c.unit and c.description for c in law.columns)
