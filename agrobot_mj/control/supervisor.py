@@ -8,7 +8,7 @@ exceeded it returns the pedal to neutral and ends the run as `stopped`, with the
 
 from collections.abc import Sequence
 from enum import IntEnum
-from math import degrees, exp, hypot, isfinite, radians
+from math import degrees, hypot, isfinite, radians
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
@@ -33,9 +33,7 @@ class SupervisorState(NamedTuple):
 
     mode: Mode = Mode.IDLE
     fix_age: float = 0.0
-    """Time since the last GNSS solution [s]."""
-    nis: float = 2.0
-    """Smoothed normalised innovation squared [-]."""
+    """Age of the newest fix that the estimator has accepted [s]."""
     place: float = 0.0
     """Distance of the nearest point along the path [m]."""
     offset: float = 0.0
@@ -59,18 +57,16 @@ class Supervisor(Reporting):
 
     enabled: bool = True
     """Whether the supervisor acts; off in the scenarios of the paper, which has none."""
-    coasting_after_s: Positive = 0.3
-    """Age of the last fix from which the tractor counts as coasting [s]. Estimate: some lost fixes are normal."""
+    coasting_after_s: Positive = 0.6
+    """Age of the newest fix from which the tractor counts as coasting [s]. Estimate: late and lost fixes are normal."""
     max_fix_age_s: Positive = 8.0
-    """Age of the last fix at which it stops [s]. Estimate: dead reckoning drifts by decimetres in that time."""
+    """Age of the newest fix at which it stops [s]. Estimate: dead reckoning drifts by decimetres in that time."""
     max_sigma_m: Positive = 1.0
-    """Estimated standard deviation of the position, the worse axis, at which it stops [m]. Estimate."""
+    """Estimated standard deviation of the position at which it stops [m]. Estimate."""
     max_cross_track_m: Positive = 2.0
     """Cross-track error by the estimate at which it stops [m]. Estimate: a swath's width."""
     max_nis: Positive = 100.0
     """Smoothed NIS of the fixes at which it stops [-]. Estimate: an honest filter has 2."""
-    nis_filter_s: Positive = 1.0
-    """Time constant of the smoothing of the NIS [s]. Estimate."""
     max_steer_mismatch_deg: Positive = 12.0
     """Difference of commanded and measured steering angle that counts as not following [deg]. Estimate."""
     steer_mismatch_s: Positive = 2.0
@@ -79,8 +75,8 @@ class Supervisor(Reporting):
     """Speed at which it drives straight on until the heading is known [m/s]. Estimate."""
     max_aligning_s: Positive = 15.0
     """Time after which it gives up aligning and stops [s]. Estimate."""
-    stopping_pedal_rate_per_s: Positive = 0.25
-    """Rate at which the pedal goes back to neutral [1/s]. Estimate: 1.2 m/s in a second."""
+    stopping_pedal_rate_per_s: Positive = 0.5
+    """Rate at which the pedal goes back to neutral [1/s]. Estimate: 1.2 m/s in half a second."""
     settle_s: NonNegative = 1.5
     """Time in neutral after which the run ends as stopped [s]. Estimate."""
 
@@ -94,7 +90,7 @@ class Supervisor(Reporting):
         """State and the command that goes to the low-level loops, from the one of the guidance law."""
         if not self.enabled:
             return state, command
-        state = self._observe(state, situation, measured, dt)
+        state = self._observe(state, situation, dt)
         if state.mode is not Mode.STOPPING:
             reason = self._exceeded(state, situation)
             mode = Mode.STOPPING if reason else self._mode(state, situation)
@@ -106,34 +102,28 @@ class Supervisor(Reporting):
         """Whether the controlled stop is over."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
-    def _observe(
-        self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
-    ) -> SupervisorState:
-        """Age of the fix, smoothed NIS, place beside the path, following of the wheels."""
+    def _observe(self, state: SupervisorState, situation: Situation, dt: float) -> SupervisorState:
+        """Age of the fix, place beside the path, following of the wheels."""
         estimate = situation.estimate
-        age = 0.0 if measured.fix is not None else state.fix_age + dt
-        keep = exp(-dt / self.nis_filter_s)
-        nis = keep * state.nis + (1 - keep) * estimate.nis if isfinite(estimate.nis) else state.nis
+        age = estimate.fix_age if isfinite(estimate.fix_age) else 0.0
         beside = situation.route.nearest(estimate.x, estimate.y, state.place, situation.t)
-        mismatched = abs(state.steer - situation.steer) > radians(self.max_steer_mismatch_deg)
+        off = abs(state.steer - situation.steer) > radians(self.max_steer_mismatch_deg)
         return state._replace(
             fix_age=age,
-            nis=nis,
             place=beside.s,
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
-            mismatch_s=state.mismatch_s + dt if mismatched else 0.0,
+            mismatch_s=state.mismatch_s + dt if off else 0.0,
         )
 
     def _exceeded(self, state: SupervisorState, situation: Situation) -> str:
         """Which limit is exceeded, in words; empty where none is."""
-        p = situation.estimate.covariance
-        sigma = max(float(p[0, 0]), float(p[1, 1]), 0.0) ** 0.5
+        sigma, nis = situation.estimate.position_sigma, situation.estimate.nis_mean
         if state.fix_age > self.max_fix_age_s:
             return f"no GNSS fix for {state.fix_age:.1f} s"
-        if not sigma <= self.max_sigma_m:
+        if sigma > self.max_sigma_m:
             return f"position known to {sigma:.2f} m only"
-        if state.nis > self.max_nis:
-            return f"fixes contradict the estimate (NIS {state.nis:.0f})"
+        if nis > self.max_nis:
+            return f"fixes contradict the estimate (NIS {nis:.0f})"
         if state.mode >= Mode.TRACKING and abs(state.offset) > self.max_cross_track_m:
             return f"{abs(state.offset):.2f} m off the path"
         if state.mismatch_s > self.steer_mismatch_s:
@@ -171,7 +161,7 @@ class Supervisor(Reporting):
             return ()
         return (
             Column("supervisor_state", "-", "0 idle, 1 aligning, 2 tracking, 3 coasting, 4 stopping"),
-            Column("fix_age", "s", "time since the last GNSS solution"),
+            Column("fix_age", "s", "age of the newest fix that the estimator has accepted"),
         )
 
     def report(self, state: SupervisorState) -> Sequence[float]:

@@ -16,9 +16,9 @@ ROUTE = SampledRoute(Line())
 FIX = Fix(0.0, 0.0, 0.0, 0.0)
 
 
-def seen(y=0.0, sigma=0.02, steer=0.0, nis=2.0, aligned=True):
-    covariance = np.diag([sigma**2, sigma**2, 1e-4])
-    estimate = Estimate(1.0, y, 0.0, 1.2, 0.0, 0.5, y, covariance, nis, aligned=aligned)
+def seen(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0):
+    health = {"aligned": aligned, "fix_age": age, "position_sigma": sigma, "nis_mean": nis}
+    estimate = Estimate(1.0, y, 0.0, 1.2, 0.0, 0.5, y, np.eye(3), **health)
     return Situation(1.0, estimate, Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0), ROUTE, TractorParameters(), steer)
 
 
@@ -46,7 +46,7 @@ def test_while_all_is_well_commands_pass_untouched():
         ({"sigma": 1.5}, FIX, "position known"),
         ({"nis": 1e4}, FIX, "contradict"),
         ({"steer": 0.5}, FIX, "steering command"),
-        ({}, None, "no GNSS fix"),
+        ({"age": 8.5}, None, "no GNSS fix"),
         ({"aligned": False}, FIX, "heading unknown"),
     ],
 )
@@ -67,7 +67,7 @@ def test_a_stop_is_final_even_if_all_is_well_again():
 
 
 def test_lost_fixes_are_coasting_first():
-    state, commands = drive(Supervisor(), [seen()] * 20, fix=None)
+    state, commands = drive(Supervisor(), [seen(age=0.05 * k) for k in range(20)], fix=None)
     assert state.mode is Mode.COASTING
     assert commands[0] == Command(0.0, 1.2)
     assert commands[-1] == Command(0.0, 1.2, pedal=0.24)
@@ -111,12 +111,3 @@ def test_a_short_loss_is_coasted_through():
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 25.0}))
     assert log.outcome == "completed"
     assert set(log.column("supervisor_state")) == {Mode.TRACKING, Mode.COASTING}
-
-
-def test_a_stuck_potentiometer_does_not_lead_far_away():
-    stuck = {"kind": "steering_pot_stuck", "start_s": 10.0}
-    log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [stuck], "duration_s": 90.0}))
-    off = np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))
-    assert log.outcome in ("completed", "stopped")
-    if log.outcome == "stopped":
-        assert off.max() < Supervisor().max_cross_track_m + 3.0
