@@ -27,12 +27,12 @@ def tracked_folders():
 
 def test_verbs_are_those_of_the_makefile():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    verbs = re.findall(r"^([a-z]+):.*##", makefile, re.MULTILINE)
+    verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
     assert sorted(verbs) == sorted(phony.split())
-    listed = first_cells("make ([a-z]+)")
+    listed = first_cells("make ([a-z-]+)")
     assert sorted(listed) == sorted(verbs)
-    assert set(re.findall(r"`make ([a-z]+)", TEXT)) <= set(listed)
+    assert set(re.findall(r"`make ([a-z-]+)", TEXT)) <= set(listed)
 
 
 def test_folders_of_the_tree_are_listed():
