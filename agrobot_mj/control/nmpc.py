@@ -48,9 +48,9 @@ class NmpcState(NamedTuple):
     under_way: tuple[float, float]
     """Last two commands, oldest first [rad]."""
     mean: Array = DISTURBANCES
-    """Of e_y [m], e [rad], b [rad], d [1/m], shape (4,)."""
+    """Mean of e_y [m], e [rad], b [rad], d [1/m], shape (4,)."""
     covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])
-    """Of `mean`, shape (4, 4)."""
+    """Covariance of `mean`, shape (4, 4)."""
     started: bool = False
     """Whether there was a tick."""
 

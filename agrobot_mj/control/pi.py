@@ -22,7 +22,7 @@ class PiState(NamedTuple):
     integral: float = 0.0
     """Share of the integral in the command [rad]."""
     before: float = 0.0
-    """The same one tick earlier [rad]."""
+    """Share of the integral one tick earlier [rad]."""
 
 
 class Pi(YawController):

@@ -5,7 +5,7 @@ all rows at once: gyro, wheel speed, steering, standstill, and position and velo
 
 Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
 sway of the antenna is nothing unusual. Refusals in a row for `gate_patience_s` mean that the filter is wrong: the
-position restarts from the fix, and after refused velocities the yaw is searched anew. Wheels whose speed is off the
+position restarts from the fix, and after refused velocities the yaw is searched again. Wheels whose speed is off the
 fix's by more than that floor spin or slide, and are not heard.
 
 Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
@@ -128,7 +128,7 @@ class Core(NamedTuple):
     rejected_velocities: int = 0
     """Velocities refused since the start."""
     restarts: int = 0
-    """How often the position was restarted or the yaw searched anew."""
+    """How often the position was restarted or the yaw searched again."""
     seen_t: float = -1.0
     """Time of the last fix [s]."""
     accepted_t: float = 0.0

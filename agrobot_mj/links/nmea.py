@@ -11,7 +11,7 @@ from typing import NamedTuple
 START = datetime(2026, 6, 1, 12, tzinfo=UTC)
 """UTC at the start of every run: fixed, so that runs repeat."""
 KNOTS = 3600 / 1852
-"""[kn per m/s]."""
+"""One metre per second in knots [kn per m/s]."""
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 4, 5
 """Quality in GGA."""

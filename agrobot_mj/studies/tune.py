@@ -61,7 +61,7 @@ class TuningCase(NamedTuple):
 
     surface: str
     speed: float
-    """[m/s]."""
+    """Speed on the path [m/s]."""
     seed: int
     scenario: Scenario
 

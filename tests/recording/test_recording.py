@@ -216,7 +216,7 @@ def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
             told.append(first)
             super().advance(first)
 
-    monkeypatch.setattr(whole_runs, "TELL_S", 0.0)
+    monkeypatch.setattr(whole_runs, "REPORT_S", 0.0)
     path = tmp_path / "run.rrd"
     run(load_scenario("straight_line", {"duration_s": 1}), (Listening(path),))
     assert told == [*range(20), 20]

@@ -33,7 +33,7 @@ from agrobot_mj.links.agopengps.wire import Rejected, Unknown, decode, encode
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
 """Bit of `SteerData.status` that says the host steers, by dialect."""
 REPEAT_S = 0.001
-"""[s]."""
+"""Time within which an identical datagram counts as a duplicate [s]."""
 FALLBACK_S = 0.1
 """Without a message from the host the board reports at this interval [s]."""
 LOOPBACK = (127, 0, 0, 1)
@@ -150,7 +150,7 @@ class Board(NamedTuple):
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """The same where nothing has asked for it for a while, else nothing."""
+        """Result of `report` if the host has sent no message for a while, else nothing."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 

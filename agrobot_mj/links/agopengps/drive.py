@@ -10,7 +10,7 @@ from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.links.agopengps.messages import SteerConfig, SteerSettings
 
 FULL_PWM = 255
-"""[PWM counts]."""
+"""Full output of the motor driver [PWM counts]."""
 SOFT_ZONE_DEG = 3.0
 """Below this error the limit of the PWM falls with it [deg]. As AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2

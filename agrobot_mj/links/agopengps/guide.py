@@ -18,7 +18,7 @@ from agrobot_mj.links.geodesy import Origin, to_local
 ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
 """Status bits: AgOpenGPS; AgOpenWeb engaged with its switch; AgOpenWeb's position and guidance are valid."""
 HELLO_S = 2.0
-"""[s]."""
+"""Period of the hello messages [s]."""
 CHORD_M = 1.0
 """A heading from fix to fix takes two fixes this far apart [m]. Estimate."""
 TRUST = 0.05
@@ -34,7 +34,7 @@ class GuideSettings(NamedTuple):
     origin: Origin
     law: LawSettings = LawSettings()
     antenna_height: float = 2.0
-    """[m]."""
+    """Height of the antenna above the ground [m]."""
     engage_after: float = 1.0
     """Time from the first known heading to engaging [s]."""
     board: SteerSettings | None = None

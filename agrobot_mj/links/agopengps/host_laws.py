@@ -11,7 +11,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading, wrap
 
 KMH = 3.6
-"""[km/h per m/s]."""
+"""One metre per second in kilometres per hour [km/h per m/s]."""
 
 
 class AbLine(NamedTuple):
@@ -37,11 +37,11 @@ class AxlePose(NamedTuple):
     y: float
     """North [m]."""
     yaw: float
-    """[rad]."""
+    """Yaw, from east, counter-clockwise [rad]."""
     roll: float = 0.0
     """Left side up positive [rad]."""
     speed: float = 0.0
-    """[m/s]."""
+    """Speed [m/s]."""
 
 
 class LawSettings(NamedTuple):
@@ -49,7 +49,7 @@ class LawSettings(NamedTuple):
 
     law: Literal["pure_pursuit", "stanley"] = "pure_pursuit"
     wheelbase: float = 1.4
-    """[m]."""
+    """Wheelbase [m]."""
     look_ahead_s: float = 2.0
     """Goal point ahead by this time of travel ... [s]. Estimate."""
     look_ahead_least: float = 2.5
@@ -63,7 +63,7 @@ class LawSettings(NamedTuple):
     side_hill: float = 0.0
     """Angle into the hill per roll [-]; 0 as such hosts come."""
     steer_limit: float = 0.785
-    """[rad]."""
+    """Largest steering angle, either way [rad]."""
     yaw_rate_limit: float = 0.64
     """Fastest turn that is asked for [rad/s]. As such hosts come."""
 
@@ -72,7 +72,7 @@ class LawState(NamedTuple):
     """Memory of a law."""
 
     integral: float = 0.0
-    """[rad]."""
+    """Integral of the steering angle [rad]."""
     off: float | None = None
     """Last distance of the rear axle [m]."""
     rate: float = 0.0
@@ -82,7 +82,7 @@ class LawState(NamedTuple):
 
 
 INTEGRAL_LIMIT = 0.2
-"""[rad]."""
+"""Largest integral of the steering angle [rad]."""
 INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
 """The integral moves above this speed and below this rate of the distance [m/s]."""
 

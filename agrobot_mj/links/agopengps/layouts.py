@@ -37,7 +37,7 @@ from agrobot_mj.links.agopengps.messages import (
 )
 
 KMH = 3.6
-"""[km/h per m/s]."""
+"""One metre per second in kilometres per hour [km/h per m/s]."""
 NO_HEADING, NO_ROLL = 9999, 8888
 """What a steer module without an inertial unit sends [0.1 deg]."""
 SHORTEST = 8

@@ -69,7 +69,7 @@ class MachineData(NamedTuple):
     """239: sections and implement."""
 
     speed: float
-    """[m/s]."""
+    """Speed [m/s]."""
     u_turn: int = 0
     """State of the turn at the headland."""
     lift: int = 0
@@ -108,9 +108,9 @@ class CorrectedPosition(NamedTuple):
     """100: the host's own position after its corrections."""
 
     longitude: float
-    """[deg]."""
+    """Longitude [deg]."""
     latitude: float
-    """[deg]."""
+    """Latitude [deg]."""
     yaw: float = nan
     """NaN where the host sends none [rad]."""
 
@@ -165,7 +165,7 @@ class ImuData(NamedTuple):
     """211: an inertial unit with a board of its own."""
 
     yaw: float
-    """[rad]."""
+    """Yaw [rad]."""
     roll: float
     """Left side up positive [rad]."""
     yaw_rate: float = 0.0
@@ -176,19 +176,19 @@ class BridgePosition(NamedTuple):
     """214: position from the bridge to the guidance program on one computer; values as sent."""
 
     longitude: float
-    """[deg]."""
+    """Longitude [deg]."""
     latitude: float
-    """[deg]."""
+    """Latitude [deg]."""
     dual_heading: float
-    """[deg]."""
+    """Heading of two antennas [deg]."""
     heading: float
-    """[deg]."""
+    """Heading [deg]."""
     speed: float
-    """[km/h]."""
+    """Speed [km/h]."""
     roll: float
-    """[deg]."""
+    """Roll [deg]."""
     altitude: float
-    """[m]."""
+    """Altitude [m]."""
     satellites: int
     """In use."""
     fix: int
@@ -196,13 +196,13 @@ class BridgePosition(NamedTuple):
     hdop: int
     """Hundredths."""
     age: int
-    """Of the corrections [0.01 s]."""
+    """Age of the corrections [0.01 s]."""
     imu_heading: int
-    """[0.1 deg]."""
+    """Heading of the inertial unit [0.1 deg]."""
     imu_roll: int
-    """[0.1 deg]."""
+    """Roll of the inertial unit [0.1 deg]."""
     imu_pitch: int
-    """[0.1 deg]."""
+    """Pitch of the inertial unit [0.1 deg]."""
     imu_yaw_rate: int
     """As sent."""
 

@@ -14,14 +14,14 @@ from agrobot_mj.links.nmea import KNOTS, Solution, clock, degrees_of, fields_of,
 NO_HEADING, NO_ROLL = 65535, 32767
 """PANDA without an inertial unit [0.1 deg]."""
 FIELDS = 16
-"""Of either sentence, its name counted."""
+"""Number of fields of either sentence, its name counted."""
 
 
 class BoardAttitude(NamedTuple):
     """What the inertial unit or the second antenna adds; NaN without one."""
 
     yaw: float = nan
-    """[rad]."""
+    """Yaw [rad]."""
     roll: float = nan
     """Left side up positive [rad]."""
     pitch: float = nan

@@ -50,7 +50,7 @@ class Options(NamedTuple):
     """How a session runs."""
 
     seed: int = 1
-    """Of the noise of the heading of two antennas."""
+    """Seed of the noise of the heading of two antennas."""
     start: Start = "heard"
     wait_s: float = 60.0
     """Longest wait for the start [s]."""

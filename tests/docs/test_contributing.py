@@ -1,0 +1,57 @@
+"""CONTRIBUTING.md names the Makefile's verbs and the folders of the tree: all of them, and no others."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def first_cells(pattern):
+    """What the pattern finds in the first cells of the tables, in order."""
+    return re.findall(rf"^\| `{pattern}` \|", TEXT, re.MULTILINE)
+
+
+def tracked_folders():
+    """Folders at the top of the tree that git tracks, without hidden ones."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is no checkout")
+    files = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    return {file.partition("/")[0] for file in files if "/" in file and not file.startswith(".")}
+
+
+def test_verbs_are_those_of_the_makefile():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    assert sorted(verbs) == sorted(phony.split())
+    listed = first_cells("make ([a-z-]+)")
+    assert sorted(listed) == sorted(verbs)
+    assert set(re.findall(r"`make ([a-z-]+)", TEXT)) <= set(listed)
+
+
+def test_folders_of_the_tree_are_listed():
+    assert sorted(first_cells(r"([a-z_]+)/")) == sorted(tracked_folders())
+
+
+def test_folders_of_the_package_are_listed_in_the_order_in_which_they_build_on_each_other():
+    package = ROOT / "agrobot_mj"
+    listed = first_cells(r"agrobot_mj/([a-z_]+)/")
+    assert sorted(listed) == sorted(file.parent.name for file in package.glob("*/__init__.py"))
+    for position, folder in enumerate(listed):
+        for file in (package / folder).rglob("*.py"):
+            used = set(re.findall(r"^\s*from agrobot_mj\.(\w+)", file.read_text(encoding="utf-8"), re.MULTILINE))
+            assert used <= set(listed[: position + 1]), file
+
+
+def test_files_and_links_exist():
+    links = re.findall(r"\]\(([^)#:]+)\)", TEXT)
+    paths = re.findall(r"`((?:agrobot_mj|docs|models|scripts|tests|\.ci)/[\w./]*)`", TEXT)
+    assert links
+    assert paths
+    assert [path for path in (*links, *paths) if not (ROOT / path).exists()] == []
