@@ -85,8 +85,9 @@ def test_a_host_that_is_engaged_already_must_let_go_first():
 def test_the_watchdog_lets_go_within_its_time_and_latches():
     rig = engaged()
     last = rig.t - TICK
-    while rig.tick().engaged:
-        pass
+    for _ in range(100):
+        if not rig.tick().engaged:
+            break
     assert 2.4 <= rig.t - TICK - last <= 2.5 + TICK + 1e-9
     assert rig.tick().voltage == NEUTRAL_V
     actuation = rig.tick(on(radians(30)), 100)
