@@ -6,6 +6,10 @@ The kinematic law turns the position error of the CG into speed and yaw-rate ref
 ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref
 [rad/s], left positive. The law inverts the motion of a point l_r before a rear axle that rolls without slip.
 Source: the paper, section III-A, after [Martins2008].
+
+What it cannot do: reverse (that point would have to trail the rear axle, and the yaw rate answers the steering with
+the other sign), wait for a tractor that is ahead without turning its heading, and rest without an offset beside an
+arc or on a slope unless the yaw controller integrates.
 """
 
 from math import cos, sin, tanh

@@ -1,0 +1,75 @@
+"""Every guidance law drives both plants, with sensors and estimator, forward; those that can also in reverse."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from agrobot_mj.control import Guidance, Nmpc
+from agrobot_mj.control.following import Following
+from agrobot_mj.core.spec import every
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+
+NEEDS_CASADI = pytest.mark.skipif(
+    find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
+)
+LAWS = [pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else []) for kind in every(Guidance)]
+FOLLOWING = [
+    pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
+    for kind in every(Guidance)
+    if issubclass(kind, Following)
+]
+WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+@pytest.mark.parametrize("kind", LAWS)
+def test_drives_a_lane_change(kind: str, plant: str) -> None:
+    keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.kind": "lane_change"}
+    log = run(load_scenario("figure_eight", keys))
+    assert log.outcome == "completed"
+    assert log.metrics["xte_rms"] < 0.25
+    assert {c.name for c in log.scenario.guidance.columns} <= set(log.signals.column_names)
+
+
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_following_laws_hold_an_arc_within_a_hand(kind: str) -> None:
+    keys = {"guidance.kind": kind, "plant.kind": "bicycle", "path.turns": 1, "duration_s": 60.0}
+    log = run(load_scenario("figure_eight", keys))
+    assert log.metrics["xte_abs_p95"] < 0.12
+
+
+REVERSING = {
+    "path.kind": "manoeuvre",
+    "path.piece": [
+        {"kind": "straight", "length_m": 10.0},
+        {"kind": "clothoid", "length_m": 3.0, "from_per_m": 0.0, "to_per_m": 0.12, "reverse": True},
+        {"kind": "arc", "radius_m": 1 / 0.12, "angle_deg": 40.0, "side": "left", "reverse": True},
+        {"kind": "clothoid", "length_m": 3.0, "from_per_m": 0.12, "to_per_m": 0.0, "reverse": True},
+        {"kind": "straight", "length_m": 8.0, "reverse": True},
+        {"kind": "straight", "length_m": 8.0},
+    ],
+}
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_following_laws_reverse_into_a_row(kind: str, plant: str) -> None:
+    log = run(load_scenario("figure_eight", {"guidance.kind": kind, "plant.kind": plant, **REVERSING}))
+    assert log.outcome == "completed"
+    assert log.column("speed").min() < -0.5
+    assert np.abs(log.column("e_cross_track_hat")).max() < 0.5
+    assert log.metrics["xte_rms"] < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+@pytest.mark.parametrize("kind", LAWS)
+def test_stable_on_a_worn_valve_over_three_turns(kind: str, plant: str) -> None:
+    keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.turns": 3, "fault": [WORN]}
+    log = run(load_scenario("figure_eight", keys))
+    assert log.outcome == "completed"
+    turns = [turn["xte_abs_p95"] for turn in log.metrics["per_turn"]]
+    assert max(turns) < 0.5
+    assert turns[2] < 1.3 * turns[1] + 0.02  # nothing grows from turn to turn

@@ -1,0 +1,52 @@
+"""PI on the yaw rate, alone and with a feed-forward beside it."""
+
+from math import radians
+
+import numpy as np
+import pytest
+from drives import MACHINE, Bend
+
+from agrobot_mj.control import Feedforward, Pd, Pi, Situation
+from agrobot_mj.core.signals import TICK_S, Estimate
+from agrobot_mj.paths.route import SampledRoute
+
+LIMIT = radians(45)
+
+
+def test_command_is_gain_times_error_and_its_integral() -> None:
+    law, state = Pi(kp=0.5, ki=0.2), Pi().init()
+    for _ in range(20):
+        state, command = law.update(state, 0.0, 0.1, TICK_S, LIMIT)
+    assert command.tau_c == pytest.approx(0.05)
+    assert command.steer == pytest.approx(0.05 + 0.2 * 0.1 * 20 * TICK_S)
+
+
+def test_without_an_integral_gain_it_is_the_p_controller() -> None:
+    errors, pi, pd = np.sin(np.arange(50.0)), Pi(kp=0.4, ki=0.0), Pd(kp=0.4)
+    a, b = pi.init(), pd.init()
+    for e in errors.tolist():
+        a, one = pi.update(a, 0.0, e, TICK_S, LIMIT)
+        b, other = pd.update(b, 0.0, e, TICK_S, LIMIT)
+        assert one.steer == other.steer
+
+
+def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> float:
+    """Integral beside the path's feed-forward while the yaw rate stays what it is [rad]."""
+    path = Bend(1.0, kappa, 0.0)
+    route, law = SampledRoute(path), Feedforward().using(Pi(kp=0.1, ki=0.2))
+    state = law.init()
+    for k in range(round(seconds / TICK_S)):
+        t = k * TICK_S
+        r = path.at(t)
+        e = Estimate(r.x, r.y, r.yaw, 1.0, yaw_rate, r.x, r.y, np.eye(3))
+        state, command = law.update(state, Situation(t, e, r, route, MACHINE, 0.0), TICK_S)
+        assert abs(command.steer) <= MACHINE.steer_limit
+    return float(state.controller.integral)
+
+
+def test_the_integral_counts_the_feed_forward_to_the_limit() -> None:
+    """On an arc that needs most of the steering the integral stops at what is left of it."""
+    kappa = 0.6
+    ahead = np.arctan(MACHINE.wheelbase_m * kappa)
+    assert integral_after(kappa, -0.4) == pytest.approx(MACHINE.steer_limit - ahead, abs=0.1)
+    assert integral_after(0.0, -0.4) > 2 * integral_after(kappa, -0.4)
