@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo demo-link test slow check validate bench figures library snapshots lock reference
+.PHONY: help install demo demo-link test slow check validate bench figures library snapshots lock reference results
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -55,6 +55,9 @@ bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 
 figures: $(STAMP) ## Draw the README's results again
 	@$(PY) scripts/make_figures.py
+
+results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (half an hour)
+	@$(PY) scripts/make_results.py
 
 library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages again
 	@$(PY) scripts/make_library.py

@@ -1,0 +1,105 @@
+"""docs/results.md: run the comparison of the stack (resumes by itself), and write its tables and its figure."""
+
+import argparse
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.version import __version__
+from agrobot_mj.simulation.progress import task
+from agrobot_mj.studies.headline import LAWS, by_cell, cells, interval, paired, study, table
+from agrobot_mj.studies.style import STYLE
+
+ROOT = Path(__file__).parent.parent
+PAGE, IMAGE = ROOT / "docs" / "results.md", ROOT / "docs" / "images" / "laws.png"
+BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
+
+
+def put(text: str, name: str, content: str) -> str:
+    """The page with the content of a marked block replaced."""
+    begin, end = (mark.format(name=name) for mark in BLOCK)
+    place = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
+    if not place.search(text):
+        raise SystemExit(f"{PAGE}: its block {name} is gone")
+    return place.sub(lambda _: begin + content + end, text)
+
+
+def differences(rows: list[dict]) -> str:
+    """Paired differences of the network to the laws that it should beat, in cm."""
+    values, network = by_cell(rows, "xte_rms"), "P + network (pd_t2fnn)"
+    lines = ["| estimator | surface | less P + integral of sgn | less PI | less P + feed-forward | less LQR |"]
+    lines.append("|---|---|---|---|---|---|")
+    others = ("P + integral of sgn", "PI on yaw rate", "P + feed-forward", "LQR")
+    for estimator, surface in dict.fromkeys((e, s) for e, s, law in values if law == network):
+        texts = []
+        for other in others:
+            if (estimator, surface, other) not in values:
+                texts.append("-")
+                continue
+            d, low, high = (
+                100 * v for v in paired(values[estimator, surface, network], values[estimator, surface, other])
+            )
+            texts.append(f"{d:+.1f} ({low:+.1f} to {high:+.1f})")
+        lines.append(f"| `{estimator}` | {surface} | " + " | ".join(texts) + " |")
+    return "\n".join(lines)
+
+
+def draw(rows: list[dict]) -> None:
+    """Cross-track rms by law and surface, both estimators, with intervals."""
+    values = by_cell(rows, "xte_rms")
+    surfaces = [s for s in dict.fromkeys(s for _, s, _ in values) if s != "swaths"]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        for axes, surface in zip(figure.subplots(2, 3, sharex=True, sharey=True).flat, surfaces, strict=False):
+            for estimator, colour, shift in (("ekf", "#D55E00", 0.15), ("ekf_full", "#0072B2", -0.15)):
+                for k, law in enumerate(reversed(LAWS)):
+                    found = np.array(list(values.get((estimator, surface, law), {}).values()))
+                    good = 100 * found[np.isfinite(found)]
+                    if len(good):
+                        low, high = interval(good)
+                        axes.plot([low, high], [k + shift] * 2, color=colour, lw=1.5)
+                        axes.plot(good.mean(), k + shift, "o", ms=4, color=colour, label=estimator if k == 0 else None)
+            axes.set_xscale("log")
+            axes.set_title(surface)
+            axes.set_yticks(range(len(LAWS)), list(reversed(LAWS)))
+            axes.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+            axes.minorticks_off()
+        for axes in figure.axes[3:]:
+            axes.set_xlabel("cross-track rms [cm]")
+        figure.axes[0].legend(loc="lower right", title="estimator")
+        figure.savefig(IMAGE, dpi=160)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="number of seeds, from 1")
+    parser.add_argument("--jobs", type=int, default=None, help="processes; all cores by default")
+    parser.add_argument("--rows", type=Path, default=ROOT / "runs" / "results" / "rows.jsonl")
+    parser.add_argument("--only-draw", action="store_true", help="write the page from the rows that are there")
+    arguments = parser.parse_args()
+    seeds = range(1, arguments.seeds + 1)
+    if arguments.only_draw:
+        import json
+
+        rows = [json.loads(line) for line in arguments.rows.read_text("utf-8").splitlines()]
+    else:
+        with task(f"{len(cells())} cells, {len(seeds)} seeds", len(cells()) * len(seeds)) as advance:
+            rows = study(arguments.rows, seeds, arguments.jobs, advance)
+    text = PAGE.read_text(encoding="utf-8")
+    count = min(len(v) for v in by_cell(rows, "xte_rms").values())
+    text = put(text, "standing", f"Version {__version__}, {count} seeds or more per cell, shipped gains.")
+    text = put(text, "ekf", table(rows, "ekf"))
+    text = put(text, "ekf_full", table(rows, "ekf_full"))
+    text = put(text, "differences", differences(rows))
+    PAGE.write_text(text, encoding="utf-8")
+    draw(rows)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
