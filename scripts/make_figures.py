@@ -1,4 +1,4 @@
-"""The README's results: run the comparison, and write its table and its figure of the lateral error."""
+"""The paper's experiment in docs/results.md: run the comparison, write its table and its figure of the lateral error."""
 
 import argparse
 import json
@@ -12,26 +12,26 @@ from agrobot_mj.studies.compare import cases, compare
 from agrobot_mj.studies.tables import table
 
 ROOT = Path(__file__).parent.parent
-README, IMAGE = ROOT / "README.md", ROOT / "docs" / "images" / "lateral_error.png"
+PAGE, IMAGE = ROOT / "docs" / "results.md", ROOT / "docs" / "images" / "lateral_error.png"
 CONTROLLERS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
 PLANTS = ("bicycle", "mujoco")
 RESULTS = re.compile(r"(<!-- results -->\n).*?(\n<!-- end of results -->)", re.DOTALL)
 
 
 def run(folder: Path) -> None:
-    """Run all cases of the README's table into `folder`."""
+    """Run all cases of the page's table into `folder`."""
     todo = cases(load_scenario("figure_eight"), CONTROLLERS, PLANTS, seeds=1)
     with task(f"{len(todo)} runs", len(todo)) as advance:
         compare(todo, folder, rrd=False, done=lambda _: advance())
 
 
 def publish(folder: Path) -> str:
-    """Write the table into the README and the figure into docs/images; returns the table."""
+    """Write the table into the page and the figure into docs/images; returns the table."""
     text = table(json.loads((folder / "comparison.json").read_text(encoding="utf-8")))
-    before = README.read_text(encoding="utf-8")
+    before = PAGE.read_text(encoding="utf-8")
     if not RESULTS.search(before):
-        raise SystemExit("README.md: its <!-- results --> block is gone")
-    README.write_text(RESULTS.sub(lambda place: place[1] + text + place[2], before), encoding="utf-8")
+        raise SystemExit("docs/results.md: its <!-- results --> block is gone")
+    PAGE.write_text(RESULTS.sub(lambda place: place[1] + text + place[2], before), encoding="utf-8")
     IMAGE.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(folder / "lateral_error.png", IMAGE)
     return text
