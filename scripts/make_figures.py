@@ -1,4 +1,4 @@
-"""The paper's experiment in docs/results.md: run the comparison, write its table and its figure of the lateral error."""
+"""The paper's experiment in docs/results.md: run the comparison, write its table and its figure."""
 
 import argparse
 import json
