@@ -16,13 +16,13 @@ between them; `speed_m_s` stays the largest. A curvature that the tractor cannot
 
 import warnings
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr
 from scipy.interpolate import splev, splprep
 
-from agrobot_mj.core.datafile import Stamp
+from agrobot_mj.core.datafile import Stamp, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.fillet import Rounding, rounded
@@ -56,6 +56,10 @@ class Waypoints(Transitions, Timed):
 
     _stamp: Stamp | None = PrivateAttr(default=None)
     """The state of the file: what is built of it belongs to this state alone."""
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Note the state of the file, without reading it: equal keys of another state are another path."""
+        self._stamp = stamp(self.file)
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:

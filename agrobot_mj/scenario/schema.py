@@ -185,7 +185,7 @@ def check_files(scenario: Scenario, source: str) -> None:
 
 def below(table: str, text: str) -> str:
     """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
-    return f"{table}.{text}" if re.match(r"[a-z0-9_.]+: ", text) else f"{table}: {text}"
+    return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 
 def _path_errors(s: Scenario) -> list[str]:

@@ -189,7 +189,7 @@ def test_every_controller_drives_every_plant(plant, controller):
     assert log.column("speed")[-1] > 0.8
     absent = {name for name in log.rows.columns if np.isnan(log.column(name)).any()}
     assert absent <= {"q", "steer_bias_hat", "gnss_x", "gnss_y", "steer_pressure", "drive_torque"}
-    assert ("q" in absent) == (controller in ("open_loop", "pd", "pd_isgn"))
+    assert ("q" in absent) == (controller in ("open_loop", "pd", "pi", "pd_isgn"))
 
 
 @pytest.mark.parametrize("tyre", [kind(tyre) for tyre in every(Tyre)])
