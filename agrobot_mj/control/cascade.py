@@ -13,7 +13,6 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
 from agrobot_mj.core.signals import Column, Command
 
-
 SPEED_COLUMNS = (
     Column("speed_tau_c", "m/s", "output of the proportional law on the speed"),
     Column("speed_tau_n", "m/s", "output of the network on the speed; the speed command is raised by tau_c - tau_n"),

@@ -121,7 +121,7 @@ def _sets(network: PathNetwork) -> tuple[Sets, ...]:
 
 
 def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
-    """n sets from `low` to `high`; a single one lies in the middle and, since inputs are clipped to it, always fires."""
+    """n sets from `low` to `high`; a single one, in the middle, always fires, since inputs are clipped to it."""
     centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
     distance = (high - low) / max(n - 1, 1)
     return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))
