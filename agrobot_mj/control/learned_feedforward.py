@@ -6,9 +6,9 @@ and again at the same curvature moves into the map (feedback-error learning, as 
 of the error as input, so that the knowledge is there when the same curvature comes back). The inner law sees the
 steering angle less the share of the map, so that a law with a steering state does not work against it.
 
-Learning rests while the command is at its limit, while the position is uncertain (coasting, no RTK solution), away from
-the path, near standstill and in reverse. The map itself steers on. It cannot know what its inputs do not carry: a side
-slope without an inertial unit, a worn valve, wind.
+Learning rests while the command is at its limit or the wheels are not yet where it puts them, while the position is
+uncertain (coasting, no RTK solution), away from the path, near standstill and in reverse. The map itself steers on. It
+cannot know what its inputs do not carry: a side slope without an inertial unit, a worn valve, wind.
 """
 
 from collections.abc import Sequence
@@ -34,6 +34,8 @@ class LearnedState(NamedTuple):
     """State of the feedback law."""
     network: PathNetworkState
     """The map after this tick's learning."""
+    steer: float = 0.0
+    """Last command [rad]."""
     feedforward: float = 0.0
     """Angle that the map gave in the last tick [rad]."""
     feedback: float = 0.0
@@ -60,6 +62,9 @@ class LearnedFeedforward(Guidance):
     """Estimated position error beyond which it does not learn [m]. Estimate: between RTK and float."""
     min_speed_m_s: NonNegative = 0.3
     """Forward speed below which it does not learn [m/s]. Estimate."""
+    max_steer_lag_deg: Positive = 6.0
+    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate: more
+    than the angle loop leaves on an arc; while the valve slews, the feedback says nothing of the map."""
 
     def init(self) -> LearnedState:
         """Nothing learnt."""
@@ -72,11 +77,13 @@ class LearnedFeedforward(Guidance):
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         feedback, wanted = self.inner.feedback(inner, command), command.steer + ahead
-        steer = clip(wanted, -limit, limit)
-        learning = steer == wanted and command.steer_voltage is None and self.may_learn(situation)
+        free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
+        answers = abs(situation.steer - state.steer) <= radians(self.max_steer_lag_deg)
+        learning = free and answers and self.may_learn(situation)
         if learning:
             map_ = self.network.learnt(map_, feedback, radians(self.bound_deg), dt)
-        state = LearnedState(inner, self.network.remembered(map_, w, dt), ahead, feedback, learning)
+        steer = clip(wanted, -limit, limit)
+        state = LearnedState(inner, self.network.remembered(map_, w, dt), steer, ahead, feedback, learning)
         return state, command._replace(steer=steer)
 
     def inputs(self, situation: Situation) -> PathInput:
