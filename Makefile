@@ -17,7 +17,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo demo-link test slow check validate bench figures library snapshots lock reference results
+.PHONY: help install demo demo-link test slow check validate bench figures learning library snapshots lock reference \
+	results
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -58,6 +59,9 @@ figures: $(STAMP) ## Draw the README's results again
 
 results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (half an hour)
 	@$(PY) scripts/make_results.py
+
+learning: $(STAMP) ## Run the study of docs/learning.md, which takes hours, and write its tables and figures
+	@$(PY) scripts/make_learning.py
 
 library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages again
 	@$(PY) scripts/make_library.py

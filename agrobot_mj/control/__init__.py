@@ -9,6 +9,8 @@ from agrobot_mj.control.base import Guidance as GuidanceLaw
 from agrobot_mj.control.base import Situation, YawController
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
+from agrobot_mj.control.laws import Law
+from agrobot_mj.control.learned_feedforward import LearnedFeedforward
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.open_loop import OpenLoop
@@ -20,13 +22,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    Kinematic
-    | Feedforward
-    | PurePursuit
-    | Stanley
-    | Lqr
-    | Nmpc
-    | AgOpenGps,
+    Law | AgOpenGps | LearnedFeedforward,
     Field(discriminator="kind"),
 ]  # fmt: skip
 """Every guidance law, by `kind`."""
@@ -49,6 +45,7 @@ __all__ = [
     "Guidance",
     "GuidanceLaw",
     "Kinematic",
+    "LearnedFeedforward",
     "Lqr",
     "Nmpc",
     "OpenLoop",

@@ -53,6 +53,8 @@ class Situation(NamedTuple):
     """Geometry and limits of the machine."""
     steer: float
     """Measured steering angle, left positive [rad]."""
+    roll: float = nan
+    """Measured roll, left side up positive; NaN without an inertial unit [rad]."""
 
 
 class Guidance(Reporting):
@@ -69,6 +71,10 @@ class Guidance(Reporting):
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
         """State and command after a tick of `dt` [s]."""
         raise NotImplementedError
+
+    def feedback(self, state: Any, command: Command) -> float:
+        """Part of the last command's steering angle that corrects errors; the rest is feed-forward [rad]."""
+        return command.steer
 
     @property
     def follows_path(self) -> bool:

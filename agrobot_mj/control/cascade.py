@@ -10,11 +10,23 @@ from typing import Any, NamedTuple, Protocol
 
 from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
 from agrobot_mj.control.pid import clip
+from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
 from agrobot_mj.core.signals import Column, Command
+
+SPEED_COLUMNS = (
+    Column("speed_tau_c", "m/s", "output of the proportional law on the speed"),
+    Column("speed_tau_n", "m/s", "output of the network on the speed; the speed command is raised by tau_c - tau_n"),
+)
+"""Signals of the second network, where there is one."""
 
 
 class OuterLaw(Protocol):
     """The outer part of a cascade."""
+
+    @property
+    def speed_network(self) -> SpeedNetwork | None:
+        """The second network, on the speed."""
+        ...
 
     def setpoints(self, situation: Situation) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references."""
@@ -47,6 +59,8 @@ class CascadeState(NamedTuple):
     """Last command of the yaw controller."""
     feedforward: float = 0.0
     """Last angle added to it [rad]."""
+    speed: SpeedNetworkState = SpeedNetworkState()
+    """State of the network on the speed, at rest without one."""
 
 
 class Cascade(Guidance):
@@ -72,7 +86,14 @@ class Cascade(Guidance):
         excess = command.tau_c - command.tau_n + ahead - steer
         if excess:
             controller = self.controller.relieve(controller, excess)
-        return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead), Command(steer, speed_ref)
+        speed, network = state.speed, self.law.speed_network
+        if network:
+            speed, speed_ref = network.update(speed, speed_ref, situation.estimate.speed, dt)
+        return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
+
+    def feedback(self, state: CascadeState, command: Command) -> float:
+        """Angle of the yaw controller [rad]."""
+        return state.command.steer
 
     @property
     def follows_path(self) -> bool:
@@ -82,10 +103,12 @@ class Cascade(Guidance):
     @property
     def columns(self) -> tuple[Column, ...]:
         """The paper's signals, those of the law and those of the controller."""
-        return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns)
+        speed = SPEED_COLUMNS if self.law.speed_network else ()
+        return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
     def report(self, state: CascadeState) -> Sequence[float]:
         """Values of `columns`."""
         c = state.command
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
-        return (*own, *self.law.report(state), *self.controller.report(state.controller))
+        speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()
+        return (*own, *self.law.report(state), *self.controller.report(state.controller), *speed)

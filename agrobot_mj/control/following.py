@@ -64,9 +64,20 @@ class Following(Guidance):
         memory, wanted = self.steering(state.memory, beside, situation, dt)
         steer = clip(wanted + beside.bias, beside.low, beside.high)
         state = FollowingState(
-            memory, beside.place.s, steer, beside.direction, beside.cross_track, beside.heading, beside.steer_ahead
+            memory,
+            beside.place.s,
+            steer,
+            beside.direction,
+            beside.cross_track,
+            beside.heading,
+            beside.steer_ahead,
+            beside.bias,
         )
         return state, Command(steer, self._speed(beside, situation))
+
+    def feedback(self, state: "FollowingState", command: Command) -> float:
+        """Command without its feed-forward and the correction of the steering bias [rad]."""
+        return command.steer - state.steer_ahead - state.bias
 
     def slip_length(self, situation: Situation) -> float:
         """Distance of the CG from the point of the tractor that has no sideslip [m]; l_r unless the tyres slip."""
@@ -143,6 +154,8 @@ class FollowingState(NamedTuple):
     """Last heading error [rad]."""
     steer_ahead: float = nan
     """Last feed-forward angle [rad]."""
+    bias: float = 0.0
+    """Last correction of the steering bias [rad]."""
 
 
 class Beside(NamedTuple):

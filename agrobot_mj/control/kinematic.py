@@ -17,6 +17,7 @@ from typing import Literal
 
 from agrobot_mj.control.base import Guidance, Situation, YawController
 from agrobot_mj.control.cascade import Cascade
+from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 
@@ -28,6 +29,8 @@ class CascadeLaw(Guidance):
     """Saturation k_s, the largest velocity spent on closing an error, per axis [m/s]. Estimate."""
     gain_per_m: Positive = 0.4
     """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate."""
+    speed_network: SpeedNetwork | None = None
+    """A second network, on the speed; none when left out, which is what the paper tried."""
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""

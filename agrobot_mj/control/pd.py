@@ -1,7 +1,8 @@
 """The conventional yaw controller: tau_c = k_P e + k_D de/dt.
 
 Error e = reference less measured yaw rate [rad/s], output tau_c [rad], left positive, clipped at the steering's
-limit. Source: the paper, section III-B. With k_D = 0, the default, it is a P controller.
+limit. Source: the paper, section III-B. With k_D = 0, the default, it is a P controller, and the paper's Theorem 2,
+which divides by k_D, says nothing.
 """
 
 from typing import ClassVar, Literal, NamedTuple

@@ -65,8 +65,9 @@ def _add_kind(member: type[Spec]) -> None:
     kind = member.model_fields["kind"].default if "kind" in member.model_fields else None
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
-    key = _family(member)
-    places = [(owner, name) for dotted, owner, name in _unions(Scenario, "", ()) if dotted == key]
+    keys = _family(member)
+    key = min(keys, key=len)
+    places = [(owner, name) for dotted, owner, name in _unions(Scenario, "", ()) if dotted in keys]
     for owner, name in places:
         field = owner.model_fields[name]
         there = members(field.annotation).get(kind)
@@ -81,16 +82,20 @@ def _same(there: Any, member: type[Spec]) -> bool:
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
-def _family(member: type[Spec]) -> str:
-    """Dotted key of the family that a class belongs to: the one whose members share a base with it."""
+def _family(member: type[Spec]) -> set[str]:
+    """Dotted keys of the family that a class belongs to: the one whose members share a base with it.
+
+    More than one where members contain others of the same family.
+    """
     bases: dict[type, set[str]] = {}
     for key, owner, name in _unions(Scenario, "", ()):
         for known in members(owner.model_fields[name].annotation).values():
             for base in known.__mro__[: known.__mro__.index(Spec)]:
                 bases.setdefault(base, set()).add(key)
     for base in member.__mro__:
-        if len(keys := bases.get(base, set())) == 1:
-            return next(iter(keys))
+        keys = bases.get(base, set())
+        if keys and all(f"{key}.".startswith(f"{min(keys, key=len)}.") for key in keys):
+            return keys
     # A family's base declares its kind as a plain text, its members as a literal.
     public = sorted(base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str)
     raise ScenarioError(f"register: {member.__name__}: is of no family; derive it from one of {', '.join(public)}")

@@ -76,7 +76,7 @@ class Loop:
         state.sensors, measured = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
         reference = s.path.at(truth.t)
-        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer)
+        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Ask the scenario's guidance law for a command; the supervisor may replace it."""

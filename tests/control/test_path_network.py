@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from agrobot_mj.control.path_network import PathInput, PathNetwork
+
+DT = 0.05
+
+
+def _inputs(n: int = 200) -> list[PathInput]:
+    rng = np.random.default_rng(1)
+    return [
+        PathInput(*x) for x in np.column_stack([rng.uniform(-0.6, 0.6, n), rng.uniform(0, 4, n), rng.normal(0, 0.2, n)])
+    ]
+
+
+@pytest.mark.parametrize("uncertainty", [0.0, 0.3, 0.49])
+def test_firing_is_a_share_everywhere_in_and_beyond_the_range(uncertainty: float) -> None:
+    network = PathNetwork(uncertainty=uncertainty)
+    for x in _inputs():
+        w = network.firing(x)
+        assert w.min() >= 0
+        assert w.sum() == pytest.approx(1)
+
+
+def test_coinciding_bounds_give_the_type_1_network() -> None:
+    """Triangles as wide as the centres are apart are a partition of unity: the output interpolates linearly."""
+    network = PathNetwork(uncertainty=0.0, speed_sets=1, roll_sets=1)
+    centres = np.linspace(-network.curvature_range_per_m, network.curvature_range_per_m, network.curvature_sets)
+    f = np.random.default_rng(2).normal(size=centres.size)
+    for x in _inputs():
+        assert network.firing(x) @ f == pytest.approx(np.interp(x.curvature, centres, f))
+
+
+def test_uncertainty_makes_another_map_than_type_1() -> None:
+    x = PathInput(0.08, 1.2)
+    assert not np.allclose(PathNetwork(uncertainty=0.3).firing(x), PathNetwork(uncertainty=0.0).firing(x), atol=0.02)
+
+
+def test_the_lagged_output_moves_at_the_learning_rate() -> None:
+    network, x, e = PathNetwork(eta=0.3), PathInput(0.1, 1.2), 0.02
+    state = network.init()
+    for _ in range(400):
+        state = network.remembered(state, network.firing(x), DT)
+    moved = network.learnt(state, e, 1.0, DT)
+    assert moved.f @ state.trace - state.f @ state.trace == pytest.approx(0.3 * e * DT)
+
+
+@pytest.mark.parametrize("uncertainty", [0.0, 0.3])
+def test_it_converges_to_a_known_feed_forward_that_answers_late(uncertainty: float) -> None:
+    """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
+    network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)
+    rng, state, answered, errors = np.random.default_rng(3), network.init(), 0.0, []
+    for k in range(40_000):
+        if k % 100 == 0:
+            x = PathInput(rng.uniform(-0.14, 0.14), 1.2, rng.uniform(-0.1, 0.1))
+        wanted = np.arctan(1.4 * x.curvature) + 0.4 * x.roll
+        w = network.firing(x)
+        answered += (wanted - state.f @ w - answered) * DT / (network.trace_s + DT)
+        state = network.learnt(network.remembered(state, w, DT), answered, 1.0, DT)
+        errors.append((wanted, wanted - state.f @ w))
+    wanted_square, error_square = np.square(errors[-8000:]).mean(axis=0)
+    assert error_square < 0.02 * wanted_square
+
+
+def test_consequents_keep_their_bound() -> None:
+    network, state, bound = PathNetwork(), PathNetwork().init(), 0.1
+    for x in _inputs():
+        state = network.remembered(network.learnt(state, 5.0, bound, DT), network.firing(x), DT)
+    assert np.abs(state.f).max() == bound
+
+
+def test_a_mirrored_path_gives_the_mirrored_map() -> None:
+    network = PathNetwork()
+    left = right = network.init()
+    for k, x in enumerate(_inputs()):
+        mirrored, e = x._replace(curvature=-x.curvature, roll=-x.roll), 0.1 * np.sin(k)
+        left = network.learnt(network.remembered(left, network.firing(x), DT), e, 0.5, DT)
+        right = network.learnt(network.remembered(right, network.firing(mirrored), DT), -e, 0.5, DT)
+    for x in _inputs():
+        mirrored = x._replace(curvature=-x.curvature, roll=-x.roll)
+        assert network.firing(x) @ left.f == pytest.approx(-(network.firing(mirrored) @ right.f), abs=1e-12)

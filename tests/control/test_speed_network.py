@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control import Kinematic, Pd
+from agrobot_mj.control.cascade import SPEED_COLUMNS
+from agrobot_mj.control.speed_network import SpeedNetwork
+
+DT = 0.05
+
+
+def _against_a_lack(lack: float, seconds: float) -> tuple[list[float], list[float]]:
+    """Speeds and commands where the tractor drives `lack` [m/s] below its command."""
+    law, speed, wanted = SpeedNetwork(), 1.2 - lack, 1.2
+    state, speeds, commands = law.init(), [], []
+    for _ in range(round(seconds / DT)):
+        state, command = law.update(state, wanted, speed, DT)
+        speed += (command - lack - speed) * DT / 0.5
+        speeds.append(speed)
+        commands.append(command)
+    return speeds, commands
+
+
+def test_it_learns_what_the_speed_lacks() -> None:
+    speeds, _ = _against_a_lack(0.1, 120)
+    assert speeds[10] < 1.14
+    assert speeds[-1] == pytest.approx(1.2, abs=0.01)
+
+
+def test_the_correction_keeps_its_bound() -> None:
+    _, commands = _against_a_lack(0.8, 600)
+    assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
+
+
+def test_without_it_the_cascade_is_the_papers() -> None:
+    assert Kinematic().speed_network is None
+    plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
+    assert second == (*plain, *SPEED_COLUMNS)
+
+
+def test_it_drives_and_reports() -> None:
+    log = run(
+        load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s": 8, "guidance.speed_network.kp": 0.3})
+    )
+    assert np.abs(log.column("speed_tau_n")).max() > 0
+    assert log.column("speed_tau_c")[-1] == pytest.approx(
+        0.3
+        * (
+            log.column("speed_ref")[-1]
+            - log.column("speed_tau_c")[-1]
+            + log.column("speed_tau_n")[-1]
+            - log.column("speed_hat")[-1]
+        )
+    )
