@@ -17,6 +17,7 @@ from matplotlib.colors import LightSource, ListedColormap
 from matplotlib.figure import Figure
 
 from agrobot_mj import load_scenario
+from agrobot_mj.control.kinematic import CascadeLaw
 from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
@@ -43,6 +44,8 @@ HEADS = (
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
     """Logs by controller."""
+    if not isinstance(scenario.guidance, CascadeLaw):
+        return {scenario.guidance.kind: run(scenario)}  # no yaw controller inside
     kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
     return {kind: run(scenario.changed({"controller.kind": kind})) for kind in kinds}
 

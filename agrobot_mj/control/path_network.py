@@ -106,7 +106,7 @@ class Sets(NamedTuple):
     """The sets of one input."""
 
     centres: Array
-    """[unit of the input]."""
+    """Centres of the sets [unit of the input]."""
     lower: Array
     """Widths of the lower sets [unit of the input]."""
     upper: Array

@@ -16,7 +16,7 @@ class SpeedNetworkState(NamedTuple):
     """Memory of `SpeedNetwork`."""
 
     slope: FilteredRate = FilteredRate()
-    """Of the speed error [m/s]."""
+    """Filtered derivative of the speed error [m/s]."""
     network: T2FnnState | None = None
     """None before the first error, about which the network's sets are laid."""
     tau_c: float = 0.0
