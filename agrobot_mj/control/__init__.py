@@ -24,7 +24,7 @@ from agrobot_mj.control.stanley import Stanley
 Guidance = Annotated[
     Law | AgOpenGps | LearnedFeedforward,
     Field(discriminator="kind"),
-]  # fmt: skip
+]
 """Every guidance law, by `kind`."""
 
 Controller = Annotated[

@@ -7,5 +7,12 @@ from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
-Law = Kinematic | Feedforward | PurePursuit | Stanley | Lqr | Nmpc
+Law = (
+    Kinematic
+    | Feedforward
+    | PurePursuit
+    | Stanley
+    | Lqr
+    | Nmpc
+)  # fmt: skip
 """Guidance laws by `kind`, without those that contain another."""

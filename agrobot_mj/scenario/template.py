@@ -45,11 +45,19 @@ def template(name: str) -> str:
     for key, field in Scenario.model_fields.items():
         if not members(field.annotation) and key not in SKIPPED:
             lines += ["", *_key(whole, key)]
-    found = [key for key in families() if usual_kind(key) or "." not in key]
+    found = [key for key in families() if (usual_kind(key) or "." not in key) and _in_default(key)]
     for key in sorted(found, key=lambda key: usual_kind(key) is None):
         lines += ["", *(_table(key) if usual_kind(key) else _list(key))]
     others = [key for key, field in Scenario.model_fields.items() if members(field.annotation) and key not in found]
     return "\n".join([*lines, "", f"# Further tables: {', '.join(others)}; see `agrobot-mj explain {others[0]}`.", ""])
+
+
+def _in_default(key: str) -> bool:
+    """Whether the default scenario has this table; another kind of the table above it may."""
+    part: object = Scenario()
+    for name in key.split("."):
+        part = getattr(part, name, None)
+    return part is not None
 
 
 def _key(place: TableClass, name: str) -> list[str]:
