@@ -17,6 +17,9 @@ from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
+SLOWEST_STEERING = radians(4.0)
+"""Rate at which wheels that follow the command come nearer to it, even with a worn valve [rad/s]. Estimate."""
+
 
 class Mode(IntEnum):
     """States of the supervisor, as logged in `supervisor_state`."""
@@ -38,6 +41,8 @@ class SupervisorState(NamedTuple):
     """Distance of the nearest point along the path [m]."""
     offset: float = 0.0
     """Estimated cross-track error, left positive [m]."""
+    mismatch: float = 0.0
+    """Difference of commanded and measured steering angle [rad]."""
     mismatch_s: float = 0.0
     """Time for which the wheels have not followed the command [s]."""
     aligning_s: float = 0.0
@@ -107,12 +112,15 @@ class Supervisor(Reporting):
         estimate = situation.estimate
         age = estimate.fix_age if isfinite(estimate.fix_age) else 0.0
         beside = situation.route.nearest(estimate.x, estimate.y, state.place, situation.t)
-        off = abs(state.steer - situation.steer) > radians(self.max_steer_mismatch_deg)
+        mismatch = abs(state.steer - situation.steer)
+        closing = mismatch < state.mismatch - SLOWEST_STEERING * dt  # a jump of the command takes its time
+        following = closing or mismatch < radians(self.max_steer_mismatch_deg)
         return state._replace(
             fix_age=age,
             place=beside.s,
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
-            mismatch_s=state.mismatch_s + dt if off else 0.0,
+            mismatch=mismatch,
+            mismatch_s=0.0 if following else state.mismatch_s + dt,
         )
 
     def _exceeded(self, state: SupervisorState, situation: Situation) -> str:

@@ -61,6 +61,12 @@ def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word
     assert supervisor.stopped(state)
 
 
+def test_a_jump_of_the_command_from_lock_to_lock_is_no_fault_while_the_wheels_move():
+    turning = [seen(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
+    state, _ = drive(Supervisor(), [seen(steer=-0.78)] + turning, command=Command(0.78, 1.2))
+    assert state.mode is Mode.TRACKING
+
+
 def test_a_stop_is_final_even_if_all_is_well_again():
     state, _ = drive(Supervisor(), [seen(), seen(y=3.0)] + [seen()] * 50)
     assert state.mode is Mode.STOPPING
