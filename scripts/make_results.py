@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import task
-from agrobot_mj.studies.headline import LAWS, by_cell, cells, interval, paired, study, table
+from agrobot_mj.studies.headline import LAWS, ORDER, by_cell, cells, interval, paired, study, table
 from agrobot_mj.studies.style import STYLE
 
 ROOT = Path(__file__).parent.parent
@@ -34,7 +34,9 @@ def differences(rows: list[dict]) -> str:
     lines = ["| estimator | surface | less P + integral of sgn | less PI | less P + feed-forward | less LQR |"]
     lines.append("|---|---|---|---|---|---|")
     others = ("P + integral of sgn", "PI on yaw rate", "P + feed-forward", "LQR")
-    for estimator, surface in dict.fromkeys((e, s) for e, s, law in values if law == network):
+    for estimator, surface in ((e, s) for e in ("ekf", "ekf_full") for s in ORDER):
+        if (estimator, surface, network) not in values:
+            continue
         texts = []
         for other in others:
             if (estimator, surface, other) not in values:
@@ -51,7 +53,7 @@ def differences(rows: list[dict]) -> str:
 def draw(rows: list[dict]) -> None:
     """Cross-track rms by law and surface, both estimators, with intervals."""
     values = by_cell(rows, "xte_rms")
-    surfaces = [s for s in dict.fromkeys(s for _, s, _ in values) if s != "swaths"]
+    surfaces = [s for s in ORDER if s != "swaths"]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 4.6), layout="constrained")
         FigureCanvasAgg(figure)

@@ -38,6 +38,8 @@ SURFACES: dict[str, dict[str, Any]] = {
     "side slope 10 deg": {"terrain": {"kind": "slope", "grade_deg": 10.0}},
 }
 """Overrides by surface."""
+ORDER = (*SURFACES, "GNSS loss of 5 s", "level, bicycle", "swaths")
+"""Surfaces in the order of tables and figures."""
 LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 60.0, "end_s": 65.0}]}
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "ekf": {"estimator.kind": "ekf"},
@@ -156,7 +158,7 @@ def paired(one: Mapping[int, float], other: Mapping[int, float]) -> tuple[float,
 def table(rows: Sequence[Mapping[str, Any]], estimator: str, name: str = "xte_rms", factor: float = 100.0) -> str:
     """Markdown table of an estimator: a row per law, a column per surface, mean and interval in cm."""
     values = by_cell(rows, name)
-    surfaces = list(dict.fromkeys(surface for e, surface, _ in values if e == estimator))
+    surfaces = [surface for surface in ORDER if any((estimator, surface, law) in values for law in LAWS)]
     laws = [law for law in LAWS if any((estimator, surface, law) in values for surface in surfaces)]
     lines = ["| law | " + " | ".join(surfaces) + " |", "|---|" + "---|" * len(surfaces)]
     for law in laws:
