@@ -80,7 +80,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     paint_ground(axes, scenario.terrain.ground(), low - short, high + short)
     axes.plot(*path.T, color="white", lw=0.8, ls="--", label="path")
     for kind, log in logs.items():
-        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
+        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=NAMES.get(kind, kind))
         axes.plot(log.column("x")[-1], log.column("y")[-1], "o", ms=3, color=COLOURS.get(kind, "black"))
     (x_min, y_min), (x_max, y_max) = low - short, high + short
     axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
@@ -116,7 +116,12 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
         axes.axvspan(*window, color="#CCCCCC", alpha=0.6, lw=0, label=fault.kind.replace("_", " ") if k < 3 else None)
     for kind, log in logs.items():
-        axes.plot(log.column("t"), -100 * log.column("e_lateral"), color=COLOURS.get(kind, "black"), label=NAMES[kind])
+        axes.plot(
+            log.column("t"),
+            -100 * log.column("e_lateral"),
+            color=COLOURS.get(kind, "black"),
+            label=NAMES.get(kind, kind),
+        )
     axes.set(xlabel="time [s]", ylabel="lateral error, left + [cm]", xlim=(0, end))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
 
@@ -140,7 +145,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
     """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     return [
-        f"\n{NAMES[kind]}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
+        f"\n{NAMES.get(kind, kind)}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
         f"from pass to pass, and below {m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
         for kind, m in found.items()
         if m is not None
