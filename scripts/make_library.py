@@ -69,6 +69,11 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
             figure.savefig(path, dpi=DPI, format="png")
 
 
+def name_of(kind: str) -> str:
+    """How figures name a controller or a guidance law."""
+    return NAMES.get(kind, kind)
+
+
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     """The ground from above with the path and the tracks."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
@@ -80,7 +85,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     paint_ground(axes, scenario.terrain.ground(), low - short, high + short)
     axes.plot(*path.T, color="white", lw=0.8, ls="--", label="path")
     for kind, log in logs.items():
-        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=NAMES.get(kind, kind))
+        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=name_of(kind))
         axes.plot(log.column("x")[-1], log.column("y")[-1], "o", ms=3, color=COLOURS.get(kind, "black"))
     (x_min, y_min), (x_max, y_max) = low - short, high + short
     axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
@@ -145,7 +150,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
     """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     return [
-        f"\n{NAMES.get(kind, kind)}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
+        f"\n{name_of(kind)}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
         f"from pass to pass, and below {m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
         for kind, m in found.items()
         if m is not None
