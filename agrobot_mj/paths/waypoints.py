@@ -61,6 +61,14 @@ class Waypoints(Transitions, Timed):
         """Note the state of the file, without reading it: equal keys of another state are another path."""
         self._stamp = stamp(self.file)
 
+    def check(self) -> None:
+        """Look at the file before it is opened, then build the course. Raises ValueError."""
+        try:
+            stamp_of(self.file)
+        except ValueError as error:
+            raise ValueError(f"file: {error}") from None
+        super().check()
+
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """(start, end) of each lap, an open way being one [s]."""

@@ -14,10 +14,13 @@ from agrobot_mj.simulation.run import run
 NEEDS_CASADI = pytest.mark.skipif(
     find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
 )
-LAWS = [pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else []) for kind in every(Guidance)]
+LAWS = [
+    pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
+    for kind in [kind for kind in every(Guidance) if not kind().outside]
+]
 FOLLOWING = [
     pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
-    for kind in every(Guidance)
+    for kind in [kind for kind in every(Guidance) if not kind().outside]
     if issubclass(kind, Following)
 ]
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
