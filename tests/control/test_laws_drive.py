@@ -14,13 +14,10 @@ from agrobot_mj.simulation.run import run
 NEEDS_CASADI = pytest.mark.skipif(
     find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
 )
-LAWS = [
-    pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
-    for kind in [kind for kind in every(Guidance) if not kind().outside]
-]
+LAWS = [pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else []) for kind in INSIDE]
 FOLLOWING = [
     pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
-    for kind in [kind for kind in every(Guidance) if not kind().outside]
+    for kind in INSIDE
     if issubclass(kind, Following)
 ]
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
