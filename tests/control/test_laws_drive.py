@@ -14,6 +14,7 @@ from agrobot_mj.simulation.run import run
 NEEDS_CASADI = pytest.mark.skipif(
     find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
 )
+INSIDE = [kind for kind in every(Guidance) if not kind().outside]
 LAWS = [pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else []) for kind in INSIDE]
 FOLLOWING = [
     pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
