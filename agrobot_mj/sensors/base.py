@@ -8,17 +8,12 @@ the conditions, so that no sensor ever shifts another's noise. `columns` and `re
 
 from typing import Any
 
-from agrobot_mj.core.signals import Column, Conditions, Truth
-from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.reporting import Reporting
+from agrobot_mj.core.signals import Conditions, Truth
 
 
-class Sensor(Spec):
-    """Base of all sensors; a sensor overrides `init` and `measure`, and the other two to be logged."""
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns that the sensor adds to the log."""
-        return ()
+class Sensor(Reporting):
+    """Base of all sensors; one overrides `init` and `measure`, and `columns` and `report` (of a reading) to be logged."""
 
     def init(self, seed: int) -> Any:
         """State before the first tick of the run with this `seed`."""
@@ -27,7 +22,3 @@ class Sensor(Spec):
     def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
         """State and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
         raise NotImplementedError
-
-    def report(self, reading: Any) -> tuple[float, ...]:
-        """Values of `columns` for one reading."""
-        return ()

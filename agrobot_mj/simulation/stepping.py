@@ -76,7 +76,7 @@ class Simulation:
         """
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
-        measured, situation = self._sensed or (self._sense(), self.situation)
+        measured, situation = self._now()
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         command = self._command(measured, situation, {k: v for k, v in wanted.items() if v is not None}, speed)
         self._finish_tick(self.loop.act(measured, situation, command))
@@ -130,6 +130,12 @@ class Simulation:
         self._sensed = self.loop.sense()
         return self._sensed[0]
 
+    def _now(self) -> tuple[Measurement, Situation]:
+        """What was sensed in this tick; sensed now where it has not been yet."""
+        if self._sensed is None:
+            self._sensed = self.loop.sense()
+        return self._sensed
+
     def abort(self) -> None:
         """End the run here, with the outcome `aborted`."""
         self.outcome = self.outcome if self.outcome not in ("", "completed") else "aborted"
@@ -142,15 +148,12 @@ class Simulation:
     @property
     def measurement(self) -> Measurement:
         """The last measurement of the sensors."""
-        return (self._sensed or (self._sense(), None))[0]
+        return self._now()[0]
 
     @property
     def situation(self) -> Situation:
         """All that a guidance law may know now."""
-        if self._sensed is None:
-            self._sense()
-        assert self._sensed is not None
-        return self._sensed[1]
+        return self._now()[1]
 
     @property
     def truth(self) -> Truth:
