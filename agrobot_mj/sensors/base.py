@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Conditions, Truth
 
 
 class Sensor(Reporting):
-    """Base of all sensors; one overrides `init` and `measure`, and `columns` and `report` (of a reading) to be logged."""
+    """Base of all sensors: `init` and `measure`, and to be logged `columns` and `report` of a reading."""
 
     def init(self, seed: int) -> Any:
         """State before the first tick of the run with this `seed`."""
