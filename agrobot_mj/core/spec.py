@@ -3,8 +3,11 @@
 from math import isclose
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
+from agrobot_mj.core.docstrings import attribute_docstrings
 from agrobot_mj.core.signals import TICK_S
 
 HUGE = 1e9
@@ -33,9 +36,20 @@ Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
 class Spec(BaseModel):
     """Frozen data with units in its key names; a misspelt key is an error."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    @classmethod
+    def describe(cls, key: str) -> str:
+        """Text below a key in the source, or what its field says; empty where there is neither."""
+        return cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        found = handler(schema)
+        for key, part in handler.resolve_ref_schema(found).get("properties", {}).items():
+            if "description" not in part and (text := cls.describe(key)):
+                part["description"] = text
+        return found
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:

@@ -20,7 +20,6 @@ from math import hypot, isfinite, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
 from agrobot_mj.core.signals import Array, Fix, Quality
 from agrobot_mj.estimation.full_model import (
@@ -45,6 +44,7 @@ from agrobot_mj.estimation.full_model import (
     velocity_rows,
     wheel_row,
 )
+from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.machine.tractor import GRAVITY
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from math import nan
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
 from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
 
 
 class FixEkf(ExtendedKalmanFilter):  # type: ignore[misc]

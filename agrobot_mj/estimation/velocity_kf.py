@@ -10,9 +10,9 @@ from functools import lru_cache
 from math import cos, sin
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.estimation.kalman import KalmanFilter
 
 
 def transition(dt: float) -> Array:

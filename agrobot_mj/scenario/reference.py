@@ -103,8 +103,7 @@ def kinds_text() -> str:
 
 def document(place: TableClass, name: str) -> Doc:
     """Documentation of the key `name` at a place."""
-    field = place.owner.model_fields[name]
-    text, kind = field.description or "", _in_words(_schema_of(place.owner, name))
+    text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
     if source:
         text = text[: source.start()].rstrip(" ;,.") + "."

@@ -62,7 +62,7 @@ def _in_default(key: str) -> bool:
 
 def _key(place: TableClass, name: str) -> list[str]:
     """A key as a comment, under what it means."""
-    about = wrap(" ".join((place.owner.model_fields[name].description or "").split()), 118)
+    about = wrap(" ".join(place.owner.describe(name).split()), 118)
     value = getattr(place.default, name, None)
     line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()
     return [*(f"# {text}" for text in about), *(f"# {text}" for text in line.splitlines())]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 from pydantic import Field, model_validator
-from scipy.signal import savgol_filter
+from scipy.linalg import lstsq
 
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array, Conditions, Truth
@@ -119,7 +119,24 @@ def _resampling(n: int, samples: int) -> Array:
 @lru_cache(maxsize=16)
 def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
     """Response of the mean of the filtered samples to each sample, shape (samples,): the chain is linear."""
-    return _frozen(savgol_filter(np.eye(samples), window, polyorder, axis=0).mean(axis=0))
+    return _frozen(savgol_matrix(samples, window, polyorder).mean(axis=0))
+
+
+def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
+    """Savitzky-Golay filter as a matrix, shape (samples, samples), ends by the fit to the last window [Savitzky1964].
+
+    That is `scipy.signal.savgol_filter` of the unit matrix without the time that `scipy.signal` takes to load.
+    """
+    half, at, found = window // 2, np.arange(window), np.zeros((samples, samples))
+    powers = np.arange(half, -half - 1, -1.0) ** np.arange(polyorder + 1)[:, None]
+    middle = lstsq(powers, np.eye(polyorder + 1)[0])[0][::-1]
+    middle[half + 1 :] = middle[:half][::-1]
+    for row in range(half, samples - half):
+        found[row, row - half : row + half + 1] = middle
+    if half:
+        fitted = np.transpose([np.polyval(fit, at) for fit in np.polyfit(at, np.eye(window), polyorder).T])
+        found[:half, :window], found[-half:, -window:] = fitted[:half], fitted[-half:]
+    return found
 
 
 def _frozen(array: Array) -> Array:

@@ -58,7 +58,7 @@ def estimates(model: type[Spec]) -> set[str]:
         for part in members(field.annotation).values():
             found |= estimates(part)
         number = isinstance(field.default, int | float) and not isinstance(field.default, bool)
-        if number and "stimate" in (field.description or ""):
+        if number and "stimate" in model.describe(key):
             found.add(home(model, key))
     return found
 

@@ -8,6 +8,7 @@ from scipy.signal import savgol_filter
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Quality, Truth
 from agrobot_mj.sensors import Gnss, Gyro, PedalPotentiometer, Potentiometer, Sensors, SteeringPotentiometer
+from agrobot_mj.sensors.potentiometer import savgol_matrix
 
 DT = 0.05
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -47,6 +48,14 @@ def test_weights_are_savitzky_golay_then_mean():
 def test_weights_follow_a_changed_filter():
     pot = Potentiometer()
     assert not np.allclose(pot.weights, pot.model_copy(update={"savgol_window": 5}).weights)
+
+
+@pytest.mark.parametrize(
+    ("samples", "window", "order"), [(100, 21, 3), (21, 21, 3), (10, 5, 2), (3, 3, 1), (60, 1, 0), (90, 41, 4)]
+)
+def test_the_filter_is_that_of_scipy_at_the_ends_too(samples: int, window: int, order: int) -> None:
+    theirs = savgol_filter(np.eye(samples), window, order, axis=0)
+    assert savgol_matrix(samples, window, order) == pytest.approx(theirs, abs=1e-12)
 
 
 def test_samples_are_rounded_before_the_filter():
