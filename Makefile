@@ -7,6 +7,9 @@ VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 DEMO := runs/demo
+PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
+	tests/tyres/test_patch.py tests/tyres/test_linear.py \
+	tests/simulation/test_loop.py::test_physics_that_blow_up_end_the_run_before_anything_senses_them
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
 # One line per package out of what pip says; fails if pip did. Its errors are on stderr and pass by.
@@ -17,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo demo-link test slow check validate bench figures learning library snapshots lock reference results
+.PHONY: help install demo demo-link test plain slow check validate bench figures learning library snapshots lock reference results
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -37,6 +40,9 @@ demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this comp
 
 test: $(STAMP) ## Run the tests
 	@$(PY) -m pytest -m "not slow" -n 2
+
+plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
+	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
 
 slow: $(STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2
