@@ -76,6 +76,7 @@ _REFERENCE = _signals(
     ("z_ref", "m", "height of the ground under the reference", lambda k: k.z_ref),
     ("yaw_ref", "rad", "heading of the reference, from east, counter-clockwise", lambda k: k.reference.yaw),
     ("curvature_ref", "1/m", "curvature of the path at the reference, left positive", lambda k: k.reference.curvature),
+    ("curvature_rate_ref", "1/(m s)", "change of it in time, 0 at its steps", lambda k: k.reference.curvature_rate),
 )
 _TRUTH = _signals(
     ("x", "m", "true CG, east", lambda k: k.truth.x),
