@@ -9,10 +9,11 @@ from math import nan
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
+from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
 
 
-class FixEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+class FixEkf(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
     """The filter; a kind overrides `predict_x`, filterpy's hook."""
 
     x: Array
