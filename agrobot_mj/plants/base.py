@@ -45,6 +45,9 @@ class RunningPlant(Protocol):
     def poses(self) -> Array:
         """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
 
+    def configuration(self) -> Array:
+        """Generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
+
     def wheels(self) -> Array:
         """What the four wheels report, or an empty array."""
 

@@ -287,6 +287,11 @@ class BicyclePlant:
         x, y, yaw, _, _, delta, travelled = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
+    def configuration(self) -> Array:
+        """Generalised positions of the tractor that is drawn in its place, shape (nq,)."""
+        self.poses()
+        return np.array(self.ghost.data.qpos)
+
     def wheels(self) -> Array:
         """No wheels: an empty array."""
         return np.empty(0)

@@ -214,6 +214,10 @@ class MujocoPlant:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         return body_poses(self.data)
 
+    def configuration(self) -> Array:
+        """Generalised positions, shape (nq,)."""
+        return np.array(self.data.qpos)
+
     def wheels(self) -> Array:
         """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
         if self.contacts:
