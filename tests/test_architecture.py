@@ -30,6 +30,7 @@ OWNERS = {
     "typer": {"cli"},
     "tomli_w": {"scenario"},
     "numba": {"core", "plants"},
+    "gymnasium": {"links"},
 }
 """Libraries that only these folders import."""
 

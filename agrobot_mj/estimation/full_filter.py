@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix, Quality
 from agrobot_mj.estimation.full_model import (
     G_E,
@@ -137,7 +138,7 @@ class Core(NamedTuple):
     """NIS of the position of the last tick, NaN without a fix."""
 
 
-class FullFilter(ExtendedKalmanFilter):  # type: ignore[misc]
+class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
     """The filter for one set of levels; `step` is a function of its arguments."""
 
     x: Array

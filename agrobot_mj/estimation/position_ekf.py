@@ -8,11 +8,12 @@ from math import nan
 
 import numpy as np
 
+from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
 
 
-class FixEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+class FixEkf(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
     """The filter; a kind overrides `predict_x`, filterpy's hook."""
 
     x: Array

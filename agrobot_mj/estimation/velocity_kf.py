@@ -11,6 +11,7 @@ from math import cos, sin
 
 import numpy as np
 
+from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.kalman import KalmanFilter
 
@@ -36,12 +37,16 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
     return M @ mean, M @ covariance @ M.T
 
 
-class VelocityKf:
+class _MotionFilter(Workspace, KalmanFilter):  # type: ignore[misc]
+    """filterpy's filter, which may be copied at any time."""
+
+
+class VelocityKf(Workspace):
     """The filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
         self.velocity_walk = velocity_walk
-        self._workspace = KalmanFilter(dim_x=4, dim_z=4)
+        self._workspace = _MotionFilter(dim_x=4, dim_z=4)
         self._workspace.H = np.eye(4)
 
     def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """The contract of a running plant, and the clock that it keeps."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.scene import Scene
@@ -36,8 +36,17 @@ class RunningPlant(Protocol):
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
 
+    def save(self) -> Any:
+        """State between two ticks, as values that no later tick changes."""
+
+    def restore(self, state: Any) -> None:
+        """Go on from a state that this plant, or another of the same parameters, has saved."""
+
     def poses(self) -> Array:
         """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
+
+    def configuration(self) -> Array:
+        """Generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
         """What the four wheels report, or an empty array."""

@@ -11,7 +11,7 @@ wheel slip.
 """
 
 from math import cos, cosh, exp, isfinite, nan, sin, sinh, sqrt
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -176,6 +176,17 @@ def run_steps(
         samples[1, i] = drive_memory.pedal[0]
 
 
+class BicycleState(NamedTuple):
+    """A saved `BicyclePlant`."""
+
+    arrays: tuple[np.ndarray[Any, Any], ...]
+    """Motion, samples, memories of valve and drive."""
+    valve: ValveLaw
+    """The valve as it was worn in the last tick."""
+    ticks: int
+    """Ticks since the reset."""
+
+
 class BicyclePlant:
     """The running bicycle: owns its state and the memories of valve and drive."""
 
@@ -228,6 +239,21 @@ class BicyclePlant:
         self.ticks += 1
         return self.truth()
 
+    @property
+    def _arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
+        """What a tick writes in place."""
+        return self.state, self.samples, *self.valve_memory, *self.drive_memory
+
+    def save(self) -> BicycleState:
+        """State between two ticks."""
+        return BicycleState(tuple(array.copy() for array in self._arrays), self.valve, self.ticks)
+
+    def restore(self, state: BicycleState) -> None:
+        """Go on from a saved state."""
+        for array, saved in zip(self._arrays, state.arrays, strict=True):
+            array[:] = saved
+        self.valve, self.ticks = state.valve, state.ticks
+
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         x, y, yaw, v, gamma, delta, _ = self.state.tolist()
@@ -260,6 +286,11 @@ class BicyclePlant:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         x, y, yaw, _, _, delta, travelled = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
+
+    def configuration(self) -> Array:
+        """Generalised positions of the tractor that is drawn in its place, shape (nq,)."""
+        self.poses()
+        return np.array(self.ghost.data.qpos)
 
     def wheels(self) -> Array:
         """No wheels: an empty array."""

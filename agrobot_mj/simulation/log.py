@@ -7,7 +7,7 @@ that does not exist (no fix, no network) is NaN here and null in the table.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,20 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
+
+BLOCK = 32
+"""Rows in a block of a saved log."""
+
+
+class SavedRows(NamedTuple):
+    """A saved log: whole blocks, which snapshots of one run share, and the rows behind them."""
+
+    filled: int
+    """Number of rows."""
+    blocks: tuple[tuple[Array, Array], ...]
+    """Values (BLOCK, columns) and poses (BLOCK, bodies, 7) of the whole blocks; never written to."""
+    rest: tuple[Array, Array]
+    """Values and poses of the rows behind them."""
 
 
 class Rows:
@@ -28,6 +42,7 @@ class Rows:
         self.values = np.full((ticks, len(self.columns)), np.nan)
         self.poses = np.zeros((ticks, bodies, 7))
         self.filled = 0
+        self._blocks: list[tuple[Array, Array]] = []
         self._wheels = slice(len(COLUMNS), len(COLUMNS) + wheels)
         self._reported = np.array([self.columns.index(column.name) for column in reported], dtype=np.intp)
 
@@ -40,6 +55,27 @@ class Rows:
             values[self._reported] = report
         self.poses[self.filled] = poses
         self.filled += 1
+
+    def save(self) -> SavedRows:
+        """The rows so far; copied are only those that no earlier snapshot of this run has."""
+        whole = self.filled // BLOCK
+        for k in range(len(self._blocks), whole):
+            self._blocks.append(self._copy(k * BLOCK, (k + 1) * BLOCK))
+        return SavedRows(self.filled, tuple(self._blocks), self._copy(whole * BLOCK, self.filled))
+
+    def _copy(self, first: int, end: int) -> tuple[Array, Array]:
+        return self.values[first:end].copy(), self.poses[first:end].copy()
+
+    def restore(self, saved: SavedRows) -> None:
+        """The rows of a run of the same scenario; written are only those that differ from the ones here."""
+        here = self._blocks
+        shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
+        shared = min(len(here), len(saved.blocks)) if shared is None else shared
+        first = shared * BLOCK
+        for values, poses in (*saved.blocks[shared:], saved.rest):
+            self.values[first : first + len(values)], self.poses[first : first + len(poses)] = values, poses
+            first += len(values)
+        self.filled, self._blocks = saved.filled, list(saved.blocks)
 
     def column(self, name: str, first: int = 0) -> Array:
         """Column `name` from row `first` to the last row filled, shape (n,)."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
+from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Reference, Truth
@@ -27,6 +28,7 @@ from agrobot_mj.simulation.columns import Tick, row
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
+from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state, without_route
 
 LEAST_SPEED = 0.1
 """Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
@@ -135,6 +137,31 @@ class Simulation:
         if self._sensed is None:
             self._sensed = self.loop.sense()
         return self._sensed
+
+    def save(self) -> Snapshot:
+        """The state now, from which `restore` goes on to the last bit; costs about a third of a tick."""
+        self._now()
+        return Snapshot(
+            scenario=self.scenario,
+            loop=independent(loop_state(self.loop)),
+            rows=self.rows.save(),
+            sensed=independent(without_route(self._sensed)),
+            watch=(self._watch.place, self._watch.still_s),
+            ending=(self.outcome, self.reason),
+        )
+
+    def restore(self, state: Snapshot) -> Measurement:
+        """Go on from a state of `save`, of this or another simulation of the same scenario; the measurement there.
+
+        A state may be restored any number of times. Raises `CommandError` if it belongs to another scenario.
+        """
+        require_same_scenario(state, self.scenario)
+        set_loop_state(self.loop, independent(state.loop))
+        self.rows.restore(state.rows)
+        measured, situation = independent(state.sensed)
+        self._sensed = measured, situation._replace(route=self.loop.route)
+        (self._watch.place, self._watch.still_s), (self.outcome, self.reason) = state.watch, state.ending
+        return self.measurement
 
     def abort(self) -> None:
         """End the run here, with the outcome `aborted`."""

@@ -21,6 +21,15 @@ from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
 from agrobot_mj.plants.mujoco.placement import pose_on
+from agrobot_mj.plants.mujoco.saving import (
+    AnyArray,
+    MujocoState,
+    copies,
+    left_by_a_step,
+    physics_state,
+    set_physics_state,
+    write,
+)
 from agrobot_mj.plants.mujoco.stepping import Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
@@ -149,6 +158,32 @@ class MujocoPlant:
             self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         self.data.xfrc_applied[CHASSIS] = 0.0
 
+    @property
+    def _memories(self) -> tuple[AnyArray, ...]:
+        """What a tick writes in place, outside of MjData."""
+        tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
+        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive
+
+    def save(self) -> MujocoState:
+        """State between two ticks, some kilobytes."""
+        left = copies(left_by_a_step(self.model, self.data))
+        return MujocoState(
+            physics=physics_state(self.model, self.data),
+            left=left,
+            memories=copies(self._memories),
+            conditions=self.conditions,
+            ticks=self.ticks,
+        )
+
+    def restore(self, state: MujocoState) -> None:
+        """Go on from a saved state, to the last bit."""
+        if state.conditions != self.conditions:
+            self._apply_conditions(state.conditions)
+        set_physics_state(self.model, self.data, state.physics)
+        write(left_by_a_step(self.model, self.data), state.left)
+        write(self._memories, state.memories)
+        self.ticks = state.ticks
+
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         self._observe(self.views, *self.sites, self.motion)
@@ -179,6 +214,10 @@ class MujocoPlant:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         return body_poses(self.data)
 
+    def configuration(self) -> Array:
+        """Generalised positions, shape (nq,)."""
+        return np.array(self.data.qpos)
+
     def wheels(self) -> Array:
         """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
         if self.contacts:
@@ -193,7 +232,7 @@ class MujocoPlant:
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
-        return sum(int(warning.number) for warning in self.data.warning)
+        return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""

@@ -1,0 +1,85 @@
+"""Independent copies of what the stages remember: as `copy.deepcopy`, an order of magnitude faster for their messages.
+
+States are tuples of numbers, arrays and random generators, for which `deepcopy` goes the long way. Configuration is
+frozen and shared. What is none of these is left to `deepcopy`.
+"""
+
+from collections.abc import Mapping
+from copy import copy, deepcopy
+from operator import is_
+from types import MappingProxyType, NoneType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.random import Generator, SeedSequence
+
+from agrobot_mj.core.spec import Spec
+
+T = TypeVar("T")
+ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_})
+"""Types of values that cannot change."""
+
+
+class Workspace:
+    """An object that keeps nothing between ticks; a copy begins with the same matrices, which are never written into.
+
+    Derived classes assign new arrays to their attributes. Two copies may then work at the same time.
+    """
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        """A copy of the attributes, with further workspaces among them."""
+        made = copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, Workspace):
+                setattr(made, name, deepcopy(value, memo))
+        return made
+
+
+def independent(value: T) -> T:
+    """A copy that shares nothing with `value` that could ever be written to. Arrays keep their memory order."""
+    return cast(T, _copied(value, {}))
+
+
+def _copied(value: Any, memo: dict[int, Any]) -> Any:
+    kind = type(value)
+    if kind in ATOMS:
+        return value
+    if issubclass(kind, tuple):
+        return _tuple(value, memo)
+    if id(value) in memo:  # what is there twice stays one thing
+        return memo[id(value)]
+    if kind is np.ndarray and not value.dtype.hasobject:
+        made: Any = value.copy(order="K")
+    elif kind is dict:
+        made = {key: _copied(part, memo) for key, part in value.items()}
+    elif kind is list:
+        made = [_copied(part, memo) for part in value]
+    elif kind is Generator and isinstance(value.bit_generator.seed_seq, SeedSequence):
+        made = _generator(value)
+    elif issubclass(kind, Spec):
+        made = value
+    elif issubclass(kind, MappingProxyType):
+        made = MappingProxyType(_copied(dict(cast(Mapping[Any, Any], value)), memo))
+    else:
+        return deepcopy(value, memo)
+    memo[id(value)] = made
+    return made
+
+
+def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
+    """A tuple of copies, of the same class; the very same where nothing in it can change."""
+    parts = [part if type(part) in ATOMS else _copied(part, memo) for part in value]
+    if all(map(is_, parts, value)):
+        return value
+    kind: Any = type(value)
+    if kind is tuple:
+        return tuple(parts)
+    return cast(tuple[Any, ...], kind._make(parts) if hasattr(kind, "_make") else deepcopy(value, memo))
+
+
+def _generator(generator: Generator) -> Generator:
+    """A generator that goes on with the same numbers, and spawns the same children."""
+    bits = generator.bit_generator
+    made = type(bits)(SeedSequence(**cast(SeedSequence, bits.seed_seq).state))
+    made.state = bits.state
+    return Generator(made)

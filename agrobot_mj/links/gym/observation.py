@@ -1,0 +1,119 @@
+"""What an agent sees: what a controller on the tractor's computer can know, and on request the truth.
+
+One table: name, unit, bound, description, value. The bound is symmetric; an observation beyond it is clipped.
+"""
+
+from collections.abc import Callable
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.signals import PathPoint
+from agrobot_mj.simulation.stepping import Simulation
+
+Vector = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
+
+class Moment(NamedTuple):
+    """One instant of an episode."""
+
+    sim: Simulation
+    beside: PathPoint
+    """The path's nearest point to the estimated position."""
+    beside_truth: PathPoint
+    """The path's nearest point to the true position."""
+    steer: float
+    """Steering angle of the last action, left positive [rad]."""
+
+
+class Observed(NamedTuple):
+    """One component of the observation."""
+
+    name: str
+    unit: str
+    bound: float
+    """Largest magnitude, in that unit."""
+    description: str
+    value: Callable[[Moment], float]
+
+
+def along_track(m: Moment) -> float:
+    """How far the reference is ahead of the estimated position, along its heading [m]."""
+    r, e = m.sim.reference, m.sim.estimate
+    return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
+
+
+def reference_speed(m: Moment) -> float:
+    """Speed of the reference along its heading, negative in reverse [m/s]."""
+    r = m.sim.reference
+    return to_heading(r.yaw, r.vx, r.vy)[0]
+
+
+SEEN = (
+    Observed("cross_track", "m", 5.0, "estimated CG from the path, left positive", lambda m: m.beside.offset),
+    Observed("along_track", "m", 10.0, "reference ahead of the estimated CG", along_track),
+    Observed(
+        "heading_error",
+        "rad",
+        pi,
+        "estimated heading less the path's, left positive",
+        lambda m: wrap(m.sim.estimate.yaw - m.beside.yaw),
+    ),
+    Observed("speed", "m/s", 10.0, "estimated speed, negative in reverse", lambda m: m.sim.estimate.speed),
+    Observed("speed_ref", "m/s", 10.0, "speed of the reference, negative in reverse", reference_speed),
+    Observed("yaw_rate", "rad/s", 3.0, "estimated yaw rate, left positive", lambda m: m.sim.estimate.yaw_rate),
+    Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
+    Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
+)
+"""What every agent sees, before the curvatures ahead."""
+
+ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
+"""Seen where the scenario has an inertial unit (`sensors.imu.enabled`)."""
+
+TRUTH = (
+    Observed("true_cross_track", "m", 5.0, "CG from the path, left positive", lambda m: m.beside_truth.offset),
+    Observed(
+        "true_heading_error",
+        "rad",
+        pi,
+        "heading less the path's, left positive",
+        lambda m: wrap(m.sim.truth.yaw - m.beside_truth.yaw),
+    ),
+    Observed("true_speed", "m/s", 10.0, "speed of the CG along the heading", lambda m: m.sim.truth.speed),
+    Observed("true_lateral_speed", "m/s", 5.0, "speed of the CG to the left", lambda m: m.sim.truth.lateral_speed),
+    Observed("true_yaw_rate", "rad/s", 3.0, "yaw rate, left positive", lambda m: m.sim.truth.yaw_rate),
+    Observed("true_steer", "rad", 1.0, "steering angle, left positive", lambda m: m.sim.truth.steer),
+    Observed("true_roll", "rad", pi, "roll, left side up positive", lambda m: m.sim.truth.roll),
+    Observed("true_pitch", "rad", pi, "pitch, nose down positive", lambda m: m.sim.truth.pitch),
+)
+"""Seen with `privileged=True`, at the end of the observation."""
+
+
+def curvature_ahead(distance: float) -> Observed:
+    """Curvature of the path at a `distance` ahead of its nearest point [m]."""
+    return Observed(
+        f"curvature_{distance:g}m",
+        "1/m",
+        1.0,
+        f"curvature of the path {distance:g} m ahead of its nearest point, left positive",
+        lambda m: m.sim.path.ahead(m.beside.s + distance).curvature,
+    )
+
+
+def table(preview_m: tuple[float, ...], imu: bool, privileged: bool) -> tuple[Observed, ...]:
+    """The components of an observation, in order."""
+    ahead = tuple(curvature_ahead(distance) for distance in preview_m)
+    return (*SEEN, *ahead, *((ROLL,) if imu else ()), *(TRUTH if privileged else ()))
+
+
+def bounds(components: tuple[Observed, ...]) -> Vector:
+    """Largest magnitudes, shape (n,)."""
+    return np.array([part.bound for part in components], dtype=np.float32)
+
+
+def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
+    """The observation of an instant within its bounds, shape (n,)."""
+    values = np.array([part.value(moment) for part in components], dtype=np.float32)
+    return np.clip(values, -highest, highest)

@@ -1,0 +1,38 @@
+"""What differs from episode to episode: the seed of all noise, and keys of the scenario drawn from ranges."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.random import Generator
+
+from agrobot_mj.core.errors import ScenarioError
+
+Range = tuple[float, float] | list[Any]
+"""A pair (low, high) is a uniform range, of whole numbers where both are; a list holds values to choose from."""
+SEEDS = 2**31
+"""Number of seeds that episodes are drawn from."""
+
+
+def check(ranges: Mapping[str, Range]) -> None:
+    """Raise `ScenarioError` for what is neither a range nor a list of values."""
+    for key, values in ranges.items():
+        if key == "seed":
+            raise ScenarioError("randomise: seed: differs in every episode anyway; leave it out")
+        pair = isinstance(values, tuple) and len(values) == 2 and all(isinstance(v, int | float) for v in values)
+        if not (pair and values[0] <= values[1]) and not (isinstance(values, list) and values):
+            raise ScenarioError(
+                f"randomise: {key}: must be (low, high) for a range or a list of values to choose from, got {values!r}"
+            )
+
+
+def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
+    """Overrides of an episode, in the order of the ranges, with a seed of its own."""
+    drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
+    for key, values in ranges.items():
+        if isinstance(values, list):
+            drawn[key] = values[int(generator.integers(len(values)))]
+        elif all(isinstance(value, int) for value in values):
+            drawn[key] = int(generator.integers(int(values[0]), int(values[1]), endpoint=True))
+        else:
+            drawn[key] = float(generator.uniform(*values))
+    return drawn

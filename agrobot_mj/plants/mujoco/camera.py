@@ -1,0 +1,106 @@
+"""Pictures of the running tractor through MuJoCo's own renderer, which needs OpenGL.
+
+The picture has a model of its own - tractor, ground, sky, light - posed as the plant is, so that any kind of plant can
+be drawn.
+"""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
+from agrobot_mj.plants.mujoco.views import CHASSIS
+from agrobot_mj.terrain import Ground
+
+Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
+PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
+"""Half width and colour of the drawn path."""
+DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
+"""Where the camera is seen from the tractor."""
+
+
+class NoDisplayError(RuntimeError):
+    """MuJoCo cannot draw here."""
+
+
+class Camera:
+    """Draws one tractor on its ground, wherever it is."""
+
+    def __init__(self, tractor: TractorParameters, ground: Ground, size: tuple[int, int]) -> None:
+        """Pictures of `size`, width and height [pixels]. Raises `NoDisplayError` where MuJoCo has no OpenGL."""
+        spec = tractor_spec(tractor, Cylinder(), Driveline())
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = size
+        _light(spec)
+        self.model = simulation_model(spec, ground, 0.002, None)
+        self.model.geom_matid[self.model.geom("ground").id] = self.model.material("field").id
+        self.data = mujoco.MjData(self.model)
+        self.view = mujoco.MjvCamera()
+        self.view.type, self.view.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, CHASSIS
+        self.view.distance, self.view.elevation, self.view.azimuth = DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG
+        try:
+            self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
+        except Exception as error:  # MuJoCo raises a kind of its own for every library
+            raise NoDisplayError(
+                f"MuJoCo has no OpenGL to draw with ({error}); set MUJOCO_GL=egl, or MUJOCO_GL=osmesa, in the "
+                "environment before Python starts"
+            ) from None
+
+    def picture(self, configuration: Array, path: Array) -> Picture:
+        """The tractor at its generalised positions and a path (n, 3) [m], shape (height, width, 3)."""
+        self.data.qpos[:] = configuration
+        mujoco.mj_forward(self.model, self.data)
+        self.renderer.update_scene(self.data, self.view)
+        for start, end in pairwise(path + np.array((0.0, 0.0, PATH_WIDTH_M))):
+            self._strip(start, end)
+        return np.asarray(self.renderer.render(), dtype=np.uint8)
+
+    def _strip(self, start: Array, end: Array) -> None:
+        """Add a piece of the path to the scene, between two points (3,), where there is room."""
+        scene = self.renderer.scene
+        if scene.ngeom >= scene.maxgeom:
+            return
+        geom, kind = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
+        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), PATH_RGBA)
+        mujoco.mjv_connector(geom, kind, PATH_WIDTH_M, start, end)
+        scene.ngeom += 1
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self.renderer.close()
+
+
+def _light(spec: mujoco.MjSpec) -> None:
+    """A sky, a sun, and the colour of a field."""
+    spec.visual.map.zfar = 40.0
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.85, 0.95],
+        rgb2=[0.35, 0.50, 0.70],
+        width=256,
+        height=256,
+    )
+    spec.add_texture(
+        name="field",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.54, 0.60, 0.34],
+        rgb2=[0.60, 0.66, 0.38],
+        width=256,
+        height=256,
+    )
+    field = spec.add_material(name="field", texuniform=True, texrepeat=[0.5, 0.5])
+    field.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "field"
+    spec.worldbody.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[0, 0, 20],
+        dir=[0.3, 0.2, -1],
+        castshadow=False,
+    )

@@ -1,0 +1,129 @@
+"""Learn to drive the figure eight by the cross-entropy method, and compare with the paper's PD law.
+
+The policy is linear in a few observations, without an offset, so that what it learns in one bend holds in the other:
+
+    steering / limit = theta . (cross-track, heading error, yaw rate, steering angle, curvature ahead)
+
+Each generation draws policies from a normal distribution, drives each for a minute with noise of its own, and moves the
+distribution to the best. It begins at zero, a tractor that drives straight on. Needs `pip install agrobot-mj[gym]`.
+
+    python examples/train_figure_eight.py --out policy.npz
+"""
+
+import argparse
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+
+import agrobot_mj
+import agrobot_mj.links.gym  # registers the environment
+
+FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
+SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
+"""Standard deviation of the first generation."""
+ELITE = 0.25
+"""Share of a generation that the next one is drawn from."""
+KEPT_SPREAD = 0.03
+"""Spread added in each generation, as a share of the first one's, so that the search does not freeze."""
+JUDGED_SEEDS = range(9001, 9006)
+"""Noise of the final comparison. In training the seeds are drawn from 2^31, and none of these came up."""
+
+
+@cache
+def environment(plant, duration_s):
+    """The environment of this process."""
+    overrides = {} if duration_s is None else {"duration_s": duration_s}
+    return gymnasium.make(agrobot_mj.links.gym.ENV_ID, scenario="figure_eight", plant=plant, overrides=overrides)
+
+
+def episode(job):
+    """Sum of the rewards, the last info, and the processor time [s] of a policy driven once."""
+    theta, plant, duration_s, seed, options = job
+    began = time.process_time()
+    env = environment(plant, duration_s)
+    names = [part.name for part in env.unwrapped.components]
+    columns = [names.index(feature) for feature in FEATURES]
+    seen, _ = env.reset(seed=seed, options=options)
+    total, over, info = 0.0, False, {}
+    while not over:
+        action = np.clip([theta @ seen[columns]], -1.0, 1.0).astype(np.float32)
+        seen, reward, failed, ended, info = env.step(action)
+        total, over = total + reward, failed or ended
+    return total, info, time.process_time() - began
+
+
+def train(pool, plant, generations, population, duration_s, seed):
+    """The mean policy after each generation."""
+    draw = np.random.default_rng(seed)
+    mean, spread = np.zeros(len(FEATURES)), SPREAD.copy()
+    for generation in range(generations):
+        began = time.perf_counter()
+        thetas = mean + spread * draw.standard_normal((population, len(FEATURES)))
+        seeds = draw.integers(2**31, size=population).tolist()
+        jobs = [(theta, plant, duration_s, s, None) for theta, s in zip(thetas, seeds, strict=True)]
+        driven = list(pool.map(episode, jobs))
+        returns, cpu = np.array([total for total, _, _ in driven]), sum(seconds for _, _, seconds in driven)
+        best = thetas[np.argsort(returns)[-max(2, round(ELITE * population)) :]]
+        mean, spread = best.mean(axis=0), best.std(axis=0) + KEPT_SPREAD * SPREAD
+        wall = time.perf_counter() - began
+        print(f"{generation:3d}  best {returns.max():7.1f}  median {np.median(returns):7.1f}", end="  ")
+        print(f"{wall:5.1f} s, {cpu:5.1f} s of processor time", flush=True)
+        yield mean
+
+
+def driven_by_pd(job):
+    """Metrics of the paper's law with PD."""
+    plant, duration_s, seed = job
+    overrides = {"controller.kind": "pd", "plant.kind": plant, "seed": seed}
+    overrides |= {} if duration_s is None else {"duration_s": duration_s}
+    return agrobot_mj.run(agrobot_mj.load_scenario("figure_eight", overrides)).metrics
+
+
+def judge(pool, theta, plant, duration_s):
+    """Print the errors of the policy and of the PD law under the same noise; returns the means [m]."""
+    seeds = list(JUDGED_SEEDS)
+    jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
+    ends = [info for _, info, _ in pool.map(episode, jobs)]
+    laws = {
+        "learnt": [info.get("metrics", {}) | {"outcome": info["outcome"]} for info in ends],
+        "PD": list(pool.map(driven_by_pd, [(plant, duration_s, seed) for seed in seeds])),
+    }
+    found = {}
+    for name, rows in laws.items():
+        lateral, cross = (np.array([row[key] for row in rows]) for key in ("lateral_rms", "xte_rms"))
+        outcomes = sorted({row["outcome"] for row in rows})
+        print(f"{name:7s} lateral rms {100 * lateral.mean():5.1f} cm ({100 * lateral.min():.1f} to", end=" ")
+        print(f"{100 * lateral.max():.1f}), cross-track rms {100 * cross.mean():5.1f} cm, {', '.join(outcomes)}")
+        found[name] = float(lateral.mean())
+    return found
+
+
+def main():
+    """Train, judge, save."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plant", default="mujoco", choices=["mujoco", "bicycle"])
+    parser.add_argument("--generations", type=int, default=12)
+    parser.add_argument("--population", type=int, default=24)
+    parser.add_argument("--duration", type=float, default=60.0, help="of an episode in training [s]")
+    parser.add_argument("--judge-duration", type=float, help="of a run in the comparison [s]; two turns if left out")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="where the policy goes (.npz)")
+    options = parser.parse_args()
+    began = time.perf_counter()
+    with ProcessPoolExecutor(options.workers) as pool:
+        size = options.generations, options.population
+        for theta in train(pool, options.plant, *size, options.duration, options.seed):
+            if options.out:
+                np.savez(options.out, features=FEATURES, theta=theta)
+        print(f"trained in {time.perf_counter() - began:.0f} s")
+        print(", ".join(f"{name} {value:.3f}" for name, value in zip(FEATURES, theta, strict=True)))
+        judge(pool, theta, options.plant, options.judge_duration)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""docs/gym.md is true: its programs run, its table is that of the code."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj[gym]")
+
+from agrobot_mj.links.gym.env import PREVIEW_M
+from agrobot_mj.links.gym.observation import table
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
+*PROGRAMS, PICTURE = re.findall(r"```python\n(.*?)```", TEXT, re.S)
+
+
+def python(code):
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": path, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
+    command = [sys.executable, "-W", "error::UserWarning", "-c", code]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_programs_of_the_page_run_one_after_the_other():
+    done = python("\n".join(PROGRAMS))
+    assert (done.returncode, done.stderr) == (0, "")
+    driven, drawn, shape = done.stdout.splitlines()
+    assert re.fullmatch(r"completed 0\.\d+", driven)
+    assert drawn.startswith("{'seed': ")
+    assert "'plant.tyre.kind': " in drawn
+    assert shape == "(4, 14)"
+
+
+def test_the_picture_of_the_page_is_drawn():
+    imports = PROGRAMS[0].split("\n\n")[0]
+    done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
+    if "MuJoCo has no OpenGL" in done.stderr:
+        pytest.skip("MuJoCo has no OpenGL to draw with")
+    assert done.stdout == "(480, 640, 3)\n", done.stderr
+
+
+def test_the_table_of_observations_is_that_of_the_code():
+    rows = [f"| `{o.name}` | {o.unit} | {o.bound:.3g} | {o.description} |" for o in table(PREVIEW_M, True, True)]
+    assert "\n".join(rows) in TEXT
