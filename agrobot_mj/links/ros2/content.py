@@ -193,7 +193,7 @@ def request(s: TickSample) -> Content:
 
 def path(scenario: Scenario, t: float = 0.0) -> Content:
     """`nav_msgs/Path` that the scenario's reference takes, for the CG."""
-    end = scenario.ticks * TICK_S
+    end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
     count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
     at = header(stamp(t), "map")
     points = [scenario.path.at(time) for time in np.linspace(0.0, end, count).tolist()]

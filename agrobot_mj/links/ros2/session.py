@@ -77,6 +77,8 @@ class RosSession:
         self.heading, self.request = Heading(), VelocityRequest()
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
+        self.answered = 0
+        """Turn that was answered last: those `every` turns later are waited for."""
         self.latencies: list[float] = []
         """Wall time from the sensors to the first request in a turn [s]."""
         self.ended: str | None = None
@@ -122,15 +124,18 @@ class RosSession:
             port.spin(self.pace.next)
             self.pace.begin()
         heard, now = port.heard, time.perf_counter()
+        if heard > before and not held:
+            self.answered = self.turn - 1
         self._publish(sample, yaw)
         if not held:
             port.spin(now + ANSWER_S, lambda: port.heard > heard)
-        elif (self.turn - self.started) % self.options.every == 0:
+        elif (self.turn - self.answered) % self.options.every == 0:
             port.spin(now + self.options.wait_s, lambda: port.heard > heard)
             if port.heard == heard:
                 self.options.notify(f"nothing on /cmd_vel for {self.options.wait_s:g} s; lock-step cannot go on")
                 self.ended = "host_lost"
         if port.last is not None and port.heard > heard:
+            self.answered = self.turn
             self.latencies.append(port.last.wall - now)
         if port.last is not None and port.heard > before:
             self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
