@@ -19,7 +19,7 @@ PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
 """Controllers of a comparison unless laws or variants are named."""
 MOST_RUNS = 2000
-"""Runs that are planned unless more are asked for: about an hour of a core with the figure eight."""
+"""Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 """Keys that a variant leaves to an option."""
 

@@ -59,6 +59,23 @@ print(json.dumps({"count": count, "x": o.pose.pose.position.x, "p_xx": o.pose.co
     "steer": j.position[0], "path": len(last["/path"].poses), "sec": last["/clock"].clock.sec}))
 """
 
+STAMPED = """
+import rclpy
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+rclpy.init()
+node, count = rclpy.create_node("stamped"), [0]
+out = node.create_publisher(TwistStamped, "/cmd_vel", 10)
+def answer(odometry):
+    count[0] += 1
+    if count[0] % 2 == 0:
+        message = TwistStamped()
+        message.twist.linear.x, message.twist.angular.z = 1.0, 0.1
+        out.publish(message)
+node.create_subscription(Odometry, "/odometry", answer, 10)
+rclpy.spin(node)
+"""
+
 
 @pytest.fixture
 def start(tmp_path):
@@ -115,6 +132,15 @@ def test_a_controller_of_30_lines_follows_a_line_under_10_cm(start, tmp_path):
     assert beside.std() > 0.001, "it drove, and the sensors are noisy"
     first, second = ((tmp_path / name / "signals.parquet").read_bytes() for name in ("run", "again"))
     assert first == second, "lock-step repeats"
+
+
+def test_a_program_of_10_hz_may_stamp_its_requests(start, tmp_path):
+    start("-c", STAMPED)
+    result(tractor(start, "--stamped", "--pace", "lock_step", "--every", "2", "--duration", "2", "--wait", "30"))
+    signals = pq.read_table(tmp_path / "run" / "signals.parquet")
+    assert set(signals["cmd_speed"].to_pylist()) == {1.0}
+    assert set(signals["cmd_yaw_rate"].to_pylist()) == {0.1}
+    assert {round(age, 2) for age in signals["cmd_age"].to_pylist()} == {0.0, 0.05}
 
 
 def lines_of_code(file):

@@ -4,14 +4,16 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from agrobot_mj import load_scenario
+from agrobot_mj.cli import app
 from agrobot_mj.cli.variants import variants
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.studies import compare as runs
 from agrobot_mj.studies.compare import compare, drawn
-from agrobot_mj.studies.compare_plan import Variant, plan
+from agrobot_mj.studies.compare_plan import MOST_RUNS, Variant, plan
 
 SHORT = {"duration_s": 1.0, "plant.kind": "bicycle"}
 
@@ -157,6 +159,8 @@ def test_what_cannot_be_run_is_told_before_anything_runs(circle, texts, options,
 
 
 def test_the_limit_of_runs_can_be_raised(circle):
+    (option,) = (each for each in get_command(app).commands["compare"].params if each.name == "max_runs")
+    assert option.default == MOST_RUNS
     assert len(planned(circle, seeds=3, most=6).cases) == 6
 
 
