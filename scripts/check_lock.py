@@ -38,16 +38,24 @@ def wanted(text: str) -> list[Requirement]:
 
 
 def optional(text: str) -> set[str]:
-    """Names of what the extras ask for: locked, but not installed by default."""
-    extras = tomllib.loads(text)["project"].get("optional-dependencies", {})
-    return {Requirement(line).name.lower() for lines in extras.values() for line in lines}
+    """Names of what the extras of the project in uv.lock need: locked, but not installed by default."""
+    packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
+    (project,) = (package for package in packages.values() if "registry" not in package["source"])
+    todo = [needed["name"] for needs in project.get("optional-dependencies", {}).values() for needed in needs]
+    found: set[str] = set()
+    while todo:
+        name = todo.pop()
+        if name not in found:
+            found.add(name)
+            todo += [needed["name"] for needed in packages[name].get("dependencies", [])]
+    return found
 
 
 def faults(root: Path) -> list[str]:
     """All disagreements, one line each."""
     pins = exported((root / "requirements.lock").read_text(encoding="utf-8"))
-    lock = locked((root / "uv.lock").read_text(encoding="utf-8"))
-    extras = optional((root / "pyproject.toml").read_text(encoding="utf-8"))
+    text = (root / "uv.lock").read_text(encoding="utf-8")
+    lock, extras = locked(text), optional(text)
     found = []
     for key in sorted(pins.keys() | lock.keys()):
         if key not in pins and key[0] in extras:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from agrobot_mj import load_scenario
 from agrobot_mj.simulation.progress import task
-from agrobot_mj.studies.compare import cases, compare
+from agrobot_mj.studies.compare import compare
+from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.tables import table
 
 ROOT = Path(__file__).parent.parent
@@ -20,7 +21,7 @@ RESULTS = re.compile(r"(<!-- results -->\n).*?(\n<!-- end of results -->)", re.D
 
 def run(folder: Path) -> None:
     """Run all cases of the page's table into `folder`."""
-    todo = cases(load_scenario("figure_eight"), CONTROLLERS, PLANTS, seeds=1)
+    todo = plan(load_scenario("figure_eight"), CONTROLLERS, plants=PLANTS).cases
     with task(f"{len(todo)} runs", len(todo)) as advance:
         compare(todo, folder, rrd=False, done=lambda _: advance())
 

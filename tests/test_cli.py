@@ -306,7 +306,15 @@ BAD = [
     (["compare", "circle", "--controllers", ","], "--controllers"),
     (["compare", "circle", "--plants", "bicicle"], "did you mean 'bicycle'"),
     (["compare", "circle", "--seeds", "0"], "--seeds"),
+    (["compare", "circle", "--seeds", "300000"], "1200000 runs are planned"),
+    (["compare", "circle", "--guidance", "lqg"], "did you mean 'lqr'"),
+    (["compare", "circle", "--variant", "worn steering.valve=1"], "write it as"),
+    (["compare", "circle", "--variant", "worn: steering.valve.dead_band=1"], "did you mean 'dead_band_v'"),
     (["compare", "nothing"], "unknown scenario 'nothing'"),
+    (["export", ".", "--mcap"], ".: holds no scenario.toml; name the folder of a run"),
+    (["export", "."], "export: name a format: --mcap"),
+    (["ros2", "circle", "--pace", "slow"], "--pace"),
+    (["run", "circle", "--set", "guidance.kind=cmd_vel"], "use `agrobot-mj ros2`"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", ""], "not a name"),
     (["init", "broken"], "broken.toml: is there already"),
@@ -346,6 +354,22 @@ def test_without_a_display_view_names_what_works(call, monkeypatch, elsewhere):
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert "--web run.rrd" in err
     assert "snapshot run.rrd" in err
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments", "command"),
+    [
+        ("rclpy", ("ros2", "circle", "-q"), 'ros2 needs rclpy; pip install "agrobot-mj[ros]"'),
+        ("mcap_ros2.writer", ("export", "run", "--mcap"), 'needs mcap_ros2; pip install "agrobot-mj[mcap]"'),
+    ],
+)
+def test_a_missing_extra_is_told_with_the_command_that_installs_it(call, monkeypatch, module, arguments, command):
+    assert call("run", "circle", *QUICK, "-q", "--out", "run")[0] == 0
+    monkeypatch.setitem(sys.modules, module, None)
+    status, out, err = call(*arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert command in err
+    assert names(".") == {"run"}
 
 
 # --- compare ------------------------------------------------------------------------------------------------------

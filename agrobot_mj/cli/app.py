@@ -16,7 +16,7 @@ app = typer.Typer(
 )
 for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
-    *(runs.run, runs.compare, links.link),
+    *(runs.run, runs.compare, links.link, links.ros2, links.export),
     *(recordings.view, recordings.snapshot),
     *(studies.rig, studies.identify, studies.validate, studies.tune),
 ):

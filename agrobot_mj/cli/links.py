@@ -1,4 +1,4 @@
-"""Commands that let a program outside drive: `link`."""
+"""Commands that connect programs outside: `link` and `ros2` let one drive, `export` writes a run for others."""
 
 import sys
 from functools import partial
@@ -12,6 +12,7 @@ from agrobot_mj.cli.options import NoRrd, Out, Plugins, Quiet, Sets, Source, loa
 
 if TYPE_CHECKING:
     from agrobot_mj.recording import Recording
+    from agrobot_mj.simulation.log import Log
 
 
 def link(
@@ -63,6 +64,83 @@ def link(
     if log.outcome != scenario.expected_outcome:
         print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+def ros2(
+    source: Source,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
+    every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
+    start: Annotated[Literal["heard", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
+    wait: Annotated[float, typer.Option(min=0, help="Longest wait for /cmd_vel [s].")] = 60.0,
+    duration: Annotated[float | None, typer.Option(help="duration_s [s]")] = None,
+    stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
+    domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
+    network: Annotated[bool, typer.Option("--network", help="Let other computers see the topics.")] = False,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Let a ROS 2 program drive over /cmd_vel.
+
+    The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in an environment of its own.
+    """
+    from agrobot_mj.links.ros2.command import SENSORS, RosArguments
+    from agrobot_mj.links.ros2.command import ros2 as run_node
+    from agrobot_mj.links.ros2.session import NoProgramError, RosOptions
+    from agrobot_mj.scenario.loading import load_scenario
+
+    load_plugins(plugins)
+    length = {} if duration is None else {"duration_s": duration}
+    scenario = load_scenario(source, {"guidance.kind": "cmd_vel", **SENSORS, **length} | overrides(sets))
+    folder = results_folder(out, f"{scenario.name}-ros2-{scenario.hash8}")
+    tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
+    arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)
+    try:
+        with stop_on_signals() as stopped:
+            watchers = _recordings(folder, no_rrd, live)
+            log = run_node(scenario, folder, arguments, watchers, lambda: bool(stopped))
+    except NoProgramError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(1) from None
+    if no_rrd:
+        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
+    if not quiet:
+        print(f"{scenario.name}: {log.outcome}, {log.metrics['ros2']['requests']} requests, {folder}")
+    if log.outcome != scenario.expected_outcome:
+        print(f"{scenario.name}: ended after {_end(log):.2f} s: {log.outcome}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that a run has written.")],
+    mcap: Annotated[bool, typer.Option("--mcap", help="As ROS 2 messages in an MCAP file.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The file; run.mcap in the folder.")] = None,
+    plugins: Plugins = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a run for other programs.
+
+    MCAP is what Foxglove and `ros2 bag` open; needs the extra mcap and no ROS.
+    """
+    from agrobot_mj.core.errors import ScenarioError
+
+    if not mcap:
+        raise ScenarioError("export: name a format: --mcap")
+    load_plugins(plugins)
+    from agrobot_mj.links.ros2.bag import export_run
+
+    file, count = export_run(folder, out)
+    if not quiet:
+        print(f"{file}: {count} messages")
+
+
+def _end(log: "Log") -> float:
+    """Time of the last tick, 0 before the first [s]."""
+    t = log.column("t")
+    return float(t[-1]) if len(t) else 0.0
 
 
 def _recordings(folder: Path, no_rrd: bool, live: bool) -> "tuple[Recording, ...]":

@@ -1,4 +1,4 @@
-"""Commands that drive: one run, or one scenario under several controllers, plants and seeds."""
+"""Commands that drive: one run, or one scenario under several laws, variants, plants and seeds."""
 
 import sys
 from typing import Annotated
@@ -18,6 +18,7 @@ from agrobot_mj.cli.options import (
     overrides,
     results_folder,
 )
+from agrobot_mj.cli.variants import variants
 
 
 def run(
@@ -59,36 +60,42 @@ def run(
 
 def compare(
     source: Source,
-    controllers: Annotated[str, typer.Option(help="Comma-separated controller kinds.")] = "pd,pd_t2fnn",
+    controllers: Annotated[
+        str | None, typer.Option(help="Comma-separated controller kinds; pd,pd_t2fnn if no law or variant is named.")
+    ] = None,
+    guidance: Annotated[str | None, typer.Option(help="Comma-separated guidance kinds.")] = None,
+    variant: Annotated[
+        list[str] | None,
+        typer.Option("--variant", metavar='"NAME: KEY=VALUE"', help="Named overrides, comma-separated; repeatable."),
+    ] = None,
     plants: Annotated[
         str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
+    max_runs: Annotated[int, typer.Option(min=1, help="Refuse to plan more runs than this.")] = 2000,
     sets: Sets = None,
     plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run one scenario under several controllers and plants.
+    """Run one scenario under several laws, variants and plants.
 
     Writes a folder for each run, comparison.json, and the paper's figures.
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
-    from agrobot_mj.studies.compare import cases, runnable
     from agrobot_mj.studies.compare import compare as run_cases
+    from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import table
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
-    if plants is None:
-        kinds, left_out = runnable(scenario)
-        for line in left_out:
-            print(line, file=sys.stderr)
-    else:
-        kinds = names(plants, "--plants")
-    todo = cases(scenario, names(controllers, "--controllers"), kinds, seeds)
+    kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}
+    inner, outer, machines = (None if text is None else names(text, option) for option, text in kinds.items())
+    todo, left_out = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
+    for line in left_out:
+        print(line, file=sys.stderr)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
         rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())

@@ -7,6 +7,7 @@ from pydantic import Field
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.control.base import Guidance as GuidanceLaw
 from agrobot_mj.control.base import Situation, YawController
+from agrobot_mj.control.cmd_vel import CmdVel
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import Law
@@ -22,7 +23,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    Law | AgOpenGps | LearnedFeedforward,
+    Law | AgOpenGps | CmdVel | LearnedFeedforward,
     Field(discriminator="kind"),
 ]
 """Every guidance law, by `kind`."""
@@ -40,6 +41,7 @@ Controller = Annotated[
 
 __all__ = [
     "AgOpenGps",
+    "CmdVel",
     "Controller",
     "Feedforward",
     "Guidance",

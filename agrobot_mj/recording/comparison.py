@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from agrobot_mj.core.labels import safe_names
 from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
@@ -51,7 +52,9 @@ class RecordedRun(NamedTuple):
     """One run of a comparison."""
 
     name: str
-    """Name in legends: plant and controller."""
+    """Name in legends: plant and law."""
+    entity: str
+    """The name as part of entity paths."""
     log: Log
     colour: int
     """0xRRGGBBAA."""
@@ -63,7 +66,7 @@ class RecordedRun(NamedTuple):
     @property
     def place(self) -> str:
         """Entity path of the tractor."""
-        return f"world/{self.name}"
+        return f"world/{self.entity}"
 
     @property
     def values(self) -> dict[str, Array]:
@@ -84,9 +87,13 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record the runs `named` plant-controller on the ground of the first into `path`. Raises OSError."""
+    """Record the runs `named` plant-law on the ground of the first into `path`. Raises OSError."""
     last = len(named) - 1
-    runs = [RecordedRun(name, log, rgba(PALETTE[i % len(PALETTE)]), i, last - i) for i, (name, log) in enumerate(named)]
+    entities = safe_names(name for name, _ in named)
+    runs = [
+        RecordedRun(name, entity, log, rgba(PALETTE[i % len(PALETTE)]), i, last - i)
+        for i, ((name, log), entity) in enumerate(zip(named, entities, strict=True))
+    ]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
     sink = Sink(stream, path)
@@ -123,7 +130,7 @@ def _send(stream: rr.RecordingStream, run: RecordedRun, values: dict[str, Array]
     if there:
         _send_track(stream, run, times[:there])
     for path, numbers in values.items():
-        _send_signal(stream, f"plots/{path}/{run.name}", run, times, numbers)
+        _send_signal(stream, f"plots/{path}/{run.entity}", run, times, numbers)
 
 
 def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> None:
@@ -133,9 +140,9 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
     ends = piece_ends(len(points))
     column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
     pieces = rr.LineStrips3D.columns(strips=strips(laid, np.append(0, ends[:-1] - 1), ends))
-    stream.send_columns(f"world/tracks/{run.name}", [column], pieces)
+    stream.send_columns(f"world/tracks/{run.entity}", [column], pieces)
     style = rr.LineStrips3D.from_fields(colors=run.colour, radii=rr.Radius.ui_points(width))
-    stream.log(f"world/tracks/{run.name}", style, static=True)
+    stream.log(f"world/tracks/{run.entity}", style, static=True)
 
 
 def _send_signal(stream: rr.RecordingStream, entity: str, run: RecordedRun, times: Times, numbers: Array) -> None:
@@ -169,7 +176,7 @@ def _blueprint(runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array
     end_s = float(t[-1]) if len(t) else 0.0
     yaw = longest.column("yaw")[:1]
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
-    growing = [f"world/tracks/{run.name}" for run in runs]
+    growing = [f"world/tracks/{run.entity}" for run in runs]
     left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
     plots = [(plot, frame_) for plot in COMPARED for plot, frame_ in _shared(plot, runs, values, t)]
 

@@ -44,7 +44,7 @@ def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
     heads = " | ".join(f"{name} [{UNITS[name]}]" for name in COMPARED)
     lines = [
-        f"| {name} | #{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')} | {log.outcome} "
+        f"| {name.replace('|', '/')} | #{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')} | {log.outcome} "
         f"| {_cells([log.metrics[metric] for metric in COMPARED])} |"
         for name, colour, log in runs
     ]

@@ -1,4 +1,4 @@
-"""One scenario under several controllers, plants and seeds: folders, rows, and the paper's figures."""
+"""A comparison: its runs, their folders and rows, and the paper's figures."""
 
 import multiprocessing
 import os
@@ -8,60 +8,18 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Any, NamedTuple
+from typing import Any
 
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.scenario.plugins import load_files, loaded_files
-from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json, write_log
+from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.report import write_figures
 
-PLANTS = ("bicycle", "mujoco")
-"""Plants of a comparison unless others are named."""
-
-
-class Case(NamedTuple):
-    """One run of a comparison."""
-
-    plant: str
-    controller: str
-    seed: int
-    scenario: Scenario
-
-    @property
-    def folder(self) -> str:
-        """Name of the run's folder."""
-        return f"{self.plant}-{self.controller}-s{self.seed}"
-
-
-def cases(scenario: Scenario, controllers: Sequence[str], plants: Sequence[str], seeds: int) -> list[Case]:
-    """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`."""
-    return [
-        Case(
-            plant,
-            controller,
-            seed,
-            scenario.changed({"plant.kind": plant, "controller.kind": controller, "seed": seed}),
-        )
-        for plant in plants
-        for controller in controllers
-        for seed in range(scenario.seed, scenario.seed + seeds)
-    ]
-
-
-def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Those of `plants` that can run the scenario, and one line per other plant that says why it cannot."""
-    able, left_out = [], []
-    for plant in plants:
-        try:
-            scenario.changed({"plant.kind": plant})
-            able.append(plant)
-        except ScenarioError as error:
-            left_out.append(f"{plant} is left out: {str(error).splitlines()[0]}")
-    return able, left_out
+MOST_DRAWN = 24
+"""Laws that figures and the common recording show; more could not be told apart."""
 
 
 def compare(
@@ -71,27 +29,42 @@ def compare(
     jobs: int | None = None,
     done: Callable[[Case], None] = lambda case: None,
 ) -> list[dict[str, Any]]:
-    """Run all cases, some at a time, and write everything under `folder`; returns the rows of comparison.json."""
+    """Run all cases, some at a time, and write everything under `folder`; returns the rows of comparison.json.
+
+    Figures and the common recording are of the first seed and the first `MOST_DRAWN` laws.
+    """
     workers = min(len(todo), jobs or os.cpu_count() or 1)
+    shown = drawn(todo)
+    wanted = {case.folder for case in shown}
+    metrics: dict[str, dict[str, Any]] = {}
     logs: dict[str, Log] = {}
+
+    def keep(case: Case, result: tuple[dict[str, Any], Log | None]) -> None:
+        metrics[case.folder], log = result
+        if log is not None:
+            logs[case.folder] = log
+        done(case)
+
     if workers == 1:
         for case in todo:
-            logs[case.folder] = _run_case(case, folder, rrd)
-            done(case)
+            keep(case, _run_case(case, folder, rrd, case.folder in wanted))
     else:
         with _pool(workers) as pool:
-            futures = {pool.submit(_run_case, case, folder, rrd): case for case in todo}
+            futures = {pool.submit(_run_case, case, folder, rrd, case.folder in wanted): case for case in todo}
             for future in as_completed(futures):
-                logs[futures[future].folder] = future.result()
-                done(futures[future])
-    rows = [_row(case, logs[case.folder]) for case in todo]
+                keep(futures[future], future.result())
+    rows = [_row(case, metrics[case.folder]) for case in todo]
     write_json(folder / "comparison.json", rows)
-    first = [case for case in todo if case.seed == todo[0].seed]
     if rrd:
-        named = [(f"{case.plant}-{case.controller}", logs[case.folder]) for case in first]
-        write_comparison(named, folder / "comparison.rrd")
-    write_figures([(case.plant, case.controller, logs[case.folder]) for case in first], folder)
+        write_comparison([(f"{case.plant}-{case.law}", logs[case.folder]) for case in shown], folder / "comparison.rrd")
+    write_figures([(case.plant, case.law, logs[case.folder]) for case in shown], folder)
     return rows
+
+
+def drawn(todo: Sequence[Case]) -> list[Case]:
+    """The cases that figures show."""
+    laws = list(dict.fromkeys(case.law for case in todo))[:MOST_DRAWN]
+    return [case for case in todo if case.seed == todo[0].seed and case.law in laws]
 
 
 @contextmanager
@@ -129,12 +102,14 @@ def _end_with_the_parent() -> None:
         os._exit(1)
 
 
-def _run_case(case: Case, folder: Path, rrd: bool) -> Log:
+def _run_case(case: Case, folder: Path, rrd: bool, wanted: bool) -> tuple[dict[str, Any], Log | None]:
+    """Metrics of a case, and its log if it is wanted: thousands of logs would not fit into memory."""
     place = folder / case.folder
     log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
     write_log(log, place)
-    return log
+    return log.metrics, log if wanted else None
 
 
-def _row(case: Case, log: Log) -> dict[str, Any]:
-    return {"plant": case.plant, "controller": case.controller, "seed": case.seed, **log.metrics}
+def _row(case: Case, metrics: dict[str, Any]) -> dict[str, Any]:
+    law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
+    return {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, **metrics}

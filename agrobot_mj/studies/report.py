@@ -1,8 +1,9 @@
 """Figures of a comparison, after the figures of the paper.
 
-Input: runs as (plant, controller, log), one run for each pair. One PNG per figure, one column of panels per plant. A
-controller keeps its colour. Errors are position less reference: left of the path and ahead of the reference are
-positive (the log keeps the paper's sign, reference less position).
+Input: runs as (plant, law, log), one run for each pair. One PNG per figure, one column of panels per plant. A law
+keeps its colour. A signal that a law does not have (a yaw-rate error, the parts of a cascade) is left out. Errors are
+position less reference: left of the path and ahead of the reference are positive (the log keeps the paper's sign,
+reference less position).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -26,6 +27,8 @@ SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 """Distance between the points of a drawn path [m], and the largest number of them."""
+KEY_IN, LETTER_IN = 0.45, 0.058
+"""Width of a legend's entry without text, and of a letter of 8 pt on average [in]."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
@@ -37,15 +40,16 @@ class ReportedRun(NamedTuple):
 
     plant: str
     """Name of the plant."""
-    controller: str
-    """Name of the controller."""
+    law: str
+    """Name of the law: a yaw controller, a guidance law, a variant."""
     log: LogLike
     """Its log."""
 
     @property
     def name(self) -> str:
-        """The controller as figures name it."""
-        return NAMES.get(self.controller, self.controller)
+        """The law as figures name it: "$" is no formula, and a legend would drop what begins with "_"."""
+        name = NAMES.get(self.law, self.law).replace("$", r"\$")
+        return f" {name}" if name.startswith("_") else name
 
 
 Runs = Sequence[ReportedRun]
@@ -85,17 +89,17 @@ def trajectory(runs: Runs) -> Figure:
 
 
 def longitudinal_error(runs: Runs) -> Figure:
-    """Longitudinal error over time, all controllers of a plant in one panel."""
+    """Longitudinal error over time, all laws of a plant in one panel."""
     return _overlay(runs, "e_longitudinal", "longitudinal error, ahead + [m]", -1.0)
 
 
 def lateral_error(runs: Runs) -> Figure:
-    """Lateral error over time, all controllers of a plant in one panel."""
+    """Lateral error over time, all laws of a plant in one panel."""
     return _overlay(runs, "e_lateral", "lateral error, left + [m]", -1.0)
 
 
 def control_signals(runs: Runs) -> Figure:
-    """The parts of the steering command and their sum, a row per controller that has a network (if any has)."""
+    """The parts of the steering command and their sum, a row per law; PD alone is left out beside a network."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -104,29 +108,31 @@ def control_signals(runs: Runs) -> Figure:
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         for column, sign, colour in parts.values():
-            _draw_noisy(axes, run.log.column("t"), sign * np.degrees(run.log.column(column)), colour)
+            if _has(run, column):
+                _draw_noisy(axes, run.log.column("t"), sign * np.degrees(run.log.column(column)), colour)
 
-    with_network = [run for run in runs if np.nan_to_num(run.log.column("tau_n")).any()]
-    if not with_network:
-        del parts["network $-\\tau_n$"]
+    shown = [run for run in runs if _has(run, "tau_n") or not _has(run, "tau_c")]
+    for name in [name for name, (column, _, _) in parts.items() if not any(_has(run, column) for run in shown or runs)]:
+        del parts[name]
     keys = [_key(name, colour) for name, (_, _, colour) in parts.items()]
-    return _rows(with_network or runs, draw, "steering [deg]", [*keys, _raw_key()])
+    return _rows(shown or runs, draw, "steering [deg]", [*keys, _raw_key()])
 
 
-def yaw_rate_error(runs: Runs) -> Figure:
-    """Yaw rate error over time, a row per controller."""
+def yaw_rate_error(runs: Runs) -> Figure | None:
+    """Yaw rate error over time, a row per law that follows a yaw rate."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
-        _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.controller))
+        _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
 
-    return _rows(runs, draw, "yaw rate error\n[rad/s]", [_raw_key()])
+    following = [run for run in runs if np.isfinite(run.log.column("e_yaw_rate")).any()]
+    return _rows(following, draw, "yaw rate error\n[rad/s]", [_raw_key()]) if following else None
 
 
 def q(runs: Runs) -> Figure | None:
-    """The parameter q over time, a row per controller that has one."""
+    """The parameter q over time, a row per law that has one."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
-        axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.controller))
+        axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
         axes.set_ylim(-0.05, 1.05)
 
     with_q = [run for run in runs if np.isfinite(run.log.column("q")).any()]
@@ -145,19 +151,19 @@ def _overlay(runs: Runs, column: str, label: str, sign: float = 1.0) -> Figure:
     grid = figure.subplots(1, len(plants), sharex=True, sharey=True, squeeze=False)
     for axes, plant in zip(grid[0], plants, strict=True):
         for run in (run for run in runs if run.plant == plant):
-            axes.plot(run.log.column("t"), sign * run.log.column(column), color=_colour(runs, run.controller))
+            axes.plot(run.log.column("t"), sign * run.log.column(column), color=_colour(runs, run.law))
         axes.set_title(plant)
     _finish(figure, grid, runs, label, _keys(runs))
     return figure
 
 
 def _rows(runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D]) -> Figure:
-    """A figure of one column of panels per plant and one row per controller, over time."""
-    plants, controllers = _plants(runs), list(dict.fromkeys(run.controller for run in runs))
-    figure = Figure((PANEL_WIDTH_IN * len(plants), 1.45 * len(controllers) + 0.7), layout="constrained")
-    grid = figure.subplots(len(controllers), len(plants), sharex=True, sharey=True, squeeze=False)
+    """A figure of one column of panels per plant and one row per law, over time."""
+    plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs))
+    figure = Figure((PANEL_WIDTH_IN * len(plants), 1.45 * len(laws) + 0.7), layout="constrained")
+    grid = figure.subplots(len(laws), len(plants), sharex=True, sharey=True, squeeze=False)
     for run in runs:
-        axes = grid[controllers.index(run.controller), plants.index(run.plant)]
+        axes = grid[laws.index(run.law), plants.index(run.plant)]
         draw(axes, run)
         axes.set_title(f"{run.plant}: {run.name}")
     _finish(figure, grid, runs, label, keys)
@@ -194,9 +200,22 @@ def _label(grid: Any, x: str, y: str) -> None:
 
 
 def _legend(figure: Figure, keys: list[Line2D]) -> None:
-    columns = 2 if figure.get_figwidth() <= PANEL_WIDTH_IN else 5 if len(keys) <= 5 else 4
+    most = 2 if figure.get_figwidth() <= PANEL_WIDTH_IN else 5 if len(keys) <= 5 else 4
+    widths = [KEY_IN + LETTER_IN * len(str(key.get_label())) for key in keys]
+    columns = next((n for n in range(most, 1, -1) if _width(widths, n) <= figure.get_figwidth()), 1)
     if keys:
         figure.legend(handles=keys, loc="outside upper center", ncols=columns)
+
+
+def _width(widths: Sequence[float], columns: int) -> float:
+    """Width of a legend that is filled column by column [in]."""
+    rows = -(-len(widths) // columns)
+    return sum(max(widths[first : first + rows]) for first in range(0, len(widths), rows))
+
+
+def _has(run: ReportedRun, column: str) -> bool:
+    """Whether a signal is anything but zero or missing."""
+    return bool(np.nan_to_num(run.log.column(column)).any())
 
 
 def _key(name: str, colour: str, style: Literal["-", "--", ":"] = "-", width: float = 0.9) -> Line2D:
@@ -208,13 +227,16 @@ def _raw_key() -> Line2D:
 
 
 def _keys(runs: Runs) -> list[Line2D]:
-    names = {run.controller: run.name for run in runs}
-    return [_key(name, _colour(runs, controller)) for controller, name in names.items()]
+    names = {run.law: run.name for run in runs}
+    return [_key(name, _colour(runs, law)) for law, name in names.items()]
 
 
-def _colour(runs: Runs, controller: str) -> str:
-    others = list(dict.fromkeys(run.controller for run in runs if run.controller not in COLOURS))
-    return COLOURS.get(controller) or SPARE_COLOURS[others.index(controller) % len(SPARE_COLOURS)]
+def _colour(runs: Runs, law: str) -> str:
+    """Colour of a law; those without one of their own take what the others leave, in turn."""
+    others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
+    used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
+    free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
+    return COLOURS.get(law) or free[others.index(law) % len(free)]
 
 
 def _plants(runs: Runs) -> list[str]:
@@ -227,10 +249,12 @@ def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
     for run in (run for run in runs if run.plant == plant):
         t, x, y = (run.log.column(name) for name in ("t", "x", "y"))
         for rows, style in ((t > first_end, "-"), (t <= first_end, ":")):
-            axes.plot(x[rows], y[rows], color=_colour(runs, run.controller), linestyle=style)
-    start, end = path.turns_s[0]
-    count = int(np.clip((end - start) * path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
-    axes.plot(*sample(path, np.linspace(start, end, count)).T, color="black", linewidth=0.5, zorder=1)
+            axes.plot(x[rows], y[rows], color=_colour(runs, run.law), linestyle=style)
+    paths = [run.log.scenario.path for run in runs]
+    for path in (path for k, path in enumerate(paths) if path not in paths[:k]):
+        start, end = path.turns_s[0]
+        count = int(np.clip((end - start) * path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
+        axes.plot(*sample(path, np.linspace(start, end, count)).T, color="black", linewidth=0.5, zorder=1)
 
 
 def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:

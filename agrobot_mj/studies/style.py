@@ -6,13 +6,24 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
+from agrobot_mj.core.palette import (
+    BLUE,
+    BROWN,
+    DARK_GREY,
+    GREEN,
+    ORANGE,
+    PINK,
+    ROYAL_BLUE,
+    SKY_BLUE,
+    VERMILION,
+    YELLOW,
+)
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
-SPARE_COLOURS = (PINK, SKY_BLUE, DARK_GREY)
-"""Colours of controllers not named above, in order of appearance."""
+SPARE_COLOURS = (PINK, SKY_BLUE, DARK_GREY, BROWN, YELLOW, ROYAL_BLUE)
+"""Colours of laws not named above, in order of appearance."""
 NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
 NAMES |= {"open_loop": "open loop"}
 """Names of the controllers in figures."""

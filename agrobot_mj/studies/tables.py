@@ -12,25 +12,34 @@ from rich.table import Table
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
 
-    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of `pd` on the
-    same plant and seed; values of turns that a run did not complete are left out.
+    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of the first law with `pd`
+    on the same plant, variant and seed; values of turns that a run did not complete are left out. Variant and guidance
+    have a column where they tell rows apart.
     """
-    seeds = len({row.get("seed") for row in rows}) > 1
-    of_pd = [row for row in rows if row["controller"] == "pd"]
-    pd_mse = {(row["plant"], row.get("seed")): row.get("lateral_mse") for row in of_pd}
+    of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
+    pd_mse = {_place(row): row.get("lateral_mse") for row in of_pd}
+    names = [name for name in ("plant", "variant", "guidance", "controller", "seed") if _tells(rows, name)]
     text = Table(box=box.MARKDOWN)
-    for name in ("plant", "controller", *(["seed"] if seeds else []), "outcome"):
+    for name in (*names, "outcome"):
         text.add_column(name)
     for name in ("lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2"):
         text.add_column(name, justify="right")
     for row in rows:
-        seed = [str(row.get("seed"))] if seeds else []
-        base = pd_mse.get((row["plant"], row.get("seed")))
-        text.add_row(row["plant"], row["controller"], *seed, row.get("outcome", "-"), *_numbers(row, base))
+        given = ["-" if row.get(name) is None else str(row[name]).replace("|", "/") for name in names]
+        text.add_row(*given, row.get("outcome", "-"), *_numbers(row, pd_mse.get(_place(row))))
     console = Console(file=io.StringIO(), width=400, color_system=None, markup=False, emoji=False)
     with console.capture() as captured:
         console.print(text, highlight=False)
     return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
+
+
+def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
+    """Whether a column is shown: the plant and the controller always, others where they differ."""
+    return name in ("plant", "controller") or len({row.get(name) for row in rows}) > 1
+
+
+def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return row["plant"], row.get("variant"), row.get("seed")
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:

@@ -9,7 +9,8 @@ import pytest
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic, read_traffic
-from agrobot_mj.links.agopengps.udp import LOOPBACK, Pace, UdpSockets
+from agrobot_mj.links.agopengps.udp import LOOPBACK, UdpSockets
+from agrobot_mj.links.pacing import Pace
 
 
 def free_port():

@@ -10,7 +10,8 @@ from typing import NamedTuple, Protocol
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.traffic import Datagram
-from agrobot_mj.links.agopengps.udp import Pace, Received, UdpSockets
+from agrobot_mj.links.agopengps.udp import Received, UdpSockets
+from agrobot_mj.links.pacing import Pace
 
 BOARD_LOOP_S = 0.025
 """Loop of a steer module [s]. As AgOpenGPS boards."""

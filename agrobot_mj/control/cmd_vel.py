@@ -1,0 +1,81 @@
+"""Guidance by a program that sends velocities, ROS 2's /cmd_vel: forward speed v and yaw rate omega.
+
+The steering angle is that of the bicycle which turns so at the speed that was asked for: tan(delta) = L omega / v. A
+tractor cannot turn on the spot: below `least_speed_m_s` the wheels stay where they are. The law lives outside, see
+`agrobot-mj ros2`; here are its keys, and what happens when it falls silent.
+"""
+
+from collections.abc import Sequence
+from math import atan, inf, nan
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import Guidance, Situation
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.signals import Column, Command
+from agrobot_mj.core.spec import Positive
+
+
+class VelocityRequest(NamedTuple):
+    """The last message on /cmd_vel; at first none."""
+
+    speed: float = nan
+    """Velocity along the heading, `linear.x`, negative in reverse [m/s]."""
+    yaw_rate: float = nan
+    """Yaw rate, `angular.z`, left positive [rad/s]."""
+    age: float = inf
+    """Time since it came [s]."""
+
+
+class CmdVel(Guidance):
+    """A program drives by speed and yaw rate, see `agrobot-mj ros2`."""
+
+    kind: Literal["cmd_vel"] = "cmd_vel"
+    timeout_s: Positive = 0.5
+    """Age from which a request counts no more and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
+    least_speed_m_s: Positive = 0.05
+    """Speed below which a yaw rate moves no wheel [m/s]. Estimate: 1 % of the tractor's top speed."""
+    give_up_s: Positive = 10.0
+    """A run ends when nothing has been asked for this long after the tractor drove [s]. Estimate."""
+    origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
+    """Latitude of x = y = 0 [deg]."""
+    origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
+    """Longitude of x = y = 0 [deg]."""
+
+    @property
+    def follows_path(self) -> bool:
+        """Its way is its own, and so is its supervision."""
+        return False
+
+    @property
+    def outside(self) -> str:
+        """Command that runs it."""
+        return "ros2"
+
+    def init(self) -> VelocityRequest:
+        """Nothing asked for."""
+        return VelocityRequest()
+
+    def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
+        """The request that the link has left in the state; standstill without one."""
+        if not state.age < self.timeout_s:
+            return state, Command(situation.steer, 0.0)
+        if abs(state.speed) < self.least_speed_m_s:
+            return state, Command(situation.steer, state.speed)
+        limit = situation.machine.steer_limit
+        steer = atan(situation.machine.wheelbase_m * state.yaw_rate / state.speed)
+        return state, Command(clip(steer, -limit, limit), state.speed)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What was asked for."""
+        return (
+            Column("cmd_speed", "m/s", "speed asked for on /cmd_vel; null before the first request"),
+            Column("cmd_yaw_rate", "rad/s", "yaw rate asked for on /cmd_vel, left positive; null before the first"),
+            Column("cmd_age", "s", "age of that request; null before the first"),
+        )
+
+    def report(self, state: VelocityRequest) -> Sequence[float]:
+        """Values of `columns`."""
+        return state.speed, state.yaw_rate, state.age if state.age < inf else nan

@@ -1,0 +1,70 @@
+"""A finished run as an MCAP file of ROS 2 messages, which `ros2 bag` and Foxglove open; needs no ROS.
+
+Messages are those of a live tractor with the stamps of the run, beside /tf, which viewers place the tractor by, and the
+requests on /cmd_vel where a program drove.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.links.extras import required
+from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
+from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
+from agrobot_mj.links.ros2.sample import Heading, samples_of
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.storage import atomic
+
+
+def export_run(folder: Path, file: Path | None = None) -> tuple[Path, int]:
+    """Write the run of `folder` as `run.mcap` in it, or as `file`; returns the file and its number of messages.
+
+    Raises `ScenarioError` where the folder holds no run, or without the extra `mcap`.
+    """
+    for name in ("scenario.toml", "signals.parquet"):
+        if not (folder / name).is_file():
+            raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
+    file = file or folder / "run.mcap"
+    scenario = load_scenario(folder / "scenario.toml")
+    try:
+        signals = pq.read_table(folder / "signals.parquet")
+    except (pa.ArrowException, OSError) as error:
+        raise ScenarioError(f"{folder / 'signals.parquet'}: cannot be read: {error}") from None
+    return file, write_mcap(scenario, signals, file)
+
+
+def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
+    """Write a run into `file`; returns the number of messages. Raises `ScenarioError` without the extra `mcap`."""
+    library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
+    with atomic(file) as temporary:
+        writer = library.Writer(str(temporary))
+        schemas = {
+            topic: writer.register_msgdef(full_name(kind), full_definition(kind)) for topic, kind in RECORDED.items()
+        }
+        about = {"version": __version__, "scenario": scenario.name, "hash": scenario.hash8, "seed": str(scenario.seed)}
+        writer.add_metadata("agrobot_mj", about)
+        count = 0
+        for topic, t, content in recorded(scenario, signals):
+            at = nanoseconds(t)
+            writer.write_message(topic, schemas[topic], content, log_time=at, publish_time=at, sequence=count)
+            count += 1
+        writer.finish()
+    return count
+
+
+def recorded(scenario: Scenario, signals: pa.Table) -> Iterator[tuple[str, float, Content]]:
+    """Topic, time [s] and content of every message of a run, in the order of time."""
+    site, heading = site_of(scenario), Heading()
+    yield "/path", 0.0, path(scenario)
+    for sample in samples_of(signals):
+        for topic, content in messages(sample, site, heading.follow(sample)):
+            yield topic, sample.t, content
+        yield "/tf", sample.t, frames(sample, site, stamp(sample.t))
+        if sample.cmd_age == 0.0:
+            yield "/cmd_vel", sample.t, request(sample)

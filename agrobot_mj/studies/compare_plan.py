@@ -1,0 +1,229 @@
+"""The runs of a comparison, planned and checked before any of them starts.
+
+What is compared is a list of laws, on every plant and seed. A law is one of `controllers` (inside the scenario's
+guidance), one of `guidance` (with each of the controllers inside where it takes one) or a variant, a named set of
+overrides. A variant of [guidance] or [controller] is a law of its own; any other stands for a changed machine, field
+or path, on which each named law drives.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.labels import safe_names
+from agrobot_mj.scenario.schema import Scenario
+
+PLANTS = ("bicycle", "mujoco")
+"""Plants of a comparison unless others are named."""
+CONTROLLERS = ("pd", "pd_t2fnn")
+"""Controllers of a comparison unless laws or variants are named."""
+MOST_RUNS = 2000
+"""Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
+OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
+"""Keys that a variant leaves to an option."""
+
+
+class Variant(NamedTuple):
+    """A named set of overrides."""
+
+    name: str
+    overrides: Mapping[str, Any]
+    """Values by dotted key."""
+
+    @property
+    def is_law(self) -> bool:
+        """Whether it changes the guidance law or its yaw controller."""
+        return any(key.split(".")[0] in ("guidance", "controller") for key in self.overrides)
+
+
+class CompetingLaw(NamedTuple):
+    """One line of a comparison."""
+
+    name: str
+    overrides: Mapping[str, Any]
+    """Values by dotted key."""
+    variant: str | None = None
+    """Name of the variant, if it is one."""
+
+
+class Case(NamedTuple):
+    """One run of a comparison."""
+
+    plant: str
+    law: str
+    """Name of the law."""
+    variant: str | None
+    """Name of the variant, if there is one."""
+    seed: int
+    scenario: Scenario
+    folder: str
+    """Name of the run's folder."""
+
+    @property
+    def controller(self) -> str | None:
+        """Kind of the yaw controller; None where the guidance law takes none."""
+        s = self.scenario
+        return s.controller.kind if _takes_controller(s) else None
+
+
+class Plan(NamedTuple):
+    """What a comparison will run."""
+
+    cases: list[Case]
+    left_out: list[str]
+    """A line for each plant, or law on a plant, that cannot run the scenario."""
+
+
+def plan(
+    scenario: Scenario,
+    controllers: Sequence[str] | None = None,
+    guidance: Sequence[str] | None = None,
+    variants: Sequence[Variant] = (),
+    plants: Sequence[str] | None = None,
+    seeds: int = 1,
+    most: int = MOST_RUNS,
+) -> Plan:
+    """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
+
+    Without `plants`, those of `PLANTS` that can run each law; named ones must be able to run all of them.
+    """
+    laws = competing(scenario, controllers, guidance, variants)
+    able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
+    _check_number(len(laws), len(able), seeds, most)
+    cases: list[Case] = []
+    for plant, (law, place) in product(able, zip(laws, safe_names(law.name for law in laws), strict=True)):
+        try:
+            first = _checked(scenario, plant, law)
+        except ScenarioError as error:
+            if plants is not None or not _runs_elsewhere(scenario, able, plant, law):
+                raise
+            left_out.append(f"{law.name} on {plant} is left out: {str(error).splitlines()[0]}")
+            continue
+        _check_seeds(first.seed, seeds)
+        for seed in range(first.seed, first.seed + seeds):
+            changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
+            cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
+    return Plan(cases, left_out)
+
+
+def competing(
+    scenario: Scenario,
+    controllers: Sequence[str] | None,
+    guidance: Sequence[str] | None,
+    variants: Sequence[Variant],
+) -> list[CompetingLaw]:
+    """The laws of a comparison. Raises `ScenarioError`."""
+    _check_variants(variants)
+    own = [variant for variant in variants if variant.is_law]
+    conditions = [variant for variant in variants if not variant.is_law]
+    named = _named(scenario, controllers, guidance, bool(variants))
+    found = [
+        CompetingLaw(f"{variant.name}, {law.name}", {**law.overrides, **variant.overrides}, variant.name)
+        if law.name
+        else CompetingLaw(variant.name, variant.overrides, variant.name)
+        for variant, law in product(conditions, named or [CompetingLaw("", {})])
+    ]
+    laws = [*(found or named), *(CompetingLaw(variant.name, variant.overrides, variant.name) for variant in own)]
+    _check_names(laws)
+    return laws
+
+
+def _named(
+    scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
+) -> list[CompetingLaw]:
+    """The laws that are named by kind, or those of `CONTROLLERS` where nothing is."""
+    if controllers is None and not guidance:
+        if varied:
+            return []
+        controllers = CONTROLLERS
+    found, inside = [], False
+    for kind in guidance or ():
+        takes = _takes_controller(scenario.changed({"guidance.kind": kind}))
+        inside |= takes
+        if takes and controllers is not None:
+            pairs = [{"guidance.kind": kind, "controller.kind": controller} for controller in controllers]
+            found += [CompetingLaw(f"{kind}-{pair['controller.kind']}", pair) for pair in pairs]
+        else:
+            found.append(CompetingLaw(kind, {"guidance.kind": kind}))
+    if controllers is None or inside:
+        return found
+    if not _takes_controller(scenario):  # its runs under several controllers would be the same run
+        kind = scenario.guidance.kind
+        return found if kind in (guidance or ()) else [CompetingLaw(kind, {}), *found]
+    return [*(CompetingLaw(kind, {"controller.kind": kind}) for kind in controllers), *found]
+
+
+def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
+    """Those of `plants` that can run the scenario, and one line per other plant that says why it cannot."""
+    able, left_out = [], []
+    for plant in plants:
+        try:
+            scenario.changed({"plant.kind": plant})
+            able.append(plant)
+        except ScenarioError as error:
+            left_out.append(f"{plant} is left out: {str(error).splitlines()[0]}")
+    return able, left_out
+
+
+def _takes_controller(scenario: Scenario) -> bool:
+    return scenario.guidance.using(scenario.controller) is not scenario.guidance
+
+
+def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
+    """The scenario of a law on a plant. Raises `ScenarioError`."""
+    try:
+        changed = scenario.changed({"plant.kind": plant, **law.overrides})
+    except ScenarioError as error:
+        if law.variant is None:
+            raise
+        raise ScenarioError(f"--variant {law.variant!r}: {error}") from None
+    if command := changed.guidance.outside:
+        kind = changed.guidance.kind
+        place = f"--variant {law.variant!r}: " if law.variant else ""
+        raise ScenarioError(f'{place}guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
+    return changed
+
+
+def _runs_elsewhere(scenario: Scenario, plants: Sequence[str], failed: str, law: CompetingLaw) -> bool:
+    """Whether another of the plants can run the law."""
+    for plant in plants:
+        if plant != failed:
+            try:
+                _checked(scenario, plant, law)
+            except ScenarioError:
+                continue
+            return True
+    return False
+
+
+def _check_variants(variants: Sequence[Variant]) -> None:
+    names = [variant.name for variant in variants]
+    if repeated := next((name for name in names if names.count(name) > 1), None):
+        raise ScenarioError(f"--variant {repeated!r}: is given twice; give each a name of its own")
+    for variant in variants:
+        for key, value in variant.overrides.items():
+            inside = key == "plant" and not (isinstance(value, Mapping) and "kind" in value)
+            if key in OWN_OPTIONS and not inside:
+                raise ScenarioError(f"--variant {variant.name!r}: {key}: name it with {OWN_OPTIONS[key]}")
+
+
+def _check_names(laws: Sequence[CompetingLaw]) -> None:
+    names = [law.name for law in laws]
+    for law in laws:
+        if law.variant is not None and names.count(law.name) > 1:
+            raise ScenarioError(f"--variant {law.variant!r}: a law of that name is compared, too; name it otherwise")
+
+
+def _check_number(laws: int, plants: int, seeds: int, most: int) -> None:
+    if (runs := laws * plants * seeds) > most:
+        raise ScenarioError(
+            f"{runs} runs are planned ({laws} laws, {plants} plants, {seeds} seeds), the limit is {most}; "
+            f"ask for fewer or add --max-runs {runs}"
+        )
+
+
+def _check_seeds(first: int, seeds: int) -> None:
+    last = first + seeds - 1
+    if last >= 2**63:
+        raise ScenarioError(f"--seeds {seeds}: would count up to seed {last}, beyond 2^63 - 1; set a smaller seed")

@@ -1,0 +1,60 @@
+"""Table of docs/third_party.md: steering of other projects, unmodified, on the simulated tractor.
+
+Run in their environment (`make third-party`).
+A cell is the cross-track error of the CG: rms / largest 95 % [cm], or how the run ended. The supervisor is off.
+"""
+
+import sys
+from typing import Any
+
+from avlite_law import AvliteLaw
+from rox_drive import drive
+
+import agrobot_mj
+
+TOY: dict[str, Any] = {
+    **{"plant.kind": "bicycle", "steering.valve.delay_s": 0.0, "steering.valve.time_constant_s": 0.001},
+    **{"steering.valve.dead_band_v": 0.0, "steering.loop.deadband_compensation_v": 0.0},
+    **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0},
+    **{"sensors.steering_pot.noise_sigma_deg": 0.01, "sensors.steering_pot.resolution_deg": 0.01},
+}
+"""The linear bicycle with a quick valve without dead band, and no noise."""
+SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
+    "level line": ("straight_line", {"duration_s": 60.0}),
+    "side slope 10 deg": ("side_slope_10", {"duration_s": 60.0}),
+    "circle, radius 10 m": ("circle", {"duration_s": 60.0}),
+    "level line, toy": ("straight_line", {"duration_s": 60.0, **TOY}),
+}
+"""Scenario and overrides by column."""
+LAWS: dict[str, dict[str, Any]] = {
+    "AVLite Stanley, as shipped (5 1/s)": {"guidance.kind": "avlite"},
+    "AVLite Stanley, 0.5 1/s": {"guidance.kind": "avlite", "guidance.gain_per_s": 0.5},
+    "AVLite pure pursuit, as shipped (8 m)": {"guidance.kind": "avlite", "guidance.law": "pure_pursuit"},
+    "AVLite pure pursuit, 3 m": {
+        **{"guidance.kind": "avlite", "guidance.law": "pure_pursuit"},
+        "guidance.ahead_m": 3.0,
+    },
+    "rox-control pure pursuit, 2.5 m": {},
+    "ours: Stanley": {"guidance.kind": "stanley"},
+    "ours: pure pursuit": {"guidance.kind": "pure_pursuit"},
+}
+
+
+def cell(law: str, scenario: str, keys: dict[str, Any]) -> str:
+    """The result of one run."""
+    if law.startswith("rox"):
+        metrics = drive(scenario, keys)
+    else:
+        everything = {**keys, **LAWS[law], "supervisor.enabled": False}
+        metrics = agrobot_mj.run(agrobot_mj.load_scenario(scenario, everything)).metrics
+    if metrics["outcome"] != "completed":
+        return str(metrics["outcome"])
+    return f"{100 * metrics['xte_rms']:.1f} / {100 * metrics['xte_abs_p95']:.1f}"
+
+
+if __name__ == "__main__":
+    agrobot_mj.register(AvliteLaw)
+    print(f"| law | {' | '.join(SURFACES)} |\n|---|{'---|' * len(SURFACES)}")
+    for name in LAWS:
+        if len(sys.argv) < 2 or sys.argv[1] in name:
+            print(f"| {name} | {' | '.join(cell(name, *surface) for surface in SURFACES.values())} |", flush=True)

@@ -1,0 +1,49 @@
+"""docs/ros2.md and docs/third_party.md name the options, topics, keys and rows that there are."""
+
+import ast
+import re
+from pathlib import Path
+
+import typer.main
+
+from agrobot_mj.cli import app
+from agrobot_mj.control.cmd_vel import CmdVel
+from agrobot_mj.links.ros2.definitions import RECORDED, TOPICS
+from agrobot_mj.scenario.loading import scenario_files
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
+THIRD_PARTY = (ROOT / "docs" / "third_party.md").read_text(encoding="utf-8")
+
+
+def test_every_option_that_it_names_exists():
+    commands = typer.main.get_command(app).commands
+    known = {option for name in ("ros2", "export", "run") for each in commands[name].params for option in each.opts}
+    assert set(re.findall(r"--[a-z][a-z0-9-]*", TEXT)) <= known
+    given = {option for each in commands["ros2"].params for option in each.opts if option.startswith("--")}
+    common = {"--set", "--plugin", "--out", "--no-rrd", "--live", "--quiet", "--duration"}
+    assert given - common <= set(re.findall(r"--[a-z][a-z0-9-]*", TEXT))
+
+
+def test_its_table_has_every_topic_with_its_type():
+    listed = dict(re.findall(r"^\| `(/[a-z_/]+)` \| ([a-z_]+/[A-Za-z]+) \|", TEXT, re.MULTILINE))
+    assert listed == TOPICS
+    assert set(re.findall(r"`(/[a-z_]+(?:/[a-z]+)?)`", TEXT)) == set(RECORDED)
+
+
+def test_every_key_that_it_names_exists():
+    assert set(re.findall(r"`guidance\.([a-z_]+)`", TEXT)) == set(CmdVel.model_fields) - {"kind"}
+
+
+def test_its_scenarios_exist():
+    rows = re.findall(r"^\| `([a-z_0-9]+)`, \d+ s", TEXT, re.MULTILINE)
+    assert len(rows) == 3
+    assert set(rows) <= set(scenario_files())
+
+
+def test_the_table_of_third_parties_has_the_rows_of_its_script():
+    tree = ast.parse((ROOT / "examples" / "third_party" / "measure.py").read_text(encoding="utf-8"))
+    tables = {node.target.id: node.value for node in tree.body if isinstance(node, ast.AnnAssign)}
+    laws, surfaces = ([key.value for key in tables[name].keys] for name in ("LAWS", "SURFACES"))
+    assert re.findall(r"^\| ([^|`]+) \| \d", THIRD_PARTY, re.MULTILINE) == laws
+    assert f"| law | {' | '.join(surfaces)} |" in THIRD_PARTY

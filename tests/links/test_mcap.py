@@ -1,0 +1,109 @@
+"""A run as MCAP: read back by a ROS 2 decoder, every number as in the log; what is missing is told."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.links.extras import required
+from agrobot_mj.links.ros2.bag import export_run, write_mcap
+from agrobot_mj.links.ros2.content import EPOCH_NS
+from agrobot_mj.links.ros2.definitions import RECORDED
+from agrobot_mj.simulation.storage import write_log
+
+UNIT = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 1.0, "end_s": 2.0}]}
+
+
+@pytest.fixture(scope="module")
+def log():
+    return run(load_scenario("circle", {"duration_s": 3.0, **UNIT, **LOSS}))
+
+
+@pytest.fixture(scope="module")
+def read(log, tmp_path_factory):
+    """Messages by topic: (time since the start [s], decoded message)."""
+    reader = pytest.importorskip("mcap_ros2.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
+    file = tmp_path_factory.mktemp("bag") / "run.mcap"
+    count = write_mcap(log.scenario, log.signals, file)
+    found = {}
+    for each in reader.read_ros2_messages(str(file)):
+        found.setdefault(each.channel.topic, []).append(((each.log_time_ns - EPOCH_NS) / 1e9, each.ros_msg))
+    assert sum(map(len, found.values())) == count
+    return found
+
+
+def test_every_topic_has_a_message_a_tick_at_its_time(read, log):
+    assert set(read) == set(RECORDED) - {"/cmd_vel"}
+    for topic, messages in read.items():
+        if topic != "/path":
+            np.testing.assert_allclose([t for t, _ in messages], log.column("t"), atol=1e-9)
+    for t, message in read["/odometry"]:
+        assert (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec - EPOCH_NS) / 1e9 == pytest.approx(t)
+
+
+@pytest.mark.parametrize(
+    ("topic", "column", "value"),
+    [
+        ("/odometry", "rear_x_hat", lambda m: m.pose.pose.position.x),
+        ("/odometry", "speed_hat", lambda m: m.twist.twist.linear.x),
+        ("/odometry", "yaw_hat", lambda m: 2 * np.arctan2(m.pose.pose.orientation.z, m.pose.pose.orientation.w)),
+        ("/odometry", "p_xy", lambda m: m.pose.covariance[6]),
+        ("/odometry", "p_yaw", lambda m: m.pose.covariance[35]),
+        ("/ground_truth/odom", "rear_y", lambda m: m.pose.pose.position.y),
+        ("/ground_truth/odom", "speed", lambda m: m.twist.twist.linear.x),
+        ("/ground_truth/odom", "yaw_rate", lambda m: m.twist.twist.angular.z),
+        ("/imu/data", "gyro", lambda m: m.angular_velocity.z),
+        ("/joint_states", "steer_measured", lambda m: m.position[m.name.index("steering")]),
+        ("/tf", "rear_x", lambda m: m.transforms[0].transform.translation.x),
+    ],
+)
+def test_numbers_are_those_of_the_log(read, log, topic, column, value):
+    np.testing.assert_allclose([value(message) for _, message in read[topic]], log.column(column), rtol=0, atol=1e-12)
+
+
+def test_a_lost_fix_is_told(read, log):
+    status = np.array([message.status.status for _, message in read["/fix"]])
+    np.testing.assert_array_equal(status == -1, log.column("gnss_quality") == 0)
+    assert (status == -1).sum() == 20
+    assert all(np.isnan(message.latitude) == (message.status.status == -1) for _, message in read["/fix"])
+
+
+def test_the_file_says_what_it_is_and_carries_its_definitions(log, tmp_path):
+    library = pytest.importorskip("mcap.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
+    write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        reader = library.make_reader(stream)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        (about,) = reader.iter_metadata()
+    assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+    assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
+    assert about.metadata["hash"] == log.scenario.hash8
+
+
+def test_the_folder_of_a_run_is_exported(log, tmp_path):
+    pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
+    write_log(log, tmp_path / "run")
+    file, count = export_run(tmp_path / "run")
+    assert file == tmp_path / "run" / "run.mcap"
+    assert count == 60 * 7 + 1
+    again, _ = export_run(tmp_path / "run", tmp_path / "mine.mcap")
+    assert again.read_bytes() == file.read_bytes()
+
+
+def test_a_folder_without_a_run_is_told(tmp_path):
+    with pytest.raises(ScenarioError, match=r"holds no scenario.toml; name the folder of a run"):
+        export_run(tmp_path)
+
+
+def test_what_is_missing_is_told_with_the_command_that_installs_it(log, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
+    with pytest.raises(ScenarioError, match=r'export --mcap needs mcap_ros2; pip install "agrobot-mj\[mcap\]"'):
+        write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    with pytest.raises(ScenarioError, match=r'ros2 needs rclpy; pip install "agrobot-mj\[ros\]"'):
+        required("rclpy", "ros", "ros2")

@@ -1,0 +1,211 @@
+"""A comparison is planned as its options say, refuses what cannot be run, and shows any law."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from agrobot_mj import load_scenario
+from agrobot_mj.cli import app
+from agrobot_mj.cli.variants import variants
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.labels import safe_names
+from agrobot_mj.studies import compare as runs
+from agrobot_mj.studies.compare import compare, drawn
+from agrobot_mj.studies.compare_plan import MOST_RUNS, Variant, plan
+
+SHORT = {"duration_s": 1.0, "plant.kind": "bicycle"}
+
+
+@pytest.fixture(scope="module")
+def circle():
+    return load_scenario("circle", SHORT)
+
+
+def laws(found):
+    return list(dict.fromkeys(case.law for case in found.cases))
+
+
+def planned(scenario, *texts, **options):
+    return plan(scenario, variants=variants(list(texts)), **{"plants": ["bicycle"], **options})
+
+
+# --- texts --------------------------------------------------------------------------------------------------------
+
+
+def test_a_text_holds_a_name_and_toml_values():
+    (found,) = variants(['far, wide: path.points=[[0, 0], [9, 1]], title="a, b: c", seed_x=1, tyre=soil, t={a=[1,2]}'])
+    assert found.name == "far, wide"
+    expected = {"path.points": [[0, 0], [9, 1]], "title": "a, b: c", "seed_x": 1, "tyre": "soil", "t": {"a": [1, 2]}}
+    assert found.overrides == expected
+    assert variants(["as it is:"]) == [Variant("as it is", {})]
+    assert variants([r'quoted: title="a \", b", x=' + "'c:\\'"])[0].overrides == {"title": 'a ", b', "x": "c:\\"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("worn", "write it as"),
+        ("worn.valve=1", "write it as"),
+        ("a=1: b=2", "write it as"),
+        (": a=1", "write it as"),
+        ("worn: a", "write it as key=value"),
+        ("worn: a=", "write it as key=value"),
+        ("worn: a=[1, 2", "] is missing"),
+        ("worn: a=1], b=2", "closes nothing"),
+        ("worn: a={b=1]", "closes nothing"),
+        ('worn: a="b, c=1', '" is missing'),
+        ("worn: a=[1 2]", "not valid TOML"),
+        ("worn: a=1, a=2", "a is given twice"),
+        ("two\nlines: a=1", "printable"),
+        (f"{'x' * 61}: a=1", "at most 60"),
+    ],
+)
+def test_a_text_that_is_no_variant_is_told(text, message):
+    with pytest.raises(ScenarioError, match="--variant") as caught:
+        variants([text])
+    assert message in str(caught.value)
+
+
+def test_a_file_counts_from_the_working_directory(tmp_path, monkeypatch):
+    (tmp_path / "hills.npy").write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    (found,) = variants(["hilly: terrain.kind=heightmap, terrain.file=hills.npy"])
+    assert found.overrides["terrain.file"] == str(tmp_path / "hills.npy")
+
+
+# --- plan ---------------------------------------------------------------------------------------------------------
+
+
+def test_without_laws_the_paper_s_controllers_are_compared(circle):
+    found = planned(circle, seeds=2)
+    assert [(c.law, c.seed, c.folder) for c in found.cases] == [
+        ("pd", 1, "bicycle-pd-s1"),
+        ("pd", 2, "bicycle-pd-s2"),
+        ("pd_t2fnn", 1, "bicycle-pd_t2fnn-s1"),
+        ("pd_t2fnn", 2, "bicycle-pd_t2fnn-s2"),
+    ]
+    assert [case.scenario.seed for case in found.cases] == [1, 2, 1, 2]
+
+
+def test_guidance_laws_stand_beside_controllers(circle):
+    assert laws(planned(circle, guidance=["lqr", "stanley"])) == ["lqr", "stanley"]
+    found = planned(circle, controllers=["pd", "pi"], guidance=["lqr"])
+    assert [(c.law, c.controller, c.scenario.guidance.kind) for c in found.cases] == [
+        ("pd", "pd", "kinematic"),
+        ("pi", "pi", "kinematic"),
+        ("lqr", None, "lqr"),
+    ]
+
+
+def test_controllers_go_into_the_guidance_laws_that_take_one(circle):
+    found = planned(circle, controllers=["pd", "pi"], guidance=["feedforward", "lqr"])
+    assert laws(found) == ["feedforward-pd", "feedforward-pi", "lqr"]
+    assert [case.scenario.controller.kind for case in found.cases][:2] == ["pd", "pi"]
+    assert laws(planned(circle, guidance=["feedforward"])) == ["feedforward"]
+
+
+def test_a_law_without_a_controller_is_run_once(circle):
+    stanley = circle.changed({"guidance.kind": "stanley"})
+    (case,) = planned(stanley, controllers=["pd", "pi"]).cases
+    assert (case.law, case.controller, case.folder) == ("stanley", None, "bicycle-stanley-s1")
+
+
+def test_a_variant_of_the_machine_is_driven_by_each_law(circle):
+    found = planned(circle, "worn: steering.valve.dead_band_v=0.8", "new:", controllers=["pd"], guidance=["lqr"])
+    assert laws(found) == ["worn, pd", "worn, lqr", "new, pd", "new, lqr"]
+    assert [case.scenario.steering.valve.dead_band_v for case in found.cases][:2] == [0.8, 0.8]
+    assert [case.variant for case in found.cases] == ["worn", "worn", "new", "new"]
+    assert laws(planned(circle, "worn: steering.valve.dead_band_v=0.8")) == ["worn"]
+
+
+def test_a_variant_of_the_law_stands_beside_the_others(circle):
+    found = planned(circle, "calm: guidance.kind=stanley, guidance.gain_per_s=0.2", controllers=["pd"])
+    assert laws(found) == ["pd", "calm"]
+    assert found.cases[1].scenario.guidance.gain_per_s == 0.2
+    assert found.cases[1].scenario.seed == circle.seed
+
+
+def test_odd_names_are_safe_and_distinct_folders(circle):
+    found = planned(circle, "a/b:", "A b:", "../..:", "Höhe 5 %:", "坡:")
+    folders = [case.folder for case in found.cases]
+    expected = ["bicycle-a_b-s1", "bicycle-A_b-2-s1", "bicycle-unnamed-s1", "bicycle-Hohe_5-s1", "bicycle-unnamed-2-s1"]
+    assert folders == expected
+    assert safe_names(["pd_t2fnn", "mujoco-pd", "x" * 99]) == ["pd_t2fnn", "mujoco-pd", "x" * 60]
+
+
+@pytest.mark.parametrize(
+    ("texts", "options", "message"),
+    [
+        (["a: plant.kind=mujoco"], {}, "plant.kind: name it with --plants"),
+        (["a: seed=3"], {}, "seed: name it with --seeds"),
+        (["a:", "a:"], {}, "'a': is given twice"),
+        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "a law of that name"),
+        (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
+        (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
+        (["a: terrain.kind=slope"], {}, "knows only flat ground"),
+        (["a: guidance.kind=agopengps"], {}, "use `agrobot-mj link`"),
+        ([], {"guidance": ["lqr", "stanly"]}, "did you mean 'stanley'"),
+        ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), the limit is 2000"),
+        ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
+    ],
+)
+def test_what_cannot_be_run_is_told_before_anything_runs(circle, texts, options, message):
+    with pytest.raises(ScenarioError) as caught:
+        planned(circle, *texts, **options)
+    assert message in str(caught.value)
+    assert not texts or "--variant" in str(caught.value)
+
+
+def test_the_limit_of_runs_can_be_raised(circle):
+    (option,) = (each for each in get_command(app).commands["compare"].params if each.name == "max_runs")
+    assert option.default == MOST_RUNS
+    assert len(planned(circle, seeds=3, most=6).cases) == 6
+
+
+def test_seeds_end_where_the_scenario_s_range_does(circle):
+    with pytest.raises(ScenarioError, match="set a smaller seed"):
+        planned(circle.changed({"seed": 2**63 - 2}), seeds=3)
+
+
+def test_a_law_is_left_out_on_the_plant_that_cannot_run_it():
+    found = planned(load_scenario("circle"), "tilted: terrain.kind=slope", "level:", plants=None)
+    assert [case.folder for case in found.cases] == ["bicycle-level-s1", "mujoco-tilted-s1", "mujoco-level-s1"]
+    (line,) = found.left_out
+    assert line.startswith("tilted on bicycle is left out: --variant 'tilted': circle: terrain.kind")
+
+
+# --- runs ---------------------------------------------------------------------------------------------------------
+
+
+def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
+    found = planned(circle, r"_$a$ | \é: guidance.kind=lqr", controllers=["pd"], guidance=["stanley"], seeds=2)
+    rows = compare(found.cases, tmp_path, rrd=True, jobs=1)
+    assert rows == json.loads((tmp_path / "comparison.json").read_text())
+    named = [(row["controller"], row["guidance"], row["variant"], row["seed"], row["outcome"]) for row in rows[::2]]
+    assert named == [
+        ("pd", "kinematic", None, 1, "completed"),
+        (None, "stanley", None, 1, "completed"),
+        (None, "lqr", r"_$a$ | \é", 1, "completed"),
+    ]
+    assert all((tmp_path / row["folder"] / "signals.parquet").is_file() for row in rows)
+    figures = {path.stem for path in tmp_path.glob("*.png")}
+    assert figures == {"trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error"}
+    assert (tmp_path / "comparison.rrd").stat().st_size > 1000
+
+
+def test_no_figure_of_the_yaw_rate_without_one(circle, tmp_path):
+    compare(planned(circle, guidance=["stanley", "pure_pursuit"]).cases, tmp_path, rrd=False, jobs=1)
+    assert {path.stem for path in tmp_path.glob("*.png")} == {
+        "trajectory",
+        "longitudinal_error",
+        "lateral_error",
+        "control_signals",
+    }
+
+
+def test_only_so_many_laws_are_drawn(circle, monkeypatch):
+    monkeypatch.setattr(runs, "MOST_DRAWN", 3)
+    found = planned(circle, *(f"v{k}:" for k in range(5)), seeds=2)
+    assert [Path(case.folder).name for case in drawn(found.cases)] == [f"bicycle-v{k}-s1" for k in range(3)]
