@@ -28,7 +28,7 @@ OWNERS = {
     "PIL": {"terrain"},
     "matplotlib": {"studies"},
     "typer": {"cli"},
-    "tomli_w": {"scenario"},
+    "tomli_w": {"scenario", "studies"},
     "numba": {"core", "plants"},
 }
 """Libraries that only these folders import."""

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli import authoring, links, recordings, runs, studies
+from agrobot_mj.cli import authoring, links, recordings, runs, studies, sweeps
 from agrobot_mj.core.version import __version__
 
 app = typer.Typer(
@@ -16,7 +16,7 @@ app = typer.Typer(
 )
 for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
-    *(runs.run, runs.compare, links.link),
+    *(runs.run, runs.compare, sweeps.sweep, links.link),
     *(recordings.view, recordings.snapshot),
     *(studies.rig, studies.identify, studies.validate, studies.tune),
 ):
