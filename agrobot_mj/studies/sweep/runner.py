@@ -12,7 +12,7 @@ from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.sweep.cluster import over_dask
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, Plan, base_text
 from agrobot_mj.studies.sweep.schema import read_sweep
-from agrobot_mj.studies.sweep.store import TABLE, Store, merge
+from agrobot_mj.studies.sweep.store import Store, merge
 from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
@@ -69,7 +69,7 @@ def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) ->
     before, unexpected, errors = len(part) - len(todo), 0, 0
     with (
         _full_disk_told(store),
-        _table_in_the_end(store, bool(todo)),
+        _table_in_the_end(store, sum(done) + len(todo)),
         tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), before, options.quiet) as advance,
         closing(_results(plan, todo, options)) as results,
     ):
@@ -121,14 +121,14 @@ def _results(plan: Plan, todo: Sequence[int], options: SweepOptions) -> Generato
 
 
 @contextmanager
-def _table_in_the_end(store: Store, changed: bool) -> Iterator[None]:
-    """Write the table once the block ends, also when it is broken off by Ctrl-C or a lost cluster."""
+def _table_in_the_end(store: Store, rows: int) -> Iterator[None]:
+    """Write the table once the block ends, also when it is broken off; not if it has all these rows already."""
     try:
         yield
     except (KeyboardInterrupt, ScenarioError):
         store.write_table()
         raise
-    if changed or not (store.folder / TABLE).exists():
+    if store.in_table != rows:
         store.write_table()
 
 

@@ -132,6 +132,14 @@ class Store:
         """Numbers of the runs that have a row."""
         return (row["run"] for row in self.rows())
 
+    @property
+    def in_table(self) -> int:
+        """Number of rows of the table; 0 where there is none."""
+        try:
+            return int(pq.read_metadata(self.folder / TABLE).num_rows)
+        except (OSError, pa.ArrowException):
+            return 0
+
     def write_table(self) -> int:
         """Write all rows as one table, in the order of the runs; returns how many there are."""
         rows, pieces = self.rows(), []
