@@ -16,7 +16,7 @@ app = typer.Typer(
 )
 for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
-    *(runs.run, runs.compare, sweeps.sweep, links.link),
+    *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, links.link),
     *(recordings.view, recordings.snapshot),
     *(studies.rig, studies.identify, studies.validate, studies.tune),
 ):

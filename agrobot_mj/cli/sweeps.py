@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Out, Plugins, Quiet, load_plugins, results_folder
+from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, names, overrides, results_folder
 from agrobot_mj.core.errors import ScenarioError
 
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default.")]
@@ -79,3 +79,57 @@ def _shard(text: str | None) -> tuple[int, int]:
     if not match or not 1 <= int(match[1]) <= int(match[2]):
         raise ScenarioError(f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4")
     return int(match[1]), int(match[2])
+
+
+def limit(
+    source: Source,
+    key: Annotated[str, typer.Option(metavar="KEY", help="Dotted key to vary, e.g. terrain.grade_deg.")],
+    range_: Annotated[str, typer.Option("--range", metavar="A:B", help="From A, where it should hold, to B.")],
+    until: Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")],
+    guidance: Annotated[
+        list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value.")] = 10,
+    reliability: Annotated[float, typer.Option(help="Share of runs that must succeed.")] = 0.8,
+    confidence: Annotated[float, typer.Option(help="Confidence of that statement.")] = 0.8,
+    tolerance: Annotated[float | None, typer.Option(help="Where to stop; a fiftieth of the range if left out.")] = None,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search where a guidance law stops working along one key.
+
+    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png.
+    """
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.studies.limit import Question, Tried
+    from agrobot_mj.studies.limit import limit as search
+
+    load_plugins(plugins)
+    start, stop = _ends(range_)
+    kinds = names(",".join(guidance), "--guidance") if guidance else []
+    scenario = load_scenario(source, overrides(sets))
+    folder = results_folder(out, f"limit-{scenario.name}-{key}")
+    question = Question(key, start, stop, until, seeds, reliability, confidence, tolerance)
+
+    def tell(law: str, tried: Tried) -> None:
+        if not quiet:
+            print(f"{law}: {key} = {tried.value:g}: {tried.runs - tried.failed} of {tried.runs} succeed", flush=True)
+
+    with interruptible():
+        found = search(scenario, question, kinds, folder, jobs, tell)
+    if not quiet:
+        print("\n".join([*(each.statement for each in found), str(folder / "limit.json")]))
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Start and end from `A:B`."""
+    first, colon, last = text.partition(":")
+    try:
+        if colon:
+            return float(first), float(last)
+    except ValueError:
+        pass
+    raise ScenarioError(f"--range {text}: write two numbers as 0:25")
