@@ -211,13 +211,16 @@ def _answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
         text = f"{name} fails at all values tried, from {q.key} = {tried[0].value:g} on"
         return answer(verdict="always_fails", limit=None, interval=None, statement=text)
     if not tried[0].holds:
-        there = ", ".join(f"{t.value:g}" for t in works)
-        text = f"{name} fails at the start, {q.key} = {tried[0].value:g}, and holds at {there}; turn the range round?"
+        first, there = tried[0], ", ".join(f"{t.value:g}" for t in works)
+        advice = "turn the range round?" if first.certain else "more seeds, or begin where it holds"
+        count = f"{first.runs - first.failed} of {first.runs} runs succeed"
+        text = f"{name} does not hold at the start, {q.key} = {first.value:g} ({count}), but at {there}; {advice}"
         return answer(verdict="fails_at_start", limit=None, interval=None, statement=text)
     first_bad = next(k for k, t in enumerate(tried) if not t.holds)
     estimate = (tried[first_bad - 1].value + tried[first_bad].value) / 2
     interval = _interval(tried, first_bad)
-    again = [t.value for t in tried[first_bad:] if t.holds]
+    # Where the runs leave it open, the rate goes up and down by chance.
+    again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or q.seeds < needed)]
     good, bad = interval if q.seeds >= needed else (tried[first_bad - 1].value, tried[first_bad].value)
     text = f"{name} holds up to {q.key} = {good:g}, fails from {bad:g} on ({terms})"
     if again:

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.messages import fault
-from agrobot_mj.core.resources import SCENARIOS
+from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.loading import load_scenario, read_toml, scenario_files
@@ -119,11 +119,6 @@ class Sweep(NamedTuple):
         """Seeds of the runs."""
         given = self.file.seeds
         return range(self.base.seed, self.base.seed + given) if isinstance(given, int) else given
-
-
-def sweep_files() -> dict[str, Path]:
-    """Name to file of every sweep that comes with the package."""
-    return {path.stem: path for path in sorted((SCENARIOS / "sweeps").glob("*.toml"))}
 
 
 def find_sweep(source: str | Path) -> Path:

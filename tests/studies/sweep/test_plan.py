@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.sweep.plan import Plan
-from agrobot_mj.studies.sweep.schema import read_sweep, sweep_files
+from agrobot_mj.studies.sweep.schema import read_sweep
 
 
 @pytest.fixture
