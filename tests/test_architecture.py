@@ -29,6 +29,8 @@ OWNERS = {
     "matplotlib": {"studies"},
     "typer": {"cli"},
     "tomli_w": {"scenario", "studies"},
+    "plotly": {"studies"},
+    "distributed": {"studies"},
     "numba": {"core", "plants"},
 }
 """Libraries that only these folders import."""

@@ -18,7 +18,7 @@ for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
     *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, links.link),
     *(recordings.view, recordings.snapshot),
-    *(studies.rig, studies.identify, studies.validate, studies.tune),
+    *(studies.rig, studies.identify, studies.validate, studies.tune, sweeps.report),
 ):
     app.command(command.__name__.rstrip("_"))(command)
 

@@ -1,4 +1,4 @@
-"""Commands that ask how far a stack holds: sweeps over many runs, and the search for a limit."""
+"""Commands that ask how far a stack holds, and show it: sweeps over many runs, the search for a limit, reports."""
 
 import re
 import sys
@@ -133,3 +133,17 @@ def _ends(text: str) -> tuple[float, float]:
     except ValueError:
         pass
     raise ScenarioError(f"--range {text}: write two numbers as 0:25")
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of run, compare, sweep, limit or validate.")],
+    plugins: Plugins = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write report.html for a folder of results: one file that works offline."""
+    from agrobot_mj.studies.pages import write_report
+
+    load_plugins(plugins)
+    for path in write_report(folder):
+        if not quiet:
+            print(path)

@@ -97,7 +97,7 @@ class Plan:
         parameters |= {key: column[row] for key, column in self._draws.items()}
         overrides = {**(variant.set if variant else {}), **parameters}
         # A kind or a whole table first: it decides which other keys there are.
-        overrides = dict(sorted(overrides.items(), key=lambda item: not _decides(*item)))
+        overrides = dict(sorted(overrides.items(), key=lambda item: not decides(*item)))
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
@@ -190,7 +190,8 @@ def base_text(base: Scenario) -> str:
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
-def _decides(key: str, value: Any) -> bool:
+def decides(key: str, value: Any) -> bool:
+    """Whether an override decides which other keys there are, so that it counts before them."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
