@@ -28,7 +28,9 @@ OWNERS = {
     "PIL": {"terrain"},
     "matplotlib": {"studies"},
     "typer": {"cli"},
-    "tomli_w": {"scenario"},
+    "tomli_w": {"scenario", "studies"},
+    "plotly": {"studies"},
+    "distributed": {"studies"},
     "numba": {"core", "plants"},
     "gymnasium": {"links"},
 }

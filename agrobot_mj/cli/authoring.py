@@ -6,11 +6,12 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli.options import Plugins, load_plugins
-from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.core.resources import scenario_files, sweep_files
 
 
 def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
+    sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
     plugins: Plugins = None,
 ) -> None:
     """List the scenarios that come with the package."""
@@ -23,7 +24,7 @@ def list_(
     # Read as plain TOML: to validate each against the whole schema would take seconds.
     titles = {
         name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "")
-        for name, path in scenario_files().items()
+        for name, path in (sweep_files() if sweeps else scenario_files()).items()
     }
     width = max(map(len, titles))
     for name, title in titles.items():

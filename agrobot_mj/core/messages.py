@@ -40,7 +40,7 @@ def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: 
 
 def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> str:
     keys, owner = _walk(error["loc"], data, root)
-    kind, context = str(error["type"]), {**error.get("ctx", {}), "input": error["input"]}
+    kind, context = str(error["type"]), error.get("ctx", {})
     if kind == "extra_forbidden":
         known = sorted(owner.model_fields) if owner else []
         text = f"unknown key{suggestion(keys[-1], known)} (known: {', '.join(known)})"
@@ -55,15 +55,19 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
     elif kind == "tuple_type" and isinstance(error["input"], Mapping):
         text = f"must be a list of tables; write [[{'.'.join(keys)}]]"
-    elif kind == "value_error":
-        text = str(error["msg"]).removeprefix("Value error, ")
-        if keys and re.match(r"[a-z0-9_.]+: ", text):
-            return ".".join(keys) + "." + text
-    elif kind in _TEXTS:
-        text = _TEXTS[kind].format(**context)
     else:
-        text = str(error["msg"])
+        text = fault(error)
+        if kind == "value_error" and keys and re.match(r"[a-z0-9_.]+: ", text):
+            return ".".join(keys) + "." + text
     return f"{'.'.join(keys)}: {text}" if keys else text
+
+
+def fault(error: Mapping[str, Any]) -> str:
+    """What one of pydantic's errors says of a value, without its key."""
+    template = _TEXTS.get(str(error["type"]))
+    if template is None:
+        return str(error["msg"]).removeprefix("Value error, ")
+    return template.format(**{**error.get("ctx", {}), "input": error["input"]})
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:

@@ -32,3 +32,8 @@ def library_file(name: str) -> Path:
 def scenario_files() -> dict[str, Path]:
     """Name to file of every scenario that comes with the package."""
     return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
+
+
+def sweep_files() -> dict[str, Path]:
+    """Name to file of every sweep that comes with the package."""
+    return {path.stem: path for path in sorted((SCENARIOS / "sweeps").glob("*.toml"))}

@@ -109,12 +109,15 @@ class Scenario(Spec):
         """The resolved scenario as TOML; running it gives the same signals."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
-    def changed(self, overrides: Mapping[str, Any]) -> "Scenario":
-        """A copy with overrides by dotted key, checked again. Raises `ScenarioError`."""
+    def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
+        """A copy with overrides by dotted key, checked again. Raises `ScenarioError`.
+
+        Without `files` neither path nor ground is built; `check_files` must follow before it is run.
+        """
         data, default = explicit_values(self), Scenario()
         for key, value in overrides.items():
             override(data, key, value, default)
-        return resolve(data, self.name or "scenario")
+        return (resolve if files else validated)(data, self.name or "scenario")
 
     @model_validator(mode="after")
     def _parts_fit(self) -> "Scenario":
@@ -160,14 +163,19 @@ def _beyond_the_bicycle(s: Scenario) -> list[str]:
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:
     """A scenario from plain data, checked; `source` names it in messages. Raises `ScenarioError`."""
+    scenario = validated(data, source)
+    check_files(scenario, source)
+    return scenario
+
+
+def validated(data: dict[str, Any], source: str) -> Scenario:
+    """A scenario from plain data whose path and ground are still to be checked. Raises `ScenarioError`."""
     complete(data, Scenario())
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
-        scenario = Scenario.model_validate_json(json.dumps(data, default=str))
+        return Scenario.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
-    check_files(scenario, source)
-    return scenario
 
 
 def check_files(scenario: Scenario, source: str) -> None:

@@ -45,6 +45,28 @@ def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable
         yield lambda: progress.advance(number)
 
 
+@contextmanager
+def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[[bool], None]]:
+    """Show a bar for runs, of which `done` are there already, with the number of those that failed.
+
+    Yields a function to call after each run, with whether it ended as expected.
+    """
+    progress, failed = None if quiet else bar(), 0
+    if progress is None:
+        yield lambda expected: None
+        return
+    with progress:
+        number = progress.add_task(description, total=total, completed=done)
+
+        def advance(expected: bool) -> None:
+            nonlocal failed
+            failed += not expected
+            text = f"{description}, {failed} failed" if failed else description
+            progress.update(number, advance=1, description=text)
+
+        yield advance
+
+
 class Progress:
     """Shows the progress of one run."""
 

@@ -6,10 +6,7 @@ interval of their paired differences, seed by seed, excludes 0. Runs that did no
 """
 
 import json
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +15,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.pool import cores, spread
 
 LAWS: dict[str, dict[str, Any]] = {
     "P (pd)": {"controller.kind": "pd"},
@@ -78,15 +76,9 @@ def cells() -> list[Cell]:
     return found
 
 
-class Job(NamedTuple):
-    """One run."""
-
-    cell: int
-    seed: int
-
-
-def perform(cell: Cell, seed: int) -> dict[str, Any]:
-    """The row of one run."""
+def perform(job: tuple[Cell, int]) -> dict[str, Any]:
+    """The row of one run, of a cell and a seed."""
+    cell, seed = job
     log = run(load_scenario(cell.scenario, {**cell.overrides, "seed": seed}))
     m = log.metrics
     passes = m.get("iso_12188_2_style", {})
@@ -115,13 +107,10 @@ def study(file: Path, seeds: Sequence[int], jobs: int | None, done: Callable[[],
     for _ in range(len(seeds) * len(cells()) - len(todo)):
         done()
     file.parent.mkdir(parents=True, exist_ok=True)
-    with (
-        ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=get_context("spawn")) as pool,
-        file.open("a", encoding="utf-8") as out,
-    ):
-        for future in as_completed([pool.submit(perform, cell, seed) for cell, seed in todo]):
-            rows.append(future.result())
-            out.write(json.dumps(rows[-1]) + "\n")
+    with file.open("a", encoding="utf-8") as out:
+        for _, row in spread(perform, todo, jobs or cores()):
+            rows.append(row)
+            out.write(json.dumps(row) + "\n")
             out.flush()
             done()
     return rows

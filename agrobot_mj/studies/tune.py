@@ -7,9 +7,7 @@ that the result is never worse on the training cases than these; test surfaces a
 The result says how it came about.
 """
 
-import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
 from math import degrees, exp, log
@@ -24,6 +22,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.pool import pool
 
 XTE_M = 0.05
 """Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
@@ -131,11 +130,10 @@ def tune(
     space = [(log(low), log(high)) if low > 0 else (low, high) for low, high in ranges.values()]
     objective = partial(_objective, training, ranges)
     start = _candidates(scenario, ranges, space)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+    with pool(jobs) as executor:
 
         def evaluate(function: Callable[[Any], float], candidates: Iterable[Any]) -> list[float]:
-            found = list((pool.map if jobs > 1 else map)(function, list(candidates)))
+            found = list((executor.map if jobs > 1 else map)(function, list(candidates)))
             done(len(found))
             return found
 

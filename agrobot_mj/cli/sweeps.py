@@ -1,0 +1,149 @@
+"""Commands that ask how far a stack holds, and show it: sweeps over many runs, the search for a limit, reports."""
+
+import re
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.interrupts import interruptible
+from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, names, overrides, results_folder
+from agrobot_mj.core.errors import ScenarioError
+
+Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default.")]
+
+
+def sweep(
+    sources: Annotated[list[str], typer.Argument(metavar="SWEEP.toml", help="A sweep file; folders with --merge.")],
+    out: Out = None,
+    jobs: Jobs = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run over the workers of this Dask scheduler instead.")
+    ] = None,
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N, e.g. of a Slurm array.")] = None,
+    merge: Annotated[bool, typer.Option("--merge", help="Join what --shard has written: name the folders.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard earlier results in the folder.")] = False,
+    max_runs: Annotated[int, typer.Option(min=1, help="Most runs of the sweep.")] = 100_000,
+    plugins: Plugins = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scenario over axes, draws, seeds and variants.
+
+    Writes sweep.parquet, one row a run. Broken off at any moment, the same command goes on with what is missing.
+    """
+    from agrobot_mj.studies.sweep import SweepOptions
+    from agrobot_mj.studies.sweep import sweep as run_sweep
+
+    load_plugins(plugins)
+    if scheduler and jobs:
+        raise ScenarioError("--jobs: is for processes on this machine; leave it out with --scheduler")
+    if merge:
+        _merge(sources, out, quiet)
+        return
+    if len(sources) > 1:
+        raise ScenarioError(f"sweep: name one sweep file, got {len(sources)}; folders are joined with --merge")
+    folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
+    options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
+    with interruptible():
+        found = run_sweep(sources[0], folder, options)
+    if found.errors:
+        print(f"{found.errors:,} runs raised an error; column error says which", file=sys.stderr)
+    if not quiet:
+        there = f", {found.before:,} were there" if found.before else ""
+        unexpected = f", of which {found.unexpected:,} did not end as expected" if found.unexpected else ""
+        print(f"{found.new:,} runs done{unexpected}{there}, {found.folder / 'sweep.parquet'}")
+
+
+def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
+    """Join folders into one table; a sweep file stands for its own folder."""
+    from agrobot_mj.studies.sweep import merged
+
+    folders = [Path(source) for source in sources if Path(source).is_dir()]
+    files = [source for source in sources if not Path(source).is_dir()]
+    name = f"sweep-{Path(files[0]).stem}" if files else "sweep-merged"
+    folder = results_folder(out, name) if out or files or len(folders) > 1 else folders[0]
+    rows, total = merged([*folders, *([folder] if folder.is_dir() and (files or not folders) else [])], folder)
+    if not quiet:
+        print(f"{rows:,} of {total:,} runs, {folder / 'sweep.parquet'}")
+    if rows < total:
+        print(f"{folder}: {total - rows:,} of {total:,} runs are missing; run the other shards", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _shard(text: str | None) -> tuple[int, int]:
+    """Part and number of parts from `i/n`."""
+    if text is None:
+        return 1, 1
+    match = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise ScenarioError(f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4")
+    return int(match[1]), int(match[2])
+
+
+def limit(
+    source: Source,
+    key: Annotated[str, typer.Option(metavar="KEY", help="Dotted key to vary, e.g. terrain.grade_deg.")],
+    range_: Annotated[str, typer.Option("--range", metavar="A:B", help="From A, where it should hold, to B.")],
+    until: Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")],
+    guidance: Annotated[
+        list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value.")] = 10,
+    reliability: Annotated[float, typer.Option(help="Share of runs that must succeed.")] = 0.8,
+    confidence: Annotated[float, typer.Option(help="Confidence of that statement.")] = 0.8,
+    tolerance: Annotated[float | None, typer.Option(help="Where to stop; a fiftieth of the range if left out.")] = None,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search where a guidance law stops working along one key.
+
+    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png.
+    """
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.studies.limit import Question, Tried
+    from agrobot_mj.studies.limit import limit as search
+
+    load_plugins(plugins)
+    start, stop = _ends(range_)
+    kinds = names(",".join(guidance), "--guidance") if guidance else []
+    scenario = load_scenario(source, overrides(sets))
+    folder = results_folder(out, f"limit-{scenario.name}-{key}")
+    question = Question(key, start, stop, until, seeds, reliability, confidence, tolerance)
+
+    def tell(law: str, tried: Tried) -> None:
+        if not quiet:
+            print(f"{law}: {key} = {tried.value:g}: {tried.runs - tried.failed} of {tried.runs} succeed", flush=True)
+
+    with interruptible():
+        found = search(scenario, question, kinds, folder, jobs, tell)
+    if not quiet:
+        print("\n".join([*(each.statement for each in found), str(folder / "limit.json")]))
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Start and end from `A:B`."""
+    first, colon, last = text.partition(":")
+    try:
+        if colon:
+            return float(first), float(last)
+    except ValueError:
+        pass
+    raise ScenarioError(f"--range {text}: write two numbers as 0:25")
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of run, compare, sweep, limit or validate.")],
+    plugins: Plugins = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write report.html for a folder of results: one file that works offline."""
+    from agrobot_mj.studies.pages import write_report
+
+    load_plugins(plugins)
+    for path in write_report(folder):
+        if not quiet:
+            print(path)

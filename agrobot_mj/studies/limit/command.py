@@ -1,0 +1,88 @@
+"""The limits of one or more laws: search them, write `limit.json` and `limit.png`."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, check, find_limit, laws
+from agrobot_mj.studies.pool import cores, pool
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
+from agrobot_mj.studies.sweep.work import perform
+
+
+def limit(
+    scenario: Scenario,
+    question: Question,
+    kinds: Sequence[str],
+    folder: Path,
+    jobs: int | None = None,
+    done: Callable[[str, Tried], object] = lambda law, tried: None,
+) -> list[Found]:
+    """Search the limit of each kind of guidance and write the answers under `folder`. Raises `ScenarioError`."""
+    scenarios = laws(scenario, kinds)
+    condition = check(question, scenarios)
+    found = []
+    with _workers(jobs or cores()) as do:
+        for name, under in scenarios.items():
+            found.append(find_limit(name, under, question, condition, do, partial(done, name)))
+    write_json(folder / "limit.json", content(scenario, question, found))
+    with mpl.rc_context(STYLE):
+        save(figure(question, found), folder / "limit.png")
+    return found
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[RunTasks]:
+    """Runs in this process, or in some that live as long as the block."""
+    if jobs == 1:
+        yield lambda tasks: [perform(task) for task in tasks]
+        return
+    with pool(jobs) as executor:
+        try:
+            yield lambda tasks: list(executor.map(perform, tasks))
+        except BrokenProcessPool:
+            raise ScenarioError("limit: a worker process died in a run; --jobs 1 shows why") from None
+
+
+def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
+    """`limit.json`: the question, and for each law the verdict and every value tried."""
+    return {
+        "scenario": scenario.name,
+        "version": __version__,
+        **question._asdict(),
+        "tolerance": question.resolution,
+        "first_seed": scenario.seed,
+        "laws": [{**each._asdict(), "tried": [tried._asdict() for tried in each.tried]} for each in found],
+    }
+
+
+def figure(question: Question, found: Sequence[Found]) -> Figure:
+    """Success rate over the key with its interval, a panel a law; where it stops holding is shaded."""
+    drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
+    grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, each, k in zip(grid, found, range(len(found)), strict=True):
+        colour = SPARE_COLOURS[k % len(SPARE_COLOURS)]
+        values = [t.value for t in each.tried]
+        rates = [100 * (1 - t.failed / t.runs) for t in each.tried]
+        lower = [rate - 100 * t.low for rate, t in zip(rates, each.tried, strict=True)]
+        upper = [100 * t.high - rate for rate, t in zip(rates, each.tried, strict=True)]
+        if each.interval:
+            axes.axvspan(*each.interval, color="#DDDDDD", linewidth=0)
+        axes.axhline(100 * question.reliability, color="black", linewidth=0.6, linestyle="--")
+        # Rounding may leave a bar a hair below zero length, which matplotlib refuses.
+        bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
+        axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
+        axes.set(ylim=(-5, 105), title=each.law)
+    drawn.supylabel(f"successful runs, {question.confidence:.0%} interval [%]", fontsize=8)
+    grid[-1].set_xlabel(question.key)
+    return drawn

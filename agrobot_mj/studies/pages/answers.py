@@ -1,0 +1,96 @@
+"""Pages of answers: a validation against theory, and the limits of guidance laws."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+
+
+def validation_page(folder: Path) -> Document:
+    """The page of a validation: how far each number is within its band, and all numbers."""
+    checks = json.loads((folder / "validation.json").read_text("utf-8"))
+    judged = [check for check in checks if check["band"] != "reported"]
+    failed = [check for check in judged if not check["passed"]]
+    fact = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands"
+    page = Document("Validation against theory", [fact, f"{len(checks) - len(judged)} more are reported"])
+    page.section("Where numbers lie in their bands", "0 is the middle of a number's band, 1 and -1 are its ends.")
+    page.grid([("All judged numbers", _bands(judged))])
+    for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
+        page.section(manoeuvre.capitalize())
+        head = ("quantity", "subject", "measured", "theory", "unit", "band", "")
+        page.table(head, [_check(check) for check in checks if check["manoeuvre"] == manoeuvre])
+    return page
+
+
+def _bands(judged: list[dict[str, Any]]) -> Chart:
+    """Place of each number within its band, a row per manoeuvre."""
+    data = []
+    for k, subject in enumerate(dict.fromkeys(check["subject"] for check in judged)):
+        points = [(c, place) for c in judged if c["subject"] == subject and (place := _place(c)) is not None]
+        data.append(
+            {"type": "scatter", "mode": "markers", "name": subject, "x": [place for _, place in points],
+             "y": [c["manoeuvre"] for c, _ in points], "text": [c["quantity"] for c, _ in points],
+             "hovertemplate": "%{text}<extra>%{fullData.name}</extra>",
+             "marker": {"color": COLOURS[k % len(COLOURS)], "size": 8, "opacity": 0.7}}
+        )  # fmt: skip
+    shapes = [
+        {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot"}} for x in (-1, 1)
+    ]
+    return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis={"type": "category"})}
+
+
+def _place(check: dict[str, Any]) -> float | None:
+    low, high, measured = check["low"], check["high"], check["measured"]
+    if low is None or high is None or measured is None or high <= low:
+        return None
+    return float((2 * measured - low - high) / (high - low))
+
+
+def _check(check: dict[str, Any]) -> tuple[object, ...]:
+    verdict = "" if check["band"] == "reported" else "inside" if check["passed"] else "OUTSIDE"
+    return (*(check[k] for k in ("quantity", "subject", "measured", "theory", "unit", "band")), verdict)
+
+
+def limit_page(folder: Path) -> Document:
+    """The page of a search for limits."""
+    found = json.loads((folder / "limit.json").read_text("utf-8"))
+    facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
+    page = Document(f"Limits along {found['key']}", facts)
+    page.section("Answer")
+    for law in found["laws"]:
+        page.text(law["statement"])
+    page.section("Success", f"Bars: {100 * found['confidence']:g} % Wilson interval. Grey: interval of the limit.")
+    page.grid([(law["law"], _success(law, found)) for law in found["laws"]])
+    page.section("Every value tried")
+    head = ("law", found["key"], "runs", "failed", "outcomes")
+    rows = [
+        (law["law"], t["value"], t["runs"], t["failed"], _counts(t["outcomes"]))
+        for law in found["laws"]
+        for t in law["tried"]
+    ]
+    page.table(head, rows)
+    return page
+
+
+def _counts(outcomes: dict[str, int]) -> str:
+    return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+
+
+def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
+    """Success rate over the key."""
+    tried = law["tried"]
+    rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
+    bars = {
+        "type": "data", "symmetric": False,
+        "array": [100 * t["high"] - rate for t, rate in zip(tried, rates, strict=True)],
+        "arrayminus": [rate - 100 * t["low"] for t, rate in zip(tried, rates, strict=True)],
+    }  # fmt: skip
+    curve = {"type": "scatter", "mode": "lines+markers", "x": [t["value"] for t in tried], "y": rates, "error_y": bars}
+    shapes: list[dict[str, Any]] = []
+    if law["interval"]:
+        low, high = law["interval"]
+        shapes = [{"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": "#ddd"}]
+        shapes[0] |= {"layer": "below", "line": {"width": 0}}
+    own = layout(found["key"], "successful runs [%]", shapes=shapes, yaxis={"range": [-5, 105]})
+    return {"data": [{**curve, "line": {"color": COLOURS[0]}}], "layout": own}

@@ -1,0 +1,156 @@
+"""One HTML file that works offline: text, tables, interactive charts, the drawing library within.
+
+A chart is plain data, `{"data": [...], "layout": {...}}` as plotly.js takes it. A point whose `customdata` is a command
+shows that command when it is clicked.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
+from agrobot_mj.core.version import __version__
+from agrobot_mj.simulation.storage import atomic
+
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
+"""Colours of groups, in order."""
+Chart = dict[str, Any]
+STYLE = """
+:root { color-scheme: light; }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 1280px; padding: 1.2rem; font: 16px/1.5 system-ui, sans-serif; color: #1b1b1b; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin: 0.2rem 0; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 0.4rem; border-top: 1px solid #ddd; padding-top: 1.2rem; }
+h3 { font-size: 1rem; margin: 0.8rem 0 0.2rem; }
+p { max-width: 75ch; margin: 0.4rem 0; }
+.facts { color: #555; overflow-wrap: anywhere; }
+.grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 1rem; }
+.small { grid-template-columns: repeat(auto-fill, minmax(min(100%, 260px), 1fr)); }
+.card { min-width: 0; }
+.chart { width: 100%; height: 380px; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 0.9rem; }
+th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid #e5e5e5; text-align: left; white-space: nowrap; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+pre { background: #f5f5f5; padding: 0.7rem; font-size: 0.8rem; white-space: pre-wrap; overflow-wrap: anywhere; }
+.small svg { width: 100%; height: auto; background: #fafafa; }
+#command { position: sticky; bottom: 0; margin: 0; background: #1b1b1b; color: #fff; display: none; z-index: 2; }
+@media print { #command { display: none !important; } }
+"""
+SCRIPT = """
+for (const [id, chart] of Object.entries(CHARTS)) {
+  const place = document.getElementById(id);
+  Plotly.newPlot(place, chart.data, chart.layout, {responsive: true, displaylogo: false});
+  place.on("plotly_click", event => {
+    const command = event.points[0].customdata;
+    if (typeof command !== "string") return;
+    const box = document.getElementById("command");
+    box.textContent = command;
+    box.style.display = "block";
+  });
+}
+"""
+
+
+class Document:
+    """A page under construction."""
+
+    def __init__(self, title: str, facts: Iterable[str]) -> None:
+        """`facts` are short phrases under the title."""
+        self.title, self.charts = title, dict[str, Chart]()
+        line = " · ".join(escape(fact) for fact in facts)
+        self.parts = [f"<h1>{escape(title)}</h1>", f'<p class="facts">{line}</p>']
+
+    def section(self, title: str, text: str = "") -> None:
+        """Begin a section, with a paragraph if there is one."""
+        self.parts.append(f"<h2>{escape(title)}</h2>")
+        if text:
+            self.text(text)
+
+    def text(self, text: str) -> None:
+        """A paragraph."""
+        self.parts.append(f"<p>{escape(text)}</p>")
+
+    def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
+        """Charts side by side where there is room, each under its title."""
+        self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
+
+    def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        """A table; numbers and what looks like them stand to the right."""
+        body = "".join(f"<tr>{''.join(_cell('td', value) for value in row)}</tr>" for row in rows)
+        top = "".join(f"<th>{escape(name)}</th>" for name in head)
+        self.parts.append(f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>')
+
+    def code(self, title: str, text: str) -> None:
+        """A text as it is, folded."""
+        self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
+
+    def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
+        """Small pictures: title, SVG, command."""
+        inner = "".join(
+            f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{escape(command)}</pre></div>'
+            for title, svg, command in cards
+        )
+        self.parts.append(f'<div class="grid small">{inner}</div>')
+
+    def write(self, file: Path) -> Path:
+        """Write the page, complete or not at all. Raises `ScenarioError` without plotly."""
+        library = _library()
+        charts = json.dumps(self.charts, allow_nan=False).replace("</", "<\\/")
+        text = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(self.title)}</title><link rel="icon" href="data:,"><style>{STYLE}</style></head><body>
+{"".join(self.parts)}
+<p class="facts">Written by agrobot_mj {__version__}; this file needs no network.</p>
+<pre id="command"></pre>
+<script>{library}</script><script>const CHARTS = {charts};{SCRIPT}</script></body></html>
+"""
+        with atomic(file) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return file
+
+    def _card(self, title: str, chart: Chart) -> str:
+        name = f"chart{len(self.charts)}"
+        self.charts[name] = finite(chart)
+        return f'<div class="card"><h3>{escape(title)}</h3><div class="chart" id="{name}"></div></div>'
+
+
+def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
+    """Layout of a chart with these axis titles; room for a legend below."""
+    axis = {"automargin": True, "gridcolor": "#e5e5e5", "zeroline": False, "ticks": "outside", "tickcolor": "#fff"}
+    own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
+    for key, value in more.items():
+        own[key] = {**own[key], **value} if key in own else value
+    legend = {"orientation": "h", "y": -0.28, "yanchor": "top", "x": 0}
+    common = {"margin": {"l": 10, "r": 10, "t": 10, "b": 10}, "legend": legend, "plot_bgcolor": "#fff"}
+    return {**common, "font": {"family": "system-ui, sans-serif", "size": 12}, "hovermode": "closest", **own}
+
+
+def finite(value: Any) -> Any:
+    """Plain data with None in place of numbers that are not finite, rounded to six digits."""
+    if isinstance(value, Mapping):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if isfinite(value) else None
+    return value
+
+
+def _cell(tag: str, value: object) -> str:
+    text = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    number = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
+    return f"<{tag}{number}>{escape(text)}</{tag}>"
+
+
+def _library() -> str:
+    """The source of plotly.js, from the extra `report`."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise ScenarioError("report: needs plotly; install it with: pip install 'agrobot-mj[report]'") from None
+    return str(get_plotlyjs()).replace("</script>", "<\\/script>")

@@ -1,0 +1,59 @@
+"""Figures of a sweep as files for print: success and error of its groups, and the error over each parameter."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+
+from agrobot_mj.studies.limit.search import wilson
+from agrobot_mj.studies.pages.document import COLOURS
+from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, Group, grouped, is_number, parameters_of
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+
+
+def sweep_figures(folder: Path) -> list[Path]:
+    """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
+    rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+    parameters = parameters_of(rows)
+    groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
+    with mpl.rc_context(STYLE):
+        drawn = [save(ranking(groups), folder / "ranking.png")]
+        return [*drawn, save(over_parameters(groups, numeric), folder / "curves.png")] if numeric else drawn
+
+
+def ranking(groups: list[Group]) -> Figure:
+    """Success rate with its interval, and the error of successful runs, the best group on top."""
+    figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    places = list(range(len(groups)))
+    for k, group in enumerate(groups):
+        rate = group.successes / len(group.rows)
+        low, high = wilson(group.successes, len(group.rows), CONFIDENCE)
+        ends = [[100 * max(rate - low, 0.0)], [100 * max(high - rate, 0.0)]]
+        left.errorbar([100 * rate], [k], xerr=ends, color=COLOURS[0], marker="o", markersize=4, capsize=2)
+    shown = [(k, group.values) for k, group in enumerate(groups) if len(group.values)]
+    right.boxplot([values for _, values in shown], positions=[k for k, _ in shown], orientation="horizontal", sym=".")
+    left.set_yticks(places, [group.name for group in groups])
+    left.set(xlabel=f"successful runs, {CONFIDENCE:.0%} interval [%]", xlim=(-3, 103), ylim=(len(groups) - 0.5, -0.5))
+    right.set_xlabel(LABEL)
+    return figure
+
+
+def over_parameters(groups: list[Group], numeric: list[str]) -> Figure:
+    """Error of the successful runs over each parameter that is a number."""
+    rows = -(-len(numeric) // 2)
+    figure = Figure((2 * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False).ravel()
+    for axes, parameter in zip(grid, numeric, strict=False):
+        for k, group in enumerate(groups):
+            good = [row for row in group.rows if row["expected"] and row["xte_rms"] is not None]
+            x, y = np.array([row[parameter] for row in good]), group.values
+            axes.plot(x, y, ".", color=COLOURS[k % len(COLOURS)], markersize=3, label=group.name)
+        axes.set(xlabel=parameter, ylabel=LABEL)
+    for axes in grid[len(numeric) :]:
+        axes.remove()
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(groups), 4))
+    return figure

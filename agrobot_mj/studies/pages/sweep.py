@@ -1,0 +1,299 @@
+"""The page of a sweep: ranking of its groups, maps over two parameters with the boundary of failure, curves over one,
+the worst runs, and for every point the command that runs it again with a recording.
+
+A group is a variant with the values of all parameters that are words. A run fails if it does not end as expected.
+"""
+
+import json
+import shlex
+import tomllib
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow.parquet as pq
+import tomli_w
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.limit.search import wilson
+from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
+from agrobot_mj.studies.sweep.plan import decides
+
+METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
+CONFIDENCE = 0.8
+"""Confidence of the intervals of success rates [-]."""
+SUCCESS = 0.8
+"""Success rate at the boundary that maps draw [-]."""
+MOST_VALUES = 40
+"""Different values of a parameter up to which they count as an axis."""
+MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
+"""Most charts of each kind, and how many of the worst runs are shown."""
+MOST_RUNS_DRAWN = 4000
+"""Points of a chart."""
+Row = dict[str, Any]
+
+
+class Group(NamedTuple):
+    """Rows that belong together."""
+
+    name: str
+    rows: list[Row]
+
+    @property
+    def successes(self) -> int:
+        """Number of runs that ended as expected."""
+        return sum(bool(row["expected"]) for row in self.rows)
+
+    @property
+    def values(self) -> Array:
+        """The metric of those runs [cm]."""
+        return centimetres(row for row in self.rows if row["expected"])
+
+
+def centimetres(rows: Iterable[Row]) -> Array:
+    """The metric of some rows, without those that have none [cm]."""
+    return np.array([CENTIMETRES * row[METRIC] for row in rows if row.get(METRIC) is not None])
+
+
+def sweep_page(folder: Path) -> Document:
+    """The page of a sweep's folder."""
+    rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+    file = (folder / "sweep.toml").read_text("utf-8")
+    base, text = (folder / "base.toml").read_text("utf-8"), tomllib.loads(file)
+    parameters = parameters_of(rows)
+    groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
+    seeds, versions = sorted({row["seed"] for row in rows}), sorted({row["version"] for row in rows})
+    about = [f"{len(rows):,} runs", f"base {tomllib.loads(base).get('name', '?')}", f"agrobot_mj {', '.join(versions)}"]
+    about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
+    page = Document(text.get("title") or f"Sweep: {folder.name}", about)
+    again = Again(folder)
+    _add_ranking(page, groups)
+    _add_maps(page, groups, numeric, again)
+    _add_curves(page, groups, numeric, again)
+    _add_worst(page, rows, again)
+    page.section("The sweep")
+    page.code("sweep.toml, resolved", file)
+    page.code("base.toml, its base scenario", base)
+    return page
+
+
+def parameters_of(rows: Sequence[Row]) -> list[str]:
+    """Columns between seed and outcome."""
+    names = list(rows[0])
+    return [name for name in names[: names.index("outcome")] if name not in ("run", "variant", "seed")]
+
+
+def is_number(rows: Sequence[Row], name: str) -> bool:
+    """Whether a parameter is a number that varies."""
+    values = {row[name] for row in rows}
+    return len(values) > 1 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
+def grouped(rows: Sequence[Row], parameters: Sequence[str]) -> list[Group]:
+    """Groups, the best first: by success rate, then by the median of the metric."""
+    words = [p for p in parameters if not is_number(rows, p) and len({str(row[p]) for row in rows}) > 1]
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        parts = [row["variant"]] if row.get("variant") else []
+        found.setdefault(", ".join([*parts, *(str(row[word]) for word in words)]) or "all runs", []).append(row)
+    groups = [Group(name, members) for name, members in found.items()]
+    return sorted(groups, key=lambda g: (-g.successes / len(g.rows), np.median(g.values) if len(g.values) else np.inf))
+
+
+class Again:
+    """How a row of a sweep's table is run again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.sweep = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
+        self.tables = set(json.loads((folder / "plan.json").read_text("utf-8")).get("text", []))
+        self.variants = {variant["name"]: variant["set"] for variant in self.sweep.get("variant", [])}
+
+    def overrides(self, row: Row) -> dict[str, Any]:
+        """What the run has beside the base scenario, kinds and tables first."""
+        keys = [key for part in ("axes", "draws") for key in self.sweep.get(part, {}) if key in row]
+        given = {key: json.loads(row[key]) if key in self.tables else row[key] for key in keys}
+        every = {**self.variants.get(row.get("variant") or "", {}), **given, "seed": row["seed"]}
+        return dict(sorted(every.items(), key=lambda item: not decides(*item)))
+
+    def __call__(self, row: Row) -> str:
+        """The command that runs a row again, with a recording."""
+        sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
+        return f"agrobot-mj run {shlex.quote(str(self.folder / 'base.toml'))} {' '.join(sets)} --out run-{row['run']}"
+
+    def signals(self, row: Row) -> Signals:
+        """Signals of a run, as the sweep has kept them or driven again."""
+        kept = self.folder / "runs" / f"{row['run']:08}"
+        if (kept / "signals.parquet").exists():
+            return read_signals(kept)
+        log = run(load_scenario(self.folder / "base.toml", self.overrides(row)))
+        return {name: log.column(name) for name in ("x", "y", "x_ref", "y_ref")}
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML writes it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
+
+
+def _add_ranking(page: Document, groups: Sequence[Group]) -> None:
+    page.section("Ranking", "Success is to end as the scenario expects; the error is that of the successful runs.")
+    rates = [100 * g.successes / len(g.rows) for g in groups]
+    limits: list[tuple[float, float]] = [wilson(g.successes, len(g.rows), CONFIDENCE) for g in groups]
+    names = [g.name for g in groups]
+    bars = {
+        "type": "scatter", "mode": "markers", "x": rates, "y": names, "marker": {"size": 9, "color": COLOURS[0]},
+        "error_x": {
+            "type": "data", "symmetric": False,
+            "array": [100 * high - rate for rate, (_, high) in zip(rates, limits, strict=True)],
+            "arrayminus": [rate - 100 * low for rate, (low, _) in zip(rates, limits, strict=True)],
+        },
+    }  # fmt: skip
+    best_first: dict[str, Any] = {"autorange": "reversed", "type": "category"}
+    success: Chart = {"data": [bars], "layout": layout("successful runs, 80 % interval [%]", "", yaxis=best_first)}
+    success["layout"]["xaxis"]["range"] = [-3, 103]
+    boxes = [
+        {"type": "box", "x": g.values.tolist(), "y": [g.name] * len(g.values), "orientation": "h", "name": g.name,
+         "marker": {"color": COLOURS[k % len(COLOURS)], "size": 3}, "showlegend": False}
+        for k, g in enumerate(groups)
+        if len(g.values)
+    ]  # fmt: skip
+    charts = [("Success", success)]
+    if boxes:
+        charts.append(("Error", {"data": boxes, "layout": layout(LABEL, "", yaxis=best_first)}))
+    page.grid(charts)
+    outcomes = sorted({row["outcome"] for g in groups for row in g.rows})
+    head = ("group", "runs", "success [%]", "median [cm]", "10 % [cm]", "90 % [cm]", *outcomes)
+    page.table(head, [_ranked(group, outcomes) for group in groups])
+
+
+def _ranked(group: Group, outcomes: Sequence[str]) -> tuple[object, ...]:
+    values = [float(v) for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
+    counts = [sum(row["outcome"] == outcome for row in group.rows) for outcome in outcomes]
+    return (group.name, len(group.rows), 100.0 * group.successes / len(group.rows), *values, *counts)
+
+
+def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
+    rows = [row for group in groups for row in group.rows]
+    axes = [p for p in numeric if len({row[p] for row in rows}) <= MOST_VALUES]
+    values = centimetres(rows)
+    scale = (float(values.min()), float(np.percentile(values, 98))) if len(values) else (0.0, 1.0)
+    charts = [
+        (f"{group.name}" if len(axes) == 2 else f"{group.name}: {x}, {y}", heat_map(group, x, y, scale, again))
+        for x, y in combinations(axes, 2)
+        for group in groups
+        if _fills(group.rows, x, y)
+    ]
+    if charts:
+        text = f"Median {LABEL}. Black: the boundary at which {SUCCESS:.0%} of runs succeed. Crosses: a run failed."
+        page.section("Maps", text + " Click for the command of a run.")
+        page.grid(charts[:MOST_MAPS])
+
+
+def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
+    """Whether two parameters make a grid in these rows: every pair of their values is there."""
+    pairs = {(row[x], row[y]) for row in rows}
+    counts = [len({pair[k] for pair in pairs}) for k in (0, 1)]
+    return min(counts) > 1 and len(pairs) == counts[0] * counts[1]
+
+
+def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Again) -> Chart:
+    """Median of the metric over two parameters in the colours of `scale` [cm], with the boundary of failure."""
+    xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
+    cells: dict[tuple[Any, Any], list[Row]] = {}
+    for row in group.rows:
+        cells.setdefault((row[x], row[y]), []).append(row)
+    medians = [[float(np.median(v)) if len(v := centimetres(cells[a, b])) else None for a in xs] for b in ys]
+    rates = [[sum(bool(r["expected"]) for r in cells[a, b]) / len(cells[a, b]) for a in xs] for b in ys]
+    worst = [[again(max(cells[a, b], key=_badness)) for a in xs] for b in ys]
+    bar = {"title": {"text": "cm"}, "thickness": 12}
+    data: list[Chart] = [
+        {"type": "heatmap", "x": xs, "y": ys, "z": medians, "customdata": worst,
+         "colorscale": "Viridis", "zmin": scale[0], "zmax": scale[1], "colorbar": bar,
+         "hovertemplate": f"{x} %{{x}}<br>{y} %{{y}}<br>%{{z:.3g}} cm<extra></extra>"}
+    ]  # fmt: skip
+    failed = [(a, b) for i, b in enumerate(ys) for j, a in enumerate(xs) if rates[i][j] < 1]
+    if failed:
+        contour = {"start": SUCCESS, "end": SUCCESS, "size": 1, "coloring": "none"}
+        boundary = {"type": "contour", "x": xs, "y": ys, "z": rates, "contours": contour, "showscale": False}
+        data.append({**boundary, "line": {"color": "#000000", "width": 3}, "hoverinfo": "skip"})
+        cross = {"symbol": "x", "color": COLOURS[1], "size": 8}
+        marks = {"type": "scatter", "mode": "markers", "x": [a for a, _ in failed], "y": [b for _, b in failed]}
+        data.append({**marks, "marker": cross, "hoverinfo": "skip", "showlegend": False})
+    return {"data": data, "layout": layout(x, y)}
+
+
+def _badness(row: Row) -> tuple[bool, float]:
+    value = row.get(METRIC)
+    return not row["expected"], np.inf if value is None else float(value)
+
+
+def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
+    if not numeric:
+        return
+    text = (
+        "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses: failed ones at their error."
+    )
+    page.section("Over one parameter", text + " Click a point for its command.")
+    page.grid([(p, curves(groups, p, again)) for p in numeric[:MOST_CURVES]])
+
+
+def curves(groups: Sequence[Group], parameter: str, again: Again) -> Chart:
+    """The metric over one parameter, a curve and points for each group."""
+    data: list[Chart] = []
+    share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
+    top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
+    for k, group in enumerate(groups):
+        colour = COLOURS[k % len(COLOURS)]
+        rows = [row for row in group.rows[::share] if row.get(METRIC) is not None or not row["expected"]]
+        # A failed run may have an error of many metres, which would flatten all others.
+        heights = [min(CENTIMETRES * (row.get(METRIC) or np.inf), 1.1 * top) for row in rows]
+        symbols = ["circle" if row["expected"] else "x" for row in rows]
+        data.append(
+            {"type": "scatter", "mode": "markers", "x": [r[parameter] for r in rows], "y": heights, "name": group.name,
+             "legendgroup": group.name, "customdata": [again(r) for r in rows], "showlegend": False,
+             "marker": {"color": colour, "size": 5, "opacity": 0.5, "symbol": symbols},
+             "hovertemplate": f"{parameter} %{{x}}<br>%{{y:.3g}} cm<extra>%{{fullData.name}}</extra>"}
+        )  # fmt: skip
+        if len(group.values):
+            data.append(_median_curve(group, parameter, colour))
+    return {"data": data, "layout": layout(parameter, LABEL)}
+
+
+def _median_curve(group: Group, parameter: str, colour: str) -> Chart:
+    """Median and 10 to 90 % of the successful runs at each value, or in six classes of as many runs."""
+    rows = sorted((r for r in group.rows if r["expected"] and r.get(METRIC) is not None), key=lambda r: r[parameter])
+    if len({row[parameter] for row in rows}) <= MOST_VALUES / 2:
+        classes = [[r for r in rows if r[parameter] == value] for value in dict.fromkeys(r[parameter] for r in rows)]
+    else:
+        classes = [list(part) for part in np.array_split(np.array(rows, dtype=object), 6)]
+    places = [float(np.mean([r[parameter] for r in part])) for part in classes]
+    low, middle, high = np.array([np.percentile(centimetres(part), (10, 50, 90)) for part in classes]).reshape(-1, 3).T
+    bars = {
+        "type": "data",
+        "symmetric": False,
+        "array": (high - middle).tolist(),
+        "arrayminus": (middle - low).tolist(),
+    }
+    curve = {"type": "scatter", "mode": "lines+markers", "x": places, "y": middle.tolist(), "error_y": bars}
+    return {**curve, "name": group.name, "legendgroup": group.name, "line": {"color": colour}, "hoverinfo": "skip"}
+
+
+def _add_worst(page: Document, rows: list[Row], again: Again) -> None:
+    """The worst runs with a picture of their track."""
+    cards = []
+    for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
+        value = row.get(METRIC)
+        title = f"run {row['run']}: {row['outcome']}" + ("" if value is None else f", {CENTIMETRES * value:.3g} cm")
+        cards.append((title, thumbnail(again.signals(row)), again(row)))
+    if cards:
+        page.section("The worst runs", "Black: where the tractor should have gone; colour: where it went.")
+        page.thumbnails(cards)

@@ -1,0 +1,128 @@
+"""Worker processes of every study: a pool that leaves no process behind, and a bounded stream of work through it."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from threading import Thread
+from typing import TypeVar
+
+from agrobot_mj.scenario.plugins import load_files, loaded_files
+
+AHEAD = 2
+"""Pieces of work handed out per worker: one is done, one waits, so that no worker idles and memory stays bounded."""
+Work = TypeVar("Work")
+Result = TypeVar("Result")
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A process pool that leaves no process behind, however the block ends.
+
+    Workers know the plugins of this process, and end by themselves if it is killed.
+    """
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(loaded_files(),))
+    try:
+        yield executor
+    except BaseException:
+        for process in list((executor._processes or {}).values()):
+            process.terminate()
+        executor.shutdown(wait=True, cancel_futures=True)
+        raise
+    executor.shutdown()
+
+
+def spread(
+    function: Callable[[Work], Result],
+    todo: Iterable[Work],
+    workers: int,
+    died: Callable[[Work], Result] | None = None,
+) -> Iterator[tuple[Work, Result]]:
+    """Each piece of work with its result, in the order in which they end; one worker means this process.
+
+    A worker that dies takes the pool with it: the pieces under way are then done again, each alone. What kills its
+    worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`.
+    """
+    if workers <= 1:
+        yield from ((work, function(work)) for work in todo)
+        return
+    todo = iter(todo)
+    suspects: list[Work] = []
+    while True:
+        with pool(workers) as executor:
+            for work, future in stream(executor, function, todo, AHEAD * workers):
+                if isinstance(future.exception(), BrokenProcessPool):
+                    suspects.append(work)
+                else:
+                    yield work, future.result()
+        if not suspects:
+            return
+        for work in suspects:
+            yield work, _alone(function, work, died)
+        suspects = []
+
+
+def _alone(function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
+    """The result of work done in a process of its own."""
+    try:
+        with pool(1) as executor:
+            return executor.submit(function, work).result()
+    except BrokenProcessPool:
+        if died is None:
+            raise
+        return died(work)
+
+
+def stream(
+    executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
+) -> "Iterator[tuple[Work, Future[Result]]]":
+    """Each piece of work with its future once it is done, of which at most `window` are handed out at a time.
+
+    Ends early, after the pieces handed out, once the executor takes no more.
+    """
+    running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future
+            if not isinstance(future.exception(), BrokenProcessPool):
+                running |= {_handed_out(executor, function, work): work for work in islice(todo, 1)}
+
+
+def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Work) -> "Future[Result]":
+    try:
+        return executor.submit(function, work)
+    except BrokenProcessPool as error:
+        refused: Future[Result] = Future()
+        refused.set_exception(error)
+        return refused
+
+
+def _begin_worker(plugins: tuple[Path, ...]) -> None:
+    """Start a worker: load the parent's plugins first, since its scenarios may be of their kinds."""
+    _leave_signals_to_the_parent()
+    load_files(plugins)
+
+
+def _leave_signals_to_the_parent() -> None:
+    """Ignore Ctrl-C in a worker, since the parent ends its workers itself; end the worker if the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,79 @@
+"""Runs over a Dask cluster: the same work as in the process pool, by the workers of a scheduler that is there already.
+
+Workers need this version of the package, the plugin files at the same paths, and the data files that scenarios name.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.plugins import load_files, loaded_files
+from agrobot_mj.studies.pool import AHEAD, stream
+from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+PATIENCE_S = 10
+"""Time that a scheduler has to answer [s]."""
+
+
+def over_dask(tasks: Iterator[Task], address: str) -> Iterator[tuple[Task, Done]]:
+    """Each task with its result, in the order in which they end.
+
+    Raises `ScenarioError` if the scheduler cannot be reached or is lost, or if its workers cannot do the work.
+    """
+    with _client(address) as client:
+        threads = _workers(client, address)
+        function = partial(_perform, plugins=loaded_files())
+        try:
+            for task, future in stream(client.get_executor(pure=False), function, tasks, AHEAD * threads):
+                error = future.exception()
+                if isinstance(error, OSError):
+                    raise error
+                yield task, future.result() if error is None else failure(f"{type(error).__name__}: {error}")
+        except CancelledError:
+            raise ScenarioError(f"--scheduler {address}: was lost; what is done is kept") from None
+
+
+def _client(address: str) -> "Client":
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ScenarioError("--scheduler: needs Dask; install it with: pip install 'agrobot-mj[cluster]'") from None
+    try:
+        return Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        reason = f"no answer within {PATIENCE_S} s" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
+        raise ScenarioError(
+            f"--scheduler {address}: cannot be reached: {reason}; give its address as tcp://HOST:8786"
+        ) from None
+
+
+def _workers(client: "Client", address: str) -> int:
+    """Number of threads of the workers, once each has said that it has this version and the plugins."""
+    try:
+        versions: dict[str, Any] = client.run(_ready, loaded_files())
+    except Exception as error:
+        raise ScenarioError(f"--scheduler {address}: a worker is not ready: {type(error).__name__}: {error}") from None
+    if not versions:
+        raise ScenarioError(f"--scheduler {address}: has no workers; start some with: dask worker {address}")
+    for worker, version in versions.items():
+        if version != __version__:
+            raise ScenarioError(f"--scheduler {address}: worker {worker} has agrobot_mj {version}, not {__version__}")
+    return max(1, sum(map(int, client.nthreads().values())))
+
+
+def _ready(plugins: tuple[Path, ...]) -> str:
+    """The version of a worker, with the plugins loaded."""
+    load_files(plugins)
+    return __version__
+
+
+def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
+    load_files(plugins)  # of a worker that has joined late
+    return perform(task)

@@ -1,0 +1,215 @@
+"""The plan of a sweep: which run number has which overrides, how many there are, and whether all can be run.
+
+Runs are numbered: variants outermost, then axes in the order of the file, then samples, seeds innermost. Nothing but
+the draws is kept per run, so that a plan of a million combinations takes no more memory than one of ten.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.scenario.overrides import explicit_values
+from agrobot_mj.scenario.schema import Scenario, check_files
+from agrobot_mj.studies.sweep.axes import Listed
+from agrobot_mj.studies.sweep.schema import Sweep
+
+MAX_RUNS = 100_000
+"""Most runs of a sweep unless the command allows more: what a laptop does in a day."""
+MOST_GROUNDS = 300
+"""Most different fields and paths that are built when a plan is checked; further ones are checked by their runs."""
+MOST_LINES = 1000
+"""Most combinations that a message lists."""
+
+
+class RunPlan(NamedTuple):
+    """One run."""
+
+    number: int
+    """Number of the run, from 0."""
+    variant: str | None
+    """Name of its variant, if the sweep has any."""
+    seed: int
+    """Seed of the run."""
+    parameters: dict[str, Any]
+    """Values of axes and draws by dotted key."""
+    overrides: dict[str, Any]
+    """All that differs from the base scenario, by dotted key, in the order in which it is applied."""
+
+    @property
+    def place(self) -> str:
+        """The combination, as a person would name it."""
+        parts = [] if self.variant is None else [f"variant {self.variant!r}"]
+        return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
+
+
+class Plan:
+    """All runs of a sweep."""
+
+    def __init__(self, sweep: Sweep) -> None:
+        self.sweep, self.file = sweep, sweep.file
+        # Axes of tables last, since TOML files, the resolved one too, write them there.
+        self.axes = dict(sorted(self.file.axes.items(), key=lambda item: item[1].of_tables))
+        self.sizes = [len(axis) for axis in self.axes.values()]
+        self.samples = self.file.samples if self.file.draws else 1
+        self.combinations = max(len(self.file.variant), 1) * prod(self.sizes)
+
+    @property
+    def total(self) -> int:
+        """Number of runs."""
+        return self.combinations * self.samples * len(self.sweep.seeds)
+
+    @property
+    def checks(self) -> int:
+        """Number of runs that `check` looks at: seeds make no scenario invalid, unless each has draws of its own."""
+        return self.total // self._stride
+
+    @property
+    def _stride(self) -> int:
+        return 1 if self.file.draws else len(self.sweep.seeds)
+
+    @property
+    def parts(self) -> str:
+        """How the number of runs comes about."""
+        counts = [(len(self.file.variant), "variants")] if self.file.variant else []
+        counts += list(zip(self.sizes, self.axes, strict=True))
+        counts += [(self.samples, "samples")] if self.samples > 1 else []
+        return " x ".join(f"{count:,} {what}" for count, what in [*counts, (len(self.sweep.seeds), "seeds")])
+
+    def run(self, number: int) -> RunPlan:
+        """Run `number`, from 0."""
+        combination, repeat = divmod(number, self.samples * len(self.sweep.seeds))
+        seed = self.sweep.seeds[repeat % len(self.sweep.seeds)]
+        row = repeat if self.file.paired else number
+        values = {}
+        rest = combination
+        for key, axis in reversed(self.axes.items()):
+            rest, k = divmod(rest, len(axis))
+            values[key] = axis.at(k)
+        variant = self.file.variant[rest] if self.file.variant else None
+        parameters = {key: values[key] for key in self.axes}
+        parameters |= {key: column[row] for key, column in self._draws.items()}
+        overrides = {**(variant.set if variant else {}), **parameters}
+        # A kind or a whole table first: it decides which other keys there are.
+        overrides = dict(sorted(overrides.items(), key=lambda item: not decides(*item)))
+        return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
+
+    def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
+        """Every `step`-th run from `first` on."""
+        return (self.run(number) for number in range(first, self.total, step))
+
+    @cached_property
+    def _draws(self) -> dict[str, list[Any]]:
+        """Values drawn by key; a row for each run, or for each sample and seed if draws are paired."""
+        if not self.file.draws:
+            return {}
+        rows = self.samples * len(self.sweep.seeds) * (1 if self.file.paired else self.combinations)
+        points = _points(self.file.method, rows, len(self.file.draws), self.file.draw_seed)
+        return {key: draw.values(points[:, k]) for k, (key, draw) in enumerate(self.file.draws.items())}
+
+    @cached_property
+    def mixed(self) -> frozenset[str]:
+        """Parameters whose values are of different types, or tables; a table of results shows them as text."""
+        values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
+        values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
+        kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
+        return frozenset(key for key, found in kinds.items() if len(found) > 1 or found & {dict, list})
+
+    def check_size(self, max_runs: int = MAX_RUNS) -> None:
+        """Raises `ScenarioError` if there are more runs than that."""
+        if self.total > max_runs:
+            raise ScenarioError(
+                f"{self.sweep.name}: {self.total:,} runs ({self.parts}), the limit is {max_runs:,}; "
+                f"thin out the axes, draw samples instead, or allow them with --max-runs {self.total}"
+            )
+
+    def check(self, advance: Callable[[], object] = lambda: None) -> None:
+        """Check that every run can be run; calls `advance` after each of `checks`.
+
+        Raises `ScenarioError` that lists all that cannot.
+        """
+        checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
+        for run in self.runs(step=self._stride):
+            for fault in checker.faults(run):
+                wrong.setdefault(fault, []).append(run.place)
+            advance()
+        if wrong:
+            raise ScenarioError("\n".join(self._listed(wrong, self.checks)))
+
+    def _listed(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
+        """Every fault with all combinations that have it."""
+        room = MOST_LINES
+        for fault, found in wrong.items():
+            places = list(dict.fromkeys(found))
+            whole = len(found) == checked
+            yield f"{self.sweep.name}: {fault}" + ("" if whole else f", in {len(places):,} combinations:")
+            if not whole:
+                yield from (f"  {place}" for place in places[:room])
+                if len(places) > room:
+                    yield f"  and {len(places) - room:,} more"
+                room = max(room - len(places), 0)
+
+
+class _Checker:
+    """Checks runs one by one; a field or a path that many share is built once."""
+
+    def __init__(self, base: Scenario) -> None:
+        self.base, self.seen = base, dict[object, list[str]]()
+
+    def faults(self, run: RunPlan) -> list[str]:
+        """What is wrong with a run, without the name of the scenario."""
+        try:
+            scenario = self.base.changed(run.overrides, files=False)
+        except ScenarioError as error:
+            return self._plain(error)
+        command = scenario.guidance.outside
+        if command:
+            return [f'guidance.kind: "{scenario.guidance.kind}" is driven by another program and cannot be swept']
+        tractor = scenario.tractor
+        key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
+        if key not in self.seen and len(self.seen) < MOST_GROUNDS:
+            try:
+                check_files(scenario, self.base.name)
+                self.seen[key] = []
+            except ScenarioError as error:
+                self.seen[key] = self._plain(error)
+        return self.seen.get(key, [])
+
+    def _plain(self, error: ScenarioError) -> list[str]:
+        return [line.removeprefix(f"{self.base.name}: ").removeprefix("--set ") for line in str(error).splitlines()]
+
+
+def base_text(base: Scenario) -> str:
+    """A scenario as JSON that reads back as the same, with the same keys left to their defaults."""
+    return json.dumps(explicit_values(base), sort_keys=True)
+
+
+def decides(key: str, value: Any) -> bool:
+    """Whether an override decides which other keys there are, so that it counts before them."""
+    return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
+
+
+def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
+    """Points that fill the unit cube, shape (n, dimensions), none on its faces."""
+    generator = stream(seed, "sweep draws")
+    if method == "random":
+        points = generator.random((n, dimensions))
+    else:
+        from scipy.stats import qmc
+
+        if method == "sobol":
+            # The first n of the next power of two, the lengths at which the sequence is balanced.
+            points = qmc.Sobol(dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
+        else:
+            points = qmc.LatinHypercube(dimensions, rng=generator).random(n)
+    return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+def _shown(value: Any) -> str:
+    return json.dumps(value) if isinstance(value, dict | list | tuple | bool) else str(value)

@@ -1,0 +1,145 @@
+"""A sweep from file to table: check the plan, do what is missing, write each row as it comes, the table at the end."""
+
+import errno
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.progress import tally, task
+from agrobot_mj.studies.pool import cores, spread
+from agrobot_mj.studies.sweep.cluster import over_dask
+from agrobot_mj.studies.sweep.plan import MAX_RUNS, Plan, base_text
+from agrobot_mj.studies.sweep.schema import read_sweep
+from agrobot_mj.studies.sweep.store import Store, merge
+from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
+
+DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
+Shard = tuple[int, int]
+"""Number of this part, from 1, and how many parts there are."""
+
+
+class SweepOptions(NamedTuple):
+    """How a sweep is to be done."""
+
+    jobs: int | None = None
+    """Number of processes; None for as many as there are cores."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler that does the work instead."""
+    shard: Shard = (1, 1)
+    """Which part of the runs."""
+    fresh: bool = False
+    """Whether to discard what is there."""
+    max_runs: int = MAX_RUNS
+    """Most runs allowed."""
+    quiet: bool = False
+    """Whether to show no progress."""
+
+
+DEFAULTS = SweepOptions()
+
+
+class SweepSummary(NamedTuple):
+    """What is in the folder after a sweep."""
+
+    folder: Path
+    """Folder of the results."""
+    total: int
+    """Number of runs of the whole sweep."""
+    before: int
+    """Runs of this part that were there already."""
+    new: int
+    """Runs done now."""
+    unexpected: int
+    """Runs done now that did not end as expected."""
+    errors: int
+    """Runs done now that raised an error."""
+
+
+def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) -> SweepSummary:
+    """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs."""
+    plan, store = Plan(read_sweep(source)), Store(folder)
+    _prepare(plan, store, options)
+    done = bytearray(plan.total)
+    for number in store.finished():
+        done[number] = 1
+    part = range(options.shard[0] - 1, plan.total, options.shard[1])
+    todo = [number for number in part if not done[number]]
+    before, unexpected, errors = len(part) - len(todo), 0, 0
+    with (
+        _full_disk_told(store),
+        _table_in_the_end(store, sum(done) + len(todo)),
+        tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), before, options.quiet) as advance,
+        closing(_results(plan, todo, options)) as results,
+    ):
+        for each, result in results:
+            run, expected = plan.run(each.number), bool(result.numbers["expected"])
+            store.put(run, store.row(run, result, plan.mixed), result.files)
+            unexpected += not expected
+            errors += result.numbers["error"] is not None
+            advance(expected)
+    return SweepSummary(folder, plan.total, before, len(todo), unexpected, errors)
+
+
+def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
+    """Bring parts of a sweep together in `folder`; returns how many rows its table has, and should have."""
+    store = Store(folder)
+    with _full_disk_told(store):
+        common = merge(sources, store)
+        return store.write_table(), int(common["runs"])
+
+
+def _prepare(plan: Plan, store: Store, options: SweepOptions) -> None:
+    """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
+    plan.check_size(options.max_runs)
+    if store.begun is not None and not options.fresh:
+        if changes := store.changes(plan):
+            raise ScenarioError(
+                f"{store.folder}: has results of other input ({', '.join(changes)} changed); "
+                "--fresh discards them, --out with another folder keeps them"
+            )
+        return
+    with task(f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, options.quiet) as advance:
+        plan.check(advance)
+    with _full_disk_told(store):
+        if options.fresh:
+            store.clear()
+        store.begin(plan)
+
+
+def _results(plan: Plan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
+    base, name, keep = base_text(plan.sweep.base), plan.sweep.base.name, plan.file.keep
+    tasks = (Task(number, base, name, plan.run(number).overrides, keep) for number in todo)
+    if not todo:
+        return
+    if options.scheduler:
+        yield from over_dask(tasks, options.scheduler)
+    else:
+        workers = min(options.jobs or cores(), len(todo))
+        yield from spread(perform, tasks, workers, lambda each: failure(DIED))
+
+
+@contextmanager
+def _table_in_the_end(store: Store, rows: int) -> Iterator[None]:
+    """Write the table once the block ends, also when it is broken off; not if it has all these rows already."""
+    try:
+        yield
+    except (KeyboardInterrupt, ScenarioError):
+        store.write_table()
+        raise
+    if store.in_table != rows:
+        store.write_table()
+
+
+@contextmanager
+def _full_disk_told(store: Store) -> Iterator[None]:
+    """A full disk as a message that says what is safe and what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        kept = sum(1 for _ in store.rows())
+        text = f"{error.strerror}; {kept:,} finished runs are kept; free some space and start the same command again"
+        raise OSError(error.errno, text, str(store.folder)) from None

@@ -1,0 +1,221 @@
+"""The sweep file: a base scenario, axes, draws, seeds, variants. `read_sweep` reads one, by name or path.
+
+Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; none may be named twice.
+"""
+
+import json
+from collections.abc import Mapping
+from copy import deepcopy
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.messages import fault
+from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.loading import load_scenario, read_toml, scenario_files
+from agrobot_mj.scenario.overrides import absolute_paths
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Listed
+
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+
+
+def _seeds(given: Any) -> Any:
+    if isinstance(given, bool) or not ((isinstance(given, list) and given) or (isinstance(given, int) and given > 0)):
+        raise ValueError(f"must be a number of runs above 0, or a list of seeds, got {given!r}")
+    return tuple(given) if isinstance(given, list) else given
+
+
+Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
+
+
+SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
+"""Parts of pydantic's places that no file shows."""
+
+
+class Variant(Spec):
+    """A named set of overrides."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """Name in the table and in figures."""
+    set: dict[str, Any] = Field(default_factory=dict)
+    """Overrides by dotted key."""
+
+
+class SweepFile(Spec):
+    """A sweep as its file says it."""
+
+    base: str
+    """Scenario that everything starts from, by name, or by path from the folder of the sweep file."""
+    title: str = ""
+    """One line for lists and reports."""
+    version: str = __version__
+    """Version of agrobot_mj that wrote the file; for information."""
+    seeds: Seeds = 1
+    """How many seeds, counting up from the base scenario's, or a list of them."""
+    set: dict[str, Any] = Field(default_factory=dict)
+    """Overrides common to all runs."""
+    axes: dict[str, Axis] = Field(default_factory=dict)
+    """Values by dotted key; every combination is run."""
+    draws: dict[str, AnyDraw] = Field(default_factory=dict)
+    """Distributions by dotted key."""
+    samples: Annotated[int, Field(ge=1)] = 1
+    """How many times the draws are drawn for each combination and seed."""
+    method: Literal["random", "latin_hypercube", "sobol"] = "random"
+    """How the draws fill their space."""
+    paired: bool = False
+    """Whether all combinations and variants get the same draws, as differences between them need."""
+    draw_seed: Seed = 1
+    """Seed of the draws; those of the runs are `seeds`."""
+    variant: tuple[Variant, ...] = ()
+    """Named sets of overrides, `[[variant]]`, instead of axes or beside them."""
+    keep: Literal["table", "signals", "recordings", "failures"] = "table"
+    """What stays of a run beside its row: nothing, its signals, its recording too, or that of runs that fail only."""
+
+    @model_validator(mode="after")
+    def _named_once(self) -> "SweepFile":
+        if errors := list(self._clashes()):
+            raise ValueError("\n".join(errors))
+        return self
+
+    def _clashes(self) -> list[str]:
+        """Keys that are named twice, and draws that nothing is drawn from."""
+        names = [variant.name for variant in self.variant]
+        found = [
+            f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
+        ]
+        for part, keys in (("axes", self.axes), ("draws", self.draws)):
+            others = {"draws": self.draws} if part == "axes" else {}
+            others |= {f"variant {variant.name!r}": variant.set for variant in self.variant}
+            found += [
+                f"{part}.{key}: is in {other} as well; name it once"
+                for other, o in others.items()
+                for key in keys
+                if key in o
+            ]
+            if "seed" in keys:
+                found.append(f"{part}.seed: write seeds = [...] beside base")
+        if not self.draws and "samples" in self.model_fields_set and self.samples > 1:
+            found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
+        return found
+
+
+class Sweep(NamedTuple):
+    """A sweep file with what it refers to."""
+
+    name: str
+    """Name of the file, for messages."""
+    file: SweepFile
+    """Its content; paths in it are absolute."""
+    base: Scenario
+    """The base scenario with `set` applied."""
+
+    @property
+    def seeds(self) -> tuple[int, ...] | range:
+        """Seeds of the runs."""
+        given = self.file.seeds
+        return range(self.base.seed, self.base.seed + given) if isinstance(given, int) else given
+
+
+def find_sweep(source: str | Path) -> Path:
+    """The file of a sweep, by name or path. Raises `ScenarioError`."""
+    shipped, path = sweep_files(), Path(source)
+    if path.is_dir():
+        raise ScenarioError(f"{path}: is a folder; name a sweep file, or use --merge")
+    if path.is_file():
+        return path
+    if str(source) in shipped:
+        return shipped[str(source)]
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise ScenarioError(f"{path}: no such file")
+    raise ScenarioError(
+        f"unknown sweep {str(source)!r}{suggestion(str(source), list(shipped))} (see agrobot-mj list --sweeps)"
+    )
+
+
+def read_sweep(source: str | Path) -> Sweep:
+    """Read a sweep file and its base scenario. Raises `ScenarioError` with every fault of the file."""
+    path = find_sweep(source)
+    data, folder = read_toml(path), path.parent.resolve()
+    if not isinstance(data.get("base"), str):
+        raise ScenarioError(f'{path.name}: base: name a scenario, as in base = "side_slope"')
+    try:
+        file = SweepFile.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ScenarioError("\n".join(_lines(path.name, error))) from None
+    beside = folder / file.base
+    source = beside if file.base not in scenario_files() and beside.is_file() else file.base
+    file = _with_absolute_paths(file, folder)
+    try:
+        base = load_scenario(source, file.set)
+    except ScenarioError as error:
+        raise ScenarioError("\n".join(f"{path.name}: base: {line}" for line in str(error).splitlines())) from None
+    return Sweep(path.name, file, base)
+
+
+def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
+    """The same sweep, in which files count from the folder of the sweep file."""
+
+    def absolute(key: str, value: Any) -> Any:
+        given = {key.rpartition(".")[2]: deepcopy(value)}
+        absolute_paths(given, Path.cwd(), folder)
+        return given[key.rpartition(".")[2]]
+
+    def each(table: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: absolute(key, value) for key, value in table.items()}
+
+    data = as_table(file)
+    data["set"] = each(file.set)
+    for key, axis in file.axes.items():
+        if isinstance(axis, Listed):
+            data["axes"][key] = [absolute(key, value) for value in axis.values]
+        else:
+            data["axes"][key] = axis.model_dump(
+                by_alias=True
+            )  # perhaps too many values to list before they are counted
+    for draw_key, draw in data["draws"].items():
+        if "choice" in draw:
+            draw["choice"] = [absolute(draw_key, value) for value in draw["choice"]]
+    data["variant"] = [{"name": variant.name, "set": each(variant.set)} for variant in file.variant]
+    return SweepFile.model_validate_json(json.dumps(data))
+
+
+def as_table(file: SweepFile) -> dict[str, Any]:
+    """A sweep as plain data that reads back as the same, but for its axes."""
+    data = file.model_dump(mode="json", exclude={"axes", "draws"})
+    return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
+
+
+def resolved(sweep: Sweep) -> dict[str, Any]:
+    """A sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
+    axes = {key: axis.written for key, axis in sweep.file.axes.items()}
+    known = {"base": "base.toml", "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
+    return {**as_table(sweep.file), **known}
+
+
+def _lines(source: str, error: ValidationError) -> list[str]:
+    """All faults of a sweep file, a line each."""
+    found = []
+    for each in error.errors(include_url=False):
+        keys, kind = list(each["loc"]), each["type"]
+        if len(keys) > 2 and keys[0] in ("axes", "draws"):
+            del keys[2]  # the tag of the union
+        keys = ["from" if key == "start" else "to" if key == "stop" else key for key in keys if key not in SILENT]
+        text = fault(each)
+        if kind == "extra_forbidden":
+            known = sorted(Variant.model_fields if keys[0] == "variant" else SweepFile.model_fields)
+            known = {"axes": ["count", "from", "step", "to"], "draws": [*DRAWS, "within"]}.get(str(keys[0]), known)
+            text = f"unknown key{suggestion(str(keys[-1]), known)} (known: {', '.join(known)})"
+        elif kind == "union_tag_invalid":
+            text = f"names no distribution; write one of {', '.join(f'{tag} = [...]' for tag in DRAWS)}"
+        elif kind == "too_short" and keys[0] == "axes":
+            text = "has no values; list at least one, or leave the axis out"
+        elif kind.startswith("model") and keys[0] == "axes":
+            text = f"must be a list or a table {{ from, to, count }} or {{ from, to, step }}, got {each['input']!r}"
+        key = ".".join(str(key) for key in keys)
+        found += [f"{source}: {key}: {line}" if key else f"{source}: {line}" for line in text.splitlines()]
+    return list(dict.fromkeys(found))

@@ -1,0 +1,213 @@
+"""The folder of a sweep.
+
+`sweep.toml` and `base.toml` (resolved), `plan.json` (what the rows belong to), a file for each run under `rows/`, what
+is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
+Every file appears whole or not at all, so that a sweep killed at any moment goes on with what is missing.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from hashlib import sha256
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.overrides import explicit_values, files
+from agrobot_mj.scenario.plugins import loaded_files
+from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.studies.sweep.plan import Plan, RunPlan, base_text
+from agrobot_mj.studies.sweep.schema import resolved
+from agrobot_mj.studies.sweep.work import Done
+
+TABLE, PLAN, ROWS = "sweep.parquet", "plan.json", "rows"
+IN_A_FOLDER = 1000
+"""Rows in a folder, since many file systems and tools are slow on larger ones."""
+IN_A_PIECE = 2000
+"""Rows that are in memory at a time while the table is written."""
+FIRST = ("run", "variant", "seed")
+"""Columns before the parameters."""
+
+
+def digests(plan: Plan) -> dict[str, str]:
+    """What the rows of a sweep depend on, part by part."""
+    content = resolved(plan.sweep)
+    named = [{_last(key): value} for values in _file_values(content) for key, value in values]
+    data = [path.read_bytes() for path in files(named) if path.is_file()]
+    about = ("title", "version", "keep")
+    return {
+        "sweep": _digest(json.dumps({k: v for k, v in content.items() if k not in about}, sort_keys=True).encode()),
+        "base": f"{plan.sweep.base.hash8}-{_digest(base_text(plan.sweep.base).encode())}",
+        "data files": _digest(*data),
+        "plugins": _digest(*(path.read_bytes() for path in loaded_files())),
+        "version": __version__,
+    }
+
+
+def _file_values(content: dict[str, Any]) -> Iterator[list[tuple[str, Any]]]:
+    """Keys with each value that they take in a sweep, part by part: some are names of files, or tables with such."""
+    for values in (content["axes"], {key: draw.get("choice", []) for key, draw in content["draws"].items()}):
+        yield [(key, value) for key, each in values.items() for value in each if isinstance(value, str | dict | list)]
+    for variant in content["variant"]:
+        yield list(variant["set"].items())
+
+
+def _last(key: str) -> str:
+    return key.rpartition(".")[2]
+
+
+def _digest(*contents: bytes) -> str:
+    return sha256(b"".join(sha256(content).digest() for content in contents)).hexdigest()[:16]
+
+
+class Store:
+    """The results of a sweep in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @property
+    def begun(self) -> dict[str, Any] | None:
+        """What `plan.json` says of the rows in the folder; None where there is none."""
+        try:
+            content = json.loads((self.folder / PLAN).read_text("utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError):
+            raise ScenarioError(f"{self.folder / PLAN}: cannot be read; --fresh begins anew") from None
+        return content if isinstance(content, dict) else None
+
+    def begin(self, plan: Plan) -> None:
+        """Write what the rows to come belong to."""
+        content = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan), "text": sorted(plan.mixed)}
+        for name, table in (("base.toml", explicit_values(plan.sweep.base)), ("sweep.toml", resolved(plan.sweep))):
+            with atomic(self.folder / name) as temporary:
+                temporary.write_text(tomli_w.dumps(table), encoding="utf-8")
+        write_json(self.folder / PLAN, content)
+
+    def clear(self) -> None:
+        """Delete the results of a sweep; other files in the folder stay."""
+        for name in (ROWS, "runs"):
+            if (self.folder / name).is_dir():
+                shutil.rmtree(self.folder / name)
+        for name in (TABLE, PLAN):  # the plan last: until then what is left still belongs to it
+            (self.folder / name).unlink(missing_ok=True)
+
+    def changes(self, plan: Plan) -> list[str]:
+        """Parts of the input that have changed since the rows in the folder were written."""
+        there = (self.begun or {}).get("of", {})
+        return [part for part, digest in digests(plan).items() if there.get(part) != digest]
+
+    def put(self, run: RunPlan, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
+        """Write what is kept of a run, then its row."""
+        for name, content in kept.items():
+            with atomic(self.folder / "runs" / f"{run.number:08}" / name) as temporary:
+                temporary.write_bytes(content)
+        write_json(self._file(run.number), row)
+
+    def row(self, run: RunPlan, done: Done, mixed: frozenset[str]) -> dict[str, Any]:
+        """The row of a run, ready for JSON."""
+        shown = {k: json.dumps(v) if k in mixed else v for k, v in run.parameters.items()}
+        variant = {} if run.variant is None else {"variant": run.variant}
+        return {"run": run.number, **variant, "seed": run.seed, **shown, **done.numbers}
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Every row that can be read, in the order of the runs."""
+        for number in sorted(self._numbers()):
+            try:
+                row = json.loads(self._file(number).read_bytes())
+            except (OSError, ValueError):
+                continue  # torn by a loss of power, say: the run counts as missing
+            if isinstance(row, dict) and row.get("run") == number:
+                yield row
+
+    def finished(self) -> Iterator[int]:
+        """Numbers of the runs that have a row."""
+        return (row["run"] for row in self.rows())
+
+    @property
+    def in_table(self) -> int:
+        """Number of rows of the table; 0 where there is none."""
+        try:
+            return int(pq.read_metadata(self.folder / TABLE).num_rows)
+        except (OSError, pa.ArrowException):
+            return 0
+
+    def write_table(self) -> int:
+        """Write all rows as one table, in the order of the runs; returns how many there are."""
+        rows, pieces = self.rows(), []
+        while some := list(islice(rows, IN_A_PIECE)):
+            pieces.append(_columns(some))
+        if not pieces:
+            return 0
+        table = _in_order(pa.concat_tables(pieces, promote_options="permissive"))
+        with atomic(self.folder / TABLE) as temporary:
+            pq.write_table(table, temporary, compression="zstd")
+        return int(table.num_rows)
+
+    def _file(self, number: int) -> Path:
+        return self.folder / ROWS / f"{number // IN_A_FOLDER:05}" / f"{number:08}.json"
+
+    def _numbers(self) -> Iterator[int]:
+        for folder in _entries(self.folder / ROWS):
+            for entry in _entries(Path(folder)):
+                name = Path(entry).name.removesuffix(".json")
+                if name.isdecimal():
+                    yield int(name)
+
+
+def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
+    """Bring the rows of several folders of the same sweep together in `target`; returns their common plan.
+
+    Raises `ScenarioError` where a folder is of no sweep, or of another.
+    """
+    stores = [Store(source) for source in sources]
+    plans = {store.folder: store.begun for store in stores}
+    for folder, plan in plans.items():
+        if plan is None:
+            raise ScenarioError(
+                f"{folder}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
+            )
+    common = target.begun or plans[stores[0].folder] or {}
+    for folder, plan in plans.items():
+        different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
+        if different:
+            raise ScenarioError(f"{folder}: is of another sweep than the rest: different {', '.join(different)}")
+    for store in stores:
+        if store.folder.resolve() != target.folder.resolve():
+            for name in (ROWS, "runs"):
+                if (store.folder / name).is_dir():
+                    shutil.copytree(store.folder / name, target.folder / name, dirs_exist_ok=True)
+    if target.begun is None:
+        for name in ("base.toml", "sweep.toml", PLAN):
+            shutil.copyfile(stores[0].folder / name, target.folder / name)
+    return common
+
+
+def _entries(folder: Path) -> list[str]:
+    return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() else []
+
+
+def _columns(rows: list[dict[str, Any]]) -> pa.Table:
+    """Some rows as a table; a number is a float unless all of its column are whole."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
+
+
+def _in_order(table: pa.Table) -> pa.Table:
+    """The table with the wall time and the version last, and columns without any value as numbers."""
+    end = [name for name in ("wall_s", "version") if name in table.column_names]
+    table = table.select([name for name in table.column_names if name not in end] + end)
+    empty = {"error": pa.string()}
+    fields = [
+        field.with_type(empty.get(field.name, pa.float64())) if pa.types.is_null(field.type) else field
+        for field in table.schema
+    ]
+    return table.cast(pa.schema(fields))

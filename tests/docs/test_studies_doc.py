@@ -1,0 +1,68 @@
+"""docs/studies.md is true: its sweep runs, resumes, splits and merges, its table is read, its limit is found."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.studies.sweep.schema import SweepFile
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+(SWEEP,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
+(SCRIPT,) = re.findall(r"```python\n(.*?)```", TEXT, re.S)
+COMMANDS = [line for block in re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S) for line in block.splitlines()]
+
+
+def python(folder, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder in which all commands of the page have been run, in their order, each of a sweep in one process."""
+    folder = tmp_path_factory.mktemp("studies")
+    (folder / "mine.toml").write_text(SWEEP, encoding="utf-8")
+    for line in COMMANDS:
+        words = re.findall(r'"[^"]*"|\S+', line.removeprefix("agrobot-mj "))
+        quick = [] if "--jobs" in words or "--merge" in words else ["--jobs", "1"]
+        done = python(folder, "-m", "agrobot_mj", *(word.strip('"') for word in words), *quick)
+        assert (done.returncode, done.stderr) == (0, ""), line
+        (folder / "said.txt").open("a").write(done.stdout)
+    return folder
+
+
+def test_the_second_command_does_nothing(folder):
+    assert "0 runs done, 12 were there" in (folder / "said.txt").read_text()
+
+
+def test_however_it_is_run_the_table_is_the_same(folder):
+    tables = [pq.read_table(folder / name / "sweep.parquet").drop_columns("wall_s") for name in ("speed", "a", "whole")]
+    assert tables[0].num_rows == 12
+    assert tables[0].equals(tables[1])
+    assert tables[0].equals(tables[2])
+
+
+def test_the_table_is_read_as_the_page_does(folder):
+    done = python(folder, "-c", SCRIPT)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "stanley" in done.stdout
+
+
+def test_the_limit_has_an_answer_for_each_law(folder):
+    laws = json.loads((folder / "tight" / "limit.json").read_text())["laws"]
+    assert [law["law"] for law in laws] == ["stanley", "lqr"]
+    assert all(law["verdict"] == "limit" for law in laws)
+    assert (folder / "tight" / "limit.png").exists()
+
+
+def test_every_key_and_every_sweep_is_named():
+    keys = re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", TEXT, re.M)
+    assert set(keys) == {*SweepFile.model_fields, *sweep_files()} - {"title", "version"}

@@ -1,0 +1,218 @@
+"""The plan: every combination once, checked whole before anything runs."""
+
+import time
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies.sweep.plan import Plan
+from agrobot_mj.studies.sweep.schema import read_sweep
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """The plan of a sweep file with this text."""
+
+    def read(text):
+        file = tmp_path / "mine.toml"
+        file.write_text(text, encoding="utf-8")
+        return Plan(read_sweep(file))
+
+    return read
+
+
+def faults(plan, text):
+    """What is wrong with a sweep, a line each, without the name of the file."""
+
+    def check():
+        found = plan(text)
+        found.check_size()
+        found.check()
+
+    with pytest.raises(ScenarioError) as caught:
+        check()
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith(("mine.toml: ", "  ")) for line in lines)
+    return [line.removeprefix("mine.toml: ") for line in lines]
+
+
+PLANTS = ("bicycle", "mujoco")
+EXAMPLE = """
+base = "side_slope"
+seeds = 10
+[set]
+duration_s = 60
+[axes]
+"terrain.grade_deg" = { from = 0, to = 15, count = 4 }
+"controller.kind" = ["pd", "pd_t2fnn"]
+[draws]
+"tractor.mass_kg" = { uniform = [650, 850] }
+[[variant]]
+name = "as it is"
+[[variant]]
+name = "lqr, worn valve"
+set = { "guidance.kind" = "lqr", "steering.valve.dead_band_v" = 0.8 }
+"""
+
+
+def test_every_combination_is_a_run(plan):
+    found = plan(EXAMPLE)
+    found.check()
+    runs = list(found.runs())
+    assert len(runs) == found.total == 2 * 4 * 2 * 10
+    places = {(r.variant, r.parameters["terrain.grade_deg"], r.parameters["controller.kind"], r.seed) for r in runs}
+    assert len(places) == found.total
+    assert [run.seed for run in runs[:10]] == list(range(1, 11))
+    assert {run.parameters["terrain.grade_deg"] for run in runs} == {0, 5, 10, 15}
+    last = found.sweep.base.changed(runs[-1].overrides)
+    assert (last.duration_s, last.guidance.kind, last.controller.kind) == (60, "lqr", "pd_t2fnn")
+    assert (last.terrain.grade_deg, last.steering.valve.dead_band_v, last.seed) == (15, 0.8, 10)
+    assert last == load_scenario("side_slope", {"duration_s": 60, **runs[-1].overrides})
+
+
+def test_draws_are_of_each_run_unless_they_are_paired(plan):
+    masses = [run.parameters["tractor.mass_kg"] for run in plan(EXAMPLE).runs()]
+    assert len(set(masses)) == 160
+    assert 650 <= min(masses) < 670 < 830 < max(masses) <= 850
+    paired = plan("paired = true\n" + EXAMPLE)
+    by_seed = {}
+    for run in paired.runs():
+        by_seed.setdefault(run.seed, set()).add(run.parameters["tractor.mass_kg"])
+    assert all(len(values) == 1 for values in by_seed.values())
+    assert len(set.union(*by_seed.values())) == 10
+
+
+def test_the_same_file_draws_the_same_and_another_draw_seed_draws_other_values(plan):
+    first, again = (list(plan(EXAMPLE).runs()) for _ in range(2))
+    assert first == again
+    assert first != list(plan("draw_seed = 2\n" + EXAMPLE).runs())
+
+
+@pytest.mark.parametrize("method", ["latin_hypercube", "sobol"])
+def test_samples_that_fill_their_space_have_one_value_in_each_slice(plan, method):
+    found = plan(f"""
+base = "side_slope"
+samples = 16
+method = "{method}"
+[draws]
+"tractor.mass_kg" = {{ uniform = [0, 16] }}
+"terrain.grade_deg" = {{ uniform = [0, 16] }}
+""")
+    for key in ("tractor.mass_kg", "terrain.grade_deg"):
+        assert sorted(np.floor([run.parameters[key] for run in found.runs()])) == list(range(16))
+
+
+def test_a_kind_counts_before_the_keys_that_it_has(plan):
+    found = plan("""
+base = "figure_eight"
+[axes]
+"guidance.gain_per_s" = [0.7]
+"guidance.kind" = ["stanley"]
+""")
+    found.check()
+    assert found.sweep.base.changed(found.run(0).overrides).guidance.gain_per_s == 0.7
+
+
+def test_every_fault_of_the_file_is_told_at_once(plan):
+    text = """
+base = "side_slope"
+seeds = 0
+keeep = "signals"
+[axes]
+"terrain.grade_deg" = []
+"path.speed_m_s" = { from = 0, to = 1, count = 0 }
+"tractor.mass_kg" = { from = 0, to = 1, step = -1 }
+[draws]
+x = { unifrom = [1, 2] }
+y = { uniform = [2, 1] }
+z = { log_uniform = [0, 1] }
+"""
+    found = faults(plan, text)
+    keys = [line.partition(": ")[0] for line in found]
+    assert set(keys) >= {"seeds", "keeep", "axes.terrain.grade_deg", "axes.path.speed_m_s.count", "draws.x", "draws.y"}
+    assert "axes.terrain.grade_deg: has no values; list at least one, or leave the axis out" in found
+    assert any(line.startswith("keeep: unknown key; did you mean 'keep'?") for line in found)
+    assert any(line.startswith("axes.tractor.mass_kg: step: leads nowhere") for line in found)
+    assert any(line.startswith("draws.z: log_uniform: must be above 0") for line in found)
+
+
+def test_a_key_that_no_scenario_has_is_told_once_with_those_it_has(plan):
+    (line,) = faults(plan, 'base = "side_slope"\nseeds = 3\n[axes]\n"terrain.grade" = [1, 2, 3]\n')
+    assert line.startswith("terrain.grade: unknown key; did you mean 'grade_deg'?")
+
+
+def test_all_combinations_that_cannot_be_run_are_listed_and_no_others(plan):
+    text = """
+base = "side_slope"
+seeds = 5
+[axes]
+"plant.kind" = ["bicycle", "mujoco"]
+"terrain.kind" = ["flat", "slope"]
+"path.speed_m_s" = [1.0, -1.0]
+"""
+    found = faults(plan, text)
+    backwards = [f"  plant.kind={p}, terrain.kind={t}, path.speed_m_s=-1.0" for p in PLANTS for t in ("flat", "slope")]
+    assert found[0].startswith("path.speed_m_s: must be at least 0.001, got -1.0, in 4 combinations:")
+    assert found[1:5] == backwards
+    assert found[5].startswith("terrain.kind: the bicycle plant knows only flat ground, got 'slope'")
+    assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
+
+
+def test_a_key_in_two_places_is_refused(plan):
+    text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
+    found = faults(plan, text)
+    assert found == [
+        "axes.terrain.grade_deg: is in variant 'lqr, worn valve' as well; name it once",
+        "draws.tractor.mass_kg: is in variant 'lqr, worn valve' as well; name it once",
+    ]
+
+
+def test_a_thousand_million_runs_are_counted_and_refused_at_once(plan):
+    axis = "{ from = 1.0, to = 2.0, count = 1000 }"
+    keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
+    text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
+    began = time.perf_counter()
+    (line,) = faults(plan, text)
+    assert line.startswith("1,000,000,000 runs (1,000 path.speed_m_s x 1,000 tractor.mass_kg x 1,000 terrain.grade_deg")
+    assert line.endswith("--max-runs 1000000000")
+    assert time.perf_counter() - began < 2
+    plan(text).check_size(10**9)
+
+
+def test_a_single_axis_of_a_thousand_million_values_takes_no_memory(plan):
+    found = plan('base = "side_slope"\n[axes]\n"path.speed_m_s" = { from = 1.0, to = 2.0, count = 1000000001 }')
+    assert found.run(500_000_000).parameters == {"path.speed_m_s": 1.5}
+
+
+def test_ten_thousand_combinations_are_checked_within_seconds(plan):
+    """About 0.1 ms each on a free core; a machine that is busy may take ten times as long."""
+    grades, speeds = "{ from = 0, to = 15, count = 100 }", "{ from = 0.5, to = 1.5, count = 100 }"
+    found = plan(f'base = "side_slope"\n[axes]\n"terrain.grade_deg" = {grades}\n"path.speed_m_s" = {speeds}')
+    began = time.perf_counter()
+    found.check()
+    assert time.perf_counter() - began < 30
+
+
+def test_a_base_that_is_invalid_or_unknown_is_named(plan):
+    assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: name a scenario")
+    (line,) = faults(plan, 'base = "side_slop"')
+    assert line.startswith("base: unknown scenario 'side_slop'; did you mean 'side_slope")
+    (line,) = faults(plan, 'base = "side_slope"\n[set]\n"terrain.grade_deg" = 80')
+    assert "terrain.grade_deg: must be below 45, got 80" in line
+
+
+def test_data_files_count_from_the_folder_of_the_sweep(plan, tmp_path):
+    np.save(tmp_path / "field.npy", np.zeros((50, 50)))
+    found = plan('base = "hills"\n[axes]\n"terrain.file" = ["field.npy", "hills.asc"]')
+    assert [run.parameters["terrain.file"] for run in found.runs()] == [str(tmp_path / "field.npy"), "hills.asc"]
+
+
+@pytest.mark.parametrize("name", sweep_files())
+def test_every_sweep_that_comes_with_the_package_can_be_run(name):
+    found = Plan(read_sweep(name))
+    found.check_size()
+    found.check()
+    assert found.file.title

@@ -1,0 +1,412 @@
+"""Sweeps of short runs: the same table however they are done, and whatever happens on the way."""
+
+import errno
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.main import get_command
+
+from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.studies.sweep import SweepOptions, store, work
+from agrobot_mj.studies.sweep import sweep as run_sweep
+
+TEXT = """
+base = "figure_eight"
+seeds = 2
+paired = true
+[set]
+duration_s = 1
+"plant.kind" = "bicycle"
+[axes]
+"path.speed_m_s" = [0.8, 1.2]
+"fault" = [[], [{ kind = "gnss_loss", start_s = 0, end_s = 1 }]]
+[draws]
+"steering.valve.dead_band_v" = { uniform = [0.2, 0.8] }
+[[variant]]
+name = "paper"
+[[variant]]
+name = "stanley"
+set = { "guidance.kind" = "stanley" }
+"""
+TOTAL = 16
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of `agrobot-mj sweep`, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "sweep", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        output = capsys.readouterr()
+        return leaving.value.code or 0, output.out, output.err
+
+    return command
+
+
+def table(folder):
+    """The table of a folder, wall time aside."""
+    return pq.read_table(folder / "sweep.parquet").drop_columns("wall_s")
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory):
+    """A folder with the sweep done in this process."""
+    folder = tmp_path_factory.mktemp("serial")
+    (folder / "mine.toml").write_text(TEXT, encoding="utf-8")
+    run_sweep(folder / "mine.toml", folder / "out", SweepOptions(jobs=1, quiet=True))
+    return folder / "out"
+
+
+def test_a_row_has_the_parameters_and_the_metrics_of_its_run(serial):
+    rows = pq.read_table(serial / "sweep.parquet").to_pylist()
+    assert [row["run"] for row in rows] == list(range(TOTAL))
+    row = rows[-1]
+    assert (row["variant"], row["seed"], row["path.speed_m_s"]) == ("stanley", 2, 1.2)
+    assert json.loads(row["fault"])[0]["kind"] == "gnss_loss"
+    keys = ("path.speed_m_s", "steering.valve.dead_band_v", "seed")
+    overrides = {
+        "duration_s": 1,
+        "plant.kind": "bicycle",
+        "guidance.kind": "stanley",
+        "fault": json.loads(row["fault"]),
+    }
+    metrics = run(load_scenario("figure_eight", {**overrides, **{key: row[key] for key in keys}})).metrics
+    for name in ("outcome", "lateral_rms", "xte_abs_p95", "position_nees", "steer_saturated_fraction"):
+        assert row[name] == metrics[name]
+    assert row["wall_s"] > 0
+    assert list(row)[-2:] == ["wall_s", "version"]
+    assert "real_time_factor" not in row
+
+
+def test_two_processes_give_the_same_table(serial, file, tmp_path):
+    run_sweep(file, tmp_path / "out", SweepOptions(jobs=2, quiet=True))
+    assert table(tmp_path / "out").equals(table(serial))
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_two_shards_give_the_same_table(serial, file, tmp_path, call, apart):
+    folders = [tmp_path / "a", tmp_path / ("b" if apart else "a")]
+    for k, folder in enumerate(folders, 1):
+        status, _, _ = call(file, "--shard", f"{k}/2", "--jobs", 1, "--out", folder)
+        assert status == 0
+    if apart:
+        status, out, err = call("--merge", folders[0], "--out", tmp_path / "all")
+        assert (status, out.split(",")[0]) == (1, "8 of 16 runs")
+        assert "8 of 16 runs are missing" in err
+    status, out, err = call("--merge", *dict.fromkeys(folders), "--out", tmp_path / "all")
+    assert (status, err) == (0, "")
+    assert table(tmp_path / "all").equals(table(serial))
+    if not apart:
+        assert table(folders[0]).equals(table(serial))
+
+
+def test_the_resolved_file_gives_the_same_table(serial, tmp_path):
+    run_sweep(serial / "sweep.toml", tmp_path / "again", SweepOptions(jobs=1, quiet=True))
+    assert table(tmp_path / "again").equals(table(serial))
+    assert run_sweep(serial / "sweep.toml", serial, SweepOptions(jobs=1, quiet=True)).new == 0
+
+
+def test_dask_with_two_workers_gives_the_same_table(serial, file, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
+    options = {
+        "n_workers": 2,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": None,
+        "host": "127.0.0.1",
+    }
+    with distributed.LocalCluster(**options) as cluster:
+        found = run_sweep(file, tmp_path / "out", SweepOptions(scheduler=cluster.scheduler_address, quiet=True))
+    assert (found.new, found.errors) == (TOTAL, 0)
+    assert table(tmp_path / "out").equals(table(serial))
+
+
+def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tmp_path, call):
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
+    call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
+    status, out, err = call(file, "--scheduler", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.startswith("--scheduler tcp://127.0.0.1:9: cannot be reached: ")
+    assert len(list((tmp_path / "out" / "rows").rglob("*.json"))) == TOTAL // 4
+
+
+def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    status, _, err = call(file, "--scheduler", "tcp://127.0.0.1:9")
+    assert (status, err) == (2, "--scheduler: needs Dask; install it with: pip install 'agrobot-mj[cluster]'\n")
+
+
+def test_a_broken_sweep_goes_on_with_what_is_missing(serial, file, tmp_path, monkeypatch):
+    driven, real = [], work._driven
+
+    def stops_after(most):
+        def drive(task, scenario):
+            if len(driven) == most:
+                raise KeyboardInterrupt
+            driven.append(task.number)
+            return real(task, scenario)
+
+        return drive
+
+    options, folder = SweepOptions(jobs=1, quiet=True), tmp_path / "out"
+    for most in (5, 11):
+        monkeypatch.setattr(work, "_driven", stops_after(most))
+        with pytest.raises(KeyboardInterrupt):
+            run_sweep(file, folder, options)
+        assert table(folder).num_rows == most
+    (folder / "rows" / "00000" / "00000002.json").write_text("{")  # as a loss of power may leave it
+    monkeypatch.setattr(work, "_driven", stops_after(None))
+    found = run_sweep(file, folder, options)
+    assert (found.before, found.new) == (10, 6)
+    assert driven == [*range(11), 2, *range(11, TOTAL)]
+    assert table(folder).equals(table(serial))
+
+
+def test_changed_input_is_refused_until_it_is_to_be_discarded(file, tmp_path, call, monkeypatch):
+    folder = tmp_path / "out"
+    assert call(file, "--jobs", 1, "--shard", "1/4", "--out", folder)[0] == 0
+    file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
+    status, out, err = call(file, "--jobs", 1, "--shard", "1/4", "--out", folder)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"{folder}: has results of other input (sweep changed); --fresh discards them, --out with")
+    (folder / "notes.txt").write_text("mine")
+    assert call(file, "--jobs", 1, "--shard", "1/8", "--out", folder, "--fresh")[0] == 0
+    assert table(folder).num_rows == 2
+    assert (folder / "notes.txt").exists()
+    monkeypatch.setattr(store, "__version__", "9.9")
+    assert "(version changed)" in call(file, "--out", folder)[2]
+
+
+def test_a_changed_data_file_is_noticed(tmp_path, call):
+    (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
+    text = 'base = "figure_eight"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
+    text += 'path = { kind = "waypoints", file = "route.csv" }\n'
+    (tmp_path / "mine.toml").write_text(text)
+    assert call("mine.toml", "--jobs", 1, "--out", "out")[0] == 0
+    (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,2\n")
+    assert "base changed" in call("mine.toml", "--jobs", 1, "--out", "out")[2]
+
+
+PLUGIN = '''
+import os
+from typing import Literal
+from agrobot_mj.control import GuidanceLaw
+from agrobot_mj.core.signals import Command
+
+
+class Nasty(GuidanceLaw):
+    """Drives straight on, raises, or ends its process."""
+
+    kind: Literal["nasty"] = "nasty"
+    way: Literal["fine", "raises", "dies"] = "fine"
+    """What goes wrong."""
+
+    def update(self, state, situation, dt):
+        if self.way == "raises":
+            raise RuntimeError("no such thing")
+        if self.way == "dies":
+            os._exit(3)
+        return None, Command(steer=0.0, speed=1.0)
+'''
+NASTY = """
+base = "straight_line"
+[set]
+duration_s = 1
+"plant.kind" = "bicycle"
+"guidance.kind" = "nasty"
+expected_outcome = "completed"
+[axes]
+"guidance.way" = ["fine", "raises", "dies"]
+"""
+
+
+def test_a_run_that_raises_or_takes_its_process_along_is_a_row_and_workers_know_plugins(tmp_path):
+    """In processes of their own, since one of the runs ends its process."""
+    (tmp_path / "nasty.py").write_text(PLUGIN)
+    (tmp_path / "mine.toml").write_text(NASTY)
+    done = start(tmp_path, "mine.toml", "--plugin", "nasty.py", "--out", "out", "--jobs", "2")
+    out, err = done.communicate()
+    assert done.returncode == 0, err
+    rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
+    assert [row["outcome"] for row in rows] == ["completed", "error", "error"]
+    assert rows[0]["error"] is None
+    assert rows[1]["error"] == "RuntimeError: no such thing"
+    assert "process died" in rows[2]["error"]
+    assert "of which 2 did not end as expected" in out
+    assert err == "2 runs raised an error; column error says which\n"
+    (tmp_path / "nasty.py").write_text(PLUGIN + "# changed\n")
+    again = start(tmp_path, "mine.toml", "--plugin", "nasty.py", "--out", "out")
+    assert "(plugins changed)" in again.communicate()[1]
+
+
+def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path, call, monkeypatch):
+    folder, real, room = tmp_path / "out", store.write_json, [7]
+
+    def write(path, content):
+        if path.parent.parent.name == "rows":
+            room[0] -= 1
+            if room[0] < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(path, content)
+
+    monkeypatch.setattr(store, "write_json", write)
+    status, out, err = call(file, "--jobs", 1, "--out", folder)
+    text = "No space left on device; 7 finished runs are kept; free some space and start the same command again"
+    assert (status, out, err) == (2, "", f"{folder}: {text}\n")
+    monkeypatch.undo()
+    found = run_sweep(file, folder, SweepOptions(jobs=1, quiet=True))
+    assert (found.before, found.new) == (7, 9)
+    assert table(folder).equals(table(serial))
+
+
+def test_what_is_kept_of_runs_is_what_the_file_says(tmp_path):
+    text = 'base = "figure_eight"\nkeep = "KEEP"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
+    text += '[[variant]]\nname = "a"\n[[variant]]\nname = "b"\nset = { expected_outcome = "stuck" }\n'
+    files = {"signals.parquet", "metrics.json", "scenario.toml"}
+    wanted = {
+        "table": {},
+        "signals": dict.fromkeys(("00000000", "00000001"), files),
+        "failures": {"00000001": {*files, "run.rrd"}},
+    }
+    for keep, expected in wanted.items():
+        (tmp_path / "mine.toml").write_text(text.replace("KEEP", keep))
+        run_sweep(tmp_path / "mine.toml", tmp_path / keep, SweepOptions(jobs=1, quiet=True))
+        there = tmp_path / keep / "runs"
+        found = {entry.name: {f.name for f in entry.iterdir()} for entry in there.iterdir()} if there.exists() else {}
+        assert found == expected
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
+def test_a_shard_that_makes_no_sense_is_told(call, file, text):
+    status, _, err = call(file, "--shard", text)
+    assert (status, err) == (2, f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4\n")
+
+
+def test_folders_that_do_not_belong_together_are_not_merged(serial, file, tmp_path, call):
+    file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
+    call(file, "--shard", "1/8", "--jobs", 1, "--out", "other")
+    status, _, err = call("--merge", serial, "other", "--out", "all")
+    assert (status, err) == (2, "other: is of another sweep than the rest: different sweep\n")
+    (tmp_path / "empty").mkdir()
+    assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
+
+
+def test_the_cost_of_a_run_beside_itself_is_small(serial, file, tmp_path):
+    """Below 50 ms, of which it needs a tenth."""
+    began = time.perf_counter()
+    run_sweep(file, tmp_path / "out", SweepOptions(jobs=1, quiet=True))
+    whole = time.perf_counter() - began
+    alone = sum(pq.read_table(tmp_path / "out" / "sweep.parquet")["wall_s"].to_pylist())
+    assert (whole - alone) / TOTAL < 0.05
+
+
+def start(folder, *arguments):
+    """`agrobot-mj sweep` in a process group of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "agrobot_mj", "sweep", *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True, **pipes)
+
+
+def group(pid):
+    """Processes of a session, without those that have ended."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, _, session = entry.joinpath("stat").read_text().rpartition(")")[2].split()[:4]
+        except OSError:
+            continue
+        if int(session) == pid and state not in "ZX":
+            found.append(int(entry.name))
+    return found
+
+
+def killed_and_resumed(folder, text, kill_after_rows, serial_table):
+    """Kill a sweep with kill -9 at each of these numbers of rows, then let it end; the times of all rows."""
+    (folder / "mine.toml").write_text(text)
+    rows, before = folder / "out" / "rows", {}
+    for number in kill_after_rows:
+        sweep = start(folder, "mine.toml", "--out", "out", "--jobs", "2")
+        deadline = time.monotonic() + 120
+        while len(list(rows.rglob("*.json"))) < number and sweep.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert sweep.poll() is None, "it ended before it could be killed"
+        assert len(group(sweep.pid)) >= 3
+        os.kill(sweep.pid, signal.SIGKILL)
+        sweep.wait()
+        deadline = time.monotonic() + 20
+        while group(sweep.pid) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert group(sweep.pid) == []
+        sweep.communicate()
+        there = {file: file.stat().st_mtime_ns for file in rows.rglob("[0-9]*.json")}
+        assert before.items() <= there.items(), "a finished run was done again"
+        before = there
+    out, err = start(folder, "mine.toml", "--out", "out", "--jobs", "2").communicate()
+    assert err == ""
+    done, kept = map(int, re.match(r"(\d+) runs done, (\d+) were there", out).groups())
+    assert kept == len(before)
+    assert done + kept == serial_table.num_rows
+    assert before.items() <= {file: file.stat().st_mtime_ns for file in rows.rglob("[0-9]*.json")}.items()
+    assert table(folder / "out").equals(serial_table)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+def test_a_sweep_killed_twice_completes_and_leaves_no_process(serial, tmp_path):
+    text = TEXT.replace("duration_s = 1\n", "duration_s = 20\n")
+    run_sweep(_written(tmp_path / "serial.toml", text), tmp_path / "serial", SweepOptions(jobs=1, quiet=True))
+    killed_and_resumed(tmp_path, text, (3, 8), table(tmp_path / "serial"))
+
+
+@pytest.mark.slow
+def test_two_hundred_runs_killed_twice_complete(tmp_path):
+    text = TEXT.replace("seeds = 2", "seeds = 25").replace("duration_s = 1\n", "duration_s = 2\n")
+    run_sweep(_written(tmp_path / "serial.toml", text), tmp_path / "serial", SweepOptions(jobs=1, quiet=True))
+    killed_and_resumed(tmp_path, text, (37, 121), table(tmp_path / "serial"))
+
+
+def _written(path, text):
+    path.write_text(text)
+    return path
+
+
+def test_ten_thousand_finished_runs_are_found_within_seconds(tmp_path, call):
+    short = '[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
+    text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = 10000 }}\n'
+    (tmp_path / "mine.toml").write_text(text)
+    row = {"outcome": "completed", "expected": True, "error": None, **{f"metric_{k}": k / 7 for k in range(25)}}
+    call("mine.toml", "--shard", "10000/10000", "--out", "out", "--jobs", 1)
+    folder = tmp_path / "out"
+    for number in range(9999):
+        place = folder / "rows" / f"{number // 1000:05}"
+        place.mkdir(exist_ok=True)
+        (place / f"{number:08}.json").write_text(json.dumps({"run": number, "seed": 1, **row}))
+    began = time.perf_counter()
+    found = run_sweep("mine.toml", folder, SweepOptions(quiet=True))
+    assert time.perf_counter() - began < 5
+    assert (found.before, found.new) == (10_000, 0)
+    assert pq.read_metadata(folder / "sweep.parquet").num_rows == 10_000
+
+
+def test_the_help_names_every_option():
+    names = {option for parameter in get_command(cli.app).commands["sweep"].params for option in parameter.opts}
+    assert names >= {"--out", "--jobs", "--scheduler", "--shard", "--merge", "--fresh", "--max-runs", "--plugin"}

@@ -1,0 +1,272 @@
+"""The search for a limit: against success rates that are known, and the grammar of its condition."""
+
+import json
+import sys
+from math import exp
+
+import numpy as np
+import pytest
+
+from agrobot_mj import cli, load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.studies.limit.condition import Condition
+from agrobot_mj.studies.limit.search import Question, check, find_limit, metric_names, runs_needed, wilson
+from agrobot_mj.studies.sweep.work import Done, failure
+
+KEY = "steering.valve.dead_band_v"
+METRICS = ("lateral_rms", "xte_rms", "passes.xte_mean")
+SCENARIO = load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s": 1.0})
+
+
+# --- the condition ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "met"),
+    [
+        ("lateral_rms > 0.3", False),
+        ("lateral_rms >= .25 and outcome == completed", True),
+        ("outcome != completed or xte_rms < 0.1", True),
+        ("not (outcome != 'completed' or lateral_rms > 0.3)", True),
+        ("0.2 < lateral_rms < 0.3", True),
+        ("xte_rms > lateral_rms", False),
+        ("completed != outcome", False),
+        ("passes.xte_mean < -0.5", True),
+        ("outcome == rolled_over", False),
+    ],
+)
+def test_a_condition_is_read_as_it_is_written(text, met):
+    numbers = {"outcome": "completed", "lateral_rms": 0.25, "xte_rms": 0.05, "passes.xte_mean": -1.0}
+    assert Condition(text, METRICS).met(numbers) is met
+
+
+@pytest.mark.parametrize("text", ["lateral_rms > 0.3", "not lateral_rms < 0.3", "outcome == stuck or lateral_rms < 1"])
+def test_a_metric_without_a_value_counts_as_failed(text):
+    assert Condition(text, METRICS).met({"outcome": "completed", "lateral_rms": None})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "lateral_rms",
+        "1 < 2",
+        "lateral_rms >",
+        "lateral_rms + 1 > 2",
+        "lateral_rms > 'a'",
+        "outcome > 3",
+        "outcome < completed",
+        "outcome == lateral_rms",
+        "lateral_rms in (1, 2)",
+        "lateral_rms is None",
+        "lateral_rms > True",
+        "__import__('os').system('touch hacked') == 0",
+        "lateral_rms.__class__ == 0",
+        "[lateral_rms > 1 for x in y]",
+        "(lambda: lateral_rms > 1)()",
+        "lateral_rms > (x := 3)",
+        "lateral_rms > 9 ** 9 ** 9",
+        "f'{lateral_rms}' == completed",
+        "lateral_rms > 1" + " or lateral_rms > 1" * 200,
+        "(" * 300 + "lateral_rms > 1" + ")" * 300,
+        "lateral_rms > 1\x00",
+    ],
+)
+def test_anything_else_is_refused_with_an_example_and_nothing_is_executed(text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ScenarioError, match="--until") as caught:
+        Condition(text, METRICS)
+    assert "lateral_rms > 0.3 or outcome != completed" in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_metric_is_named_with_those_there_are():
+    with pytest.raises(ScenarioError, match="no metric 'latral_rms'; did you mean 'lateral_rms'") as caught:
+        Condition("latral_rms > 1", metric_names(SCENARIO))
+    assert "xte_abs_p95" in str(caught.value)
+
+
+# --- the statistics -----------------------------------------------------------------------------------------------
+
+
+def test_the_interval_is_wilsons():
+    """Newcombe (1998), Statistics in Medicine 17, table I, score method without correction: 81 of 263 at 95 %."""
+    assert wilson(81, 263, 0.95) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson(0, 20, 0.95) == pytest.approx((0.0, 0.1611), abs=5e-5)
+
+
+@pytest.mark.parametrize(("reliability", "confidence"), [(0.8, 0.8), (0.9, 0.8), (0.5, 0.95)])
+def test_runs_needed_are_just_enough(reliability, confidence):
+    n = runs_needed(reliability, confidence)
+    assert wilson(n, n, confidence)[0] >= reliability
+    assert n == 1 or wilson(n - 1, n - 1, confidence)[0] < reliability
+
+
+# --- the search ---------------------------------------------------------------------------------------------------
+
+
+def machine(chance):
+    """Runs that succeed with this probability, a function of the value; the same for the same value and seed."""
+
+    def do(tasks):
+        found = []
+        for task in tasks:
+            value, seed = task.overrides[KEY], task.overrides["seed"]
+            success = np.random.default_rng([seed, int(1e6 * abs(value))]).random() < chance(value)
+            found.append(Done({"outcome": "completed", "lateral_rms": 0.1 if success else 1.0}, {}))
+        return found
+
+    return do
+
+
+def search(chance, **more):
+    question = Question(KEY, *more.pop("ends", (0.0, 4.0)), "lateral_rms > 0.3", **more)
+    return find_limit(
+        "law", SCENARIO, question, Condition(question.until, METRICS), machine(chance), lambda tried: None
+    )
+
+
+def test_a_sharp_limit_is_found_to_the_tolerance():
+    found = search(lambda v: v < 2.345, tolerance=0.01)
+    assert found.verdict == "limit"
+    assert found.limit == pytest.approx(2.345, abs=0.01)
+    low, high = found.interval
+    assert low < 2.345 <= high
+    assert high - low <= 0.01
+    assert "80 % of runs at 80 % confidence" in found.statement
+    assert [t.value for t in found.tried] == sorted(t.value for t in found.tried)
+    assert max(t.runs for t in found.tried) == runs_needed(0.8, 0.8)
+
+
+def test_a_range_may_run_down():
+    found = search(lambda v: v > 2.345, ends=(4.0, 0.0), tolerance=0.01)
+    assert found.limit == pytest.approx(2.345, abs=0.01)
+
+
+def test_a_gradual_limit_lies_in_its_interval_nearly_always():
+    """Success falls along a logistic curve through 80 % at 2.0; the machine's runs differ with the first seed."""
+    hits = 0
+    for first in range(40):
+        scenario = SCENARIO.changed({"seed": 1 + 100 * first})
+        question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=20)
+        condition = Condition(question.until, METRICS)
+        chance = machine(lambda v: 1 / (1 + exp((v - 2.0) / 0.15 - 1.3863)))
+        low, high = find_limit("law", scenario, question, condition, chance, lambda tried: None).interval
+        hits += low <= 2.0 <= high
+    assert hits >= 32  # 80 %
+
+
+def test_a_law_that_never_or_always_fails_is_told_so():
+    assert search(lambda v: 1.0).verdict == "never_fails"
+    assert search(lambda v: 0.0).verdict == "always_fails"
+    assert search(lambda v: v > 3.0).verdict == "fails_at_start"
+    assert all(search(lambda v, p=p: p).limit is None for p in (0.0, 1.0))
+
+
+def test_a_law_that_works_again_further_on_is_not_smoothed_over():
+    found = search(lambda v: not 0.9 < v < 1.2)
+    assert found.verdict == "not_monotone"
+    assert found.limit == pytest.approx(0.9, abs=0.08)
+    assert "works again at 2, 3, 4" in found.statement
+
+
+def test_a_rate_that_goes_up_and_down_by_chance_is_not_called_a_second_limit():
+    found = search(lambda v: 0.75 if v > 1.0 else 1.0)
+    assert found.verdict == "limit"
+    found = search(lambda v: 0.75)
+    assert found.verdict != "not_monotone"
+
+
+def test_too_few_seeds_are_not_called_certain():
+    found = search(lambda v: v < 2.345, seeds=3)
+    assert found.limit == pytest.approx(2.345, abs=0.08)
+    assert found.interval[0] == 0.0
+    assert "needs 7" in found.statement
+    assert not any(t.certain for t in found.tried if t.holds)
+
+
+def test_a_run_that_raises_counts_as_failed_whatever_the_condition():
+    question = Question(KEY, 0.0, 4.0, "outcome == stuck")
+    condition = Condition(question.until, METRICS)
+    found = find_limit(
+        "law", SCENARIO, question, condition, lambda tasks: [failure("x") for _ in tasks], lambda t: None
+    )
+    assert found.verdict == "always_fails"
+    assert found.tried[0].outcomes == {"error": found.tried[0].runs}
+
+
+def test_whole_numbers_stay_whole():
+    scenario = load_scenario("figure_eight")
+    question = Question("path.turns", 1.0, 9.0, "lateral_rms > 0.3")
+    seen = []
+
+    def do(tasks):
+        seen.extend(task.overrides["path.turns"] for task in tasks)
+        return [Done({"outcome": "completed", "lateral_rms": 0.1 if seen[-1] < 4 else 1.0}, {}) for _ in tasks]
+
+    found = find_limit("law", scenario, question, Condition(question.until, METRICS), do, lambda tried: None)
+    assert all(type(value) is int for value in seen)
+    assert found.interval == (3, 4)
+
+
+@pytest.mark.parametrize(
+    "change", [{"stop": 0.0}, {"tolerance": 0.0}, {"reliability": 1.0}, {"confidence": 0.0}, {"key": "steering.x"}]
+)
+def test_a_question_that_cannot_be_asked_is_refused(change):
+    question = Question(KEY, 0.0, 1.0, "lateral_rms > 0.3")._replace(**change)
+    with pytest.raises(ScenarioError):
+        check(question, {"law": SCENARIO})
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of `agrobot-mj limit`, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "limit", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        output = capsys.readouterr()
+        return leaving.value.code or 0, output.out, output.err
+
+    return command
+
+
+SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "--out", "out")
+
+
+def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
+    """How tight a circle? Both laws keep one of 6 m within 15 mm, neither one of 3 m."""
+    where = ("--key", "path.radius_m", "--range", "6:3", "--tolerance", 0.5)
+    options = (*where, "--guidance", "stanley,lqr", "--seeds", 7)
+    status, out, err = call("circle", *options, "--until", "xte_rms > 0.015", *SHORT)
+    assert (status, err) == (0, "")
+    content = json.loads((tmp_path / "out" / "limit.json").read_text())
+    assert [law["law"] for law in content["laws"]] == ["stanley", "lqr"]
+    for law in content["laws"]:
+        assert law["verdict"] == "limit"
+        assert 6 >= law["interval"][0] > law["limit"] > law["interval"][1] >= 3
+        assert law["statement"] in out
+    assert (tmp_path / "out" / "limit.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "text"),
+    [
+        ("--range", "1-8", "--range 1-8: write two numbers as 0:25"),
+        ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
+        ("--key", "path.sped_m_s", "did you mean 'speed_m_s'"),
+        ("--guidance", "lqqr", "unknown kind 'lqqr'"),
+        ("--range", "1:-8", "path.speed_m_s: must be at least"),
+    ],
+)
+def test_bad_input_is_told_before_anything_runs(call, option, value, text, tmp_path):
+    options = {"--key": "path.speed_m_s", "--range": "1:5", "--until": "longitudinal_rms > 1", option: value}
+    status, out, err = call("straight_line", *[part for pair in options.items() for part in pair], *SHORT)
+    assert (status, out) == (2, "")
+    assert text in err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,175 @@
+"""Reports: one file that works offline for each kind of results, no empty chart, commands that run a point again."""
+
+import json
+import os
+import re
+import shlex
+import sys
+import tomllib
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import cli, load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.storage import write_log
+from agrobot_mj.studies.compare import cases, compare
+from agrobot_mj.studies.pages import write_report
+from agrobot_mj.studies.pages.sweep import Again, toml_value
+from agrobot_mj.studies.sweep import SweepOptions, sweep
+
+pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
+SHORT = {"plant.kind": "bicycle", "duration_s": 3.0}
+SWEEP = """
+title = "Laws & speeds <b>"
+base = "figure_eight"
+seeds = 2
+[set]
+duration_s = 2
+"plant.kind" = "bicycle"
+[axes]
+"path.speed_m_s" = [0.8, 1.2]
+"steering.valve.dead_band_v" = [0.2, 0.6]
+"fault" = [[], [{ kind = "gnss_loss", start_s = 0, end_s = 1 }]]
+[[variant]]
+name = "paper"
+[[variant]]
+name = "stanley"
+set = { "guidance.kind" = "stanley", "expected_outcome" = "stuck" }
+"""
+CHECKS = [
+    {"manoeuvre": "parking", "quantity": "creep", "subject": subject, "measured": 0.1, "theory": None, "unit": "mm",
+     "low": 0.0, "high": high, "band": "below 1", "passed": True}
+    for subject, high in (("bicycle", 1.0), ("linear", None))
+]  # fmt: skip
+LIMIT = {
+    "key": "path.radius_m", "until": "xte_rms > 1", "scenario": "circle", "version": "1", "confidence": 0.8,
+    "laws": [{"law": "lqr", "statement": "a < b", "interval": [1, 2], "tried": [
+        {"value": 1.0, "runs": 7, "failed": 0, "low": 0.8, "high": 1.0, "outcomes": {"completed": 7}}]}],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A folder of results of every kind, with its report."""
+    top = tmp_path_factory.mktemp("results")
+    (top / "mine.toml").write_text(SWEEP, encoding="utf-8")
+    sweep(top / "mine.toml", top / "sweep", SweepOptions(jobs=1, quiet=True))
+    scenario = load_scenario("figure_eight", SHORT)
+    write_log(run(scenario), top / "run")
+    compare(cases(scenario, ["pd", "pd_t2fnn"], ["bicycle"], 2), top / "comparison", rrd=False, jobs=1)
+    for name, content in (("validation", CHECKS), ("limit", LIMIT)):
+        (top / name).mkdir()
+        (top / name / f"{name}.json").write_text(json.dumps(content))
+    found = {name: top / name for name in ("sweep", "run", "comparison", "validation", "limit")}
+    for folder in found.values():
+        write_report(folder)
+    return found
+
+
+KINDS = ("sweep", "run", "comparison", "validation", "limit")
+
+
+def page_of(folder):
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def charts_of(folder):
+    (text,) = re.findall(r"const CHARTS = (\{.*?\});\n", page_of(folder))
+    return json.loads(text.replace("<\\/", "</"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_report_is_one_file_without_an_empty_chart(folders, kind):
+    text = page_of(folders[kind])
+    assert len(text) < 15e6
+    own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+    assert re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]*)", own) == ["data:,"]
+    charts = charts_of(folders[kind])
+    assert charts
+    for name, chart in charts.items():
+        assert f'id="{name}"' in text
+        assert chart["data"]
+        assert all(len(trace.get("x", trace.get("z", ()))) for trace in chart["data"]), name
+        assert chart["layout"]["xaxis"]["title"]["text"]
+
+
+def test_texts_of_users_are_no_markup(folders):
+    assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
+    assert "a &lt; b" in page_of(folders["limit"])
+
+
+def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
+    text = page_of(folders["sweep"])
+    for section in ("Ranking", "Maps", "Over one parameter", "The worst runs", "The sweep"):
+        assert f"<h2>{section}</h2>" in text
+    assert text.count("<svg viewBox") == 6
+    assert text.index("<td>paper") < text.index("<td>stanley")  # stanley never ends as it is expected to
+    kinds = {trace["type"] for chart in charts_of(folders["sweep"]).values() for trace in chart["data"]}
+    assert kinds == {"scatter", "box", "heatmap", "contour"}
+    assert {"ranking.png", "curves.png"} <= {file.name for file in folders["sweep"].iterdir()}
+
+
+@pytest.mark.parametrize("number", [0, 31])
+def test_the_command_of_a_point_runs_it_again(folders, number, monkeypatch, tmp_path):
+    row = pq.read_table(folders["sweep"] / "sweep.parquet").to_pylist()[number]
+    command = Again(folders["sweep"])(row)
+    assert json.dumps(command)[1:-1] in page_of(folders["sweep"]).replace("<\\/", "</")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--no-rrd", "-q"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    metrics = json.loads((tmp_path / f"run-{number}" / "metrics.json").read_text())
+    assert metrics["xte_rms"] == row["xte_rms"]
+    assert metrics["outcome"] == row["outcome"]
+
+
+def test_values_are_written_as_toml_reads_them():
+    value = [{"kind": "a b", "x": [1, 2.5], "on": True, "inner": {"k": 'quote"'}}]
+    assert tomllib.loads(f"v = {toml_value(value)}")["v"] == value
+
+
+def test_a_folder_without_results_is_told(tmp_path):
+    with pytest.raises(ScenarioError, match="holds no results"):
+        write_report(tmp_path)
+    with pytest.raises(ScenarioError, match="no such folder"):
+        write_report(tmp_path / "nowhere")
+    (tmp_path / "comparison.json").write_text("[{}]")
+    with pytest.raises(ScenarioError, match=r"comparison\.json: cannot be reported"):
+        write_report(tmp_path)
+
+
+def test_without_plotly_the_message_names_the_extra(folders, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    with pytest.raises(ScenarioError, match=r"pip install 'agrobot-mj\[report\]'"):
+        write_report(folders["run"])
+
+
+PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
+  const box = chart.getBoundingClientRect(), plot = chart.querySelector('.nsewdrag').getBoundingClientRect();
+  const drawn = chart.querySelectorAll('.trace, .heatmaplayer image, .boxlayer path').length;
+  return [drawn ? [] : 'empty', box.right > innerWidth + 1 ? 'wide' : [], plot.height < 120 ? 'flat' : []].flat();
+}).concat(document.documentElement.scrollWidth > innerWidth + 1 ? ['sideways'] : [])"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_browser_draws_it_without_a_complaint(folders, kind):
+    """At the widths of a desk and of a phone; AGROBOT_CHROMIUM may name a browser of one's own."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    said = []
+    with playwright.sync_playwright() as p:
+        try:
+            browser = p.chromium.launch(executable_path=os.environ.get("AGROBOT_CHROMIUM"), args=["--no-sandbox"])
+        except playwright.Error:
+            pytest.skip("no Chromium: playwright install chromium")
+        for width in (1440, 390):
+            page = browser.new_page(viewport={"width": width, "height": 900})
+            page.on("console", lambda message: said.append(message.text))
+            page.on("pageerror", lambda error: said.append(str(error)))
+            page.goto((folders[kind] / "report.html").as_uri())
+            page.wait_for_timeout(1500)
+            assert page.evaluate(PROBLEMS) == []
+            page.close()
+        browser.close()
+    assert said == []
