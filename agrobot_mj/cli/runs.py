@@ -18,6 +18,7 @@ from agrobot_mj.cli.options import (
     overrides,
     results_folder,
 )
+from agrobot_mj.cli.output import say
 
 
 def run(
@@ -34,7 +35,7 @@ def run(
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import write_log
+    from agrobot_mj.simulation.storage import RECORDING, claimed, write_log
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
@@ -43,14 +44,12 @@ def run(
     if live or not no_rrd:
         from agrobot_mj.recording import Recording
 
-        watchers.append(Recording(None if no_rrd else folder / "run.rrd", live=live))
-    with stop_on_signals() as stopped:
+        watchers.append(Recording(None if no_rrd else folder / RECORDING, live=live))
+    with claimed(folder), stop_on_signals() as stopped:
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
-    write_log(log, folder)
-    if no_rrd:
-        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
+        write_log(log, folder, recorded=not no_rrd)
     if not quiet:
-        print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
+        say(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
     if log.outcome != scenario.expected_outcome:
         wanted = f"; expected_outcome is {scenario.expected_outcome}"
         print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{wanted}", file=sys.stderr)
@@ -76,6 +75,7 @@ def compare(
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
+    from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.compare import cases, runnable
     from agrobot_mj.studies.compare import compare as run_cases
     from agrobot_mj.studies.tables import table
@@ -90,11 +90,11 @@ def compare(
         kinds = names(plants, "--plants")
     todo = cases(scenario, names(controllers, "--controllers"), kinds, seeds)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
+    with claimed(folder), interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
         rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
-        print(table(rows))
-        print(f"figures and runs: {folder}")
+        say(table(rows))
+        say(f"figures and runs: {folder}")
     if any(row["outcome"] != scenario.expected_outcome for row in rows):
         if quiet:
             print(f"{scenario.name}: not every run ended as {scenario.expected_outcome}", file=sys.stderr)

@@ -16,7 +16,7 @@ from agrobot_mj.scenario.plugins import load_files, loaded_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import write_json, write_log
+from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies.report import write_figures
 
 PLANTS = ("bicycle", "mujoco")
@@ -131,8 +131,9 @@ def _end_with_the_parent() -> None:
 
 def _run_case(case: Case, folder: Path, rrd: bool) -> Log:
     place = folder / case.folder
-    log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
-    write_log(log, place)
+    with claimed(place):
+        log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
+        write_log(log, place, recorded=rrd)
     return log
 
 
