@@ -1,6 +1,7 @@
 """Commands that drive: one run, or one scenario under several controllers, plants and seeds."""
 
 import sys
+from math import nan
 from typing import Annotated
 
 import typer
@@ -49,10 +50,15 @@ def run(
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     if not quiet:
-        say(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
+        rms = log.metrics["lateral_rms"]
+        say(f"{scenario.name}: {log.outcome}, lateral rms {nan if rms is None else rms:.3f} m, {folder}")
+    if rejected := log.metrics.get("rejected_readings"):
+        counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
+        print(f"{scenario.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
     if log.outcome != scenario.expected_outcome:
         wanted = f"; expected_outcome is {scenario.expected_outcome}"
-        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{wanted}", file=sys.stderr)
+        why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
+        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{why}{wanted}", file=sys.stderr)
         raise typer.Exit(1)
 
 

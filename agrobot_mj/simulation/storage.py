@@ -148,6 +148,8 @@ def _naming(path: Path) -> Iterator[None]:
     """Errors of the block name the file that was to be, not a temporary one."""
     try:
         yield
+    except (ConnectionError, TimeoutError):  # of what the block talks to
+        raise
     except OSError as error:
         raise OSError(error.errno, _reason(error), str(path)) from error
 

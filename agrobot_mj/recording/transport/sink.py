@@ -27,7 +27,7 @@ LAST_WORDS_S = 0.5
 """After it failed rerun's writer tries once more, which must not come after the cut [s]."""
 FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
-LEAST_BYTES = 500_000
+LEAST_BYTES = 10_000
 """A file size limit (`ulimit -f`) below this leaves no room for what does not move: rerun waits for ever then."""
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
 """What is among the last bytes of a whole file, and how many those are."""
@@ -96,7 +96,7 @@ def _make(path: Path) -> None:
     if path.exists() and not path.is_file() and not path.is_symlink():  # a pipe, say, would block for ever
         raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
-        raise OSError(errno.EFBIG, "no room for a recording: the limit of file sizes is too low", str(path))
+        raise OSError(errno.EFBIG, "no room for a recording", str(path))
     path.unlink(missing_ok=True)
     path.open("xb").close()  # rerun's own error is no OSError
 
