@@ -90,7 +90,7 @@ class MagicLaw(NamedTuple):
 class Curve(Spec):
     """One direction of the Magic Formula."""
 
-    mu: Positive = 0.75
+    mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
     """Peak force over load at the reference load [-]. Estimate (0.6-0.8 in the field)."""
     mu_load: float = -0.08
     """Relative change of mu for a doubled load [-]. Estimate."""
