@@ -9,12 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import sink, snapshot
+from agrobot_mj.scenario.overrides import beside
 from agrobot_mj.simulation import storage
 from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies import compare
@@ -243,3 +245,55 @@ def test_files_have_the_rights_that_the_user_gives_to_new_files():
     modes = {stat.S_IMODE(path.stat().st_mode) for path in (Path("a.json"), *Path("out").iterdir())}
     assert modes == {0o600}
     assert json.loads(Path("a.json").read_text()) == {}
+
+
+# --- other places -------------------------------------------------------------------------------------------------
+
+OWN = """
+[path]
+kind = "waypoints"
+file = "mine/route.csv"
+speed_m_s = 1.0
+[terrain]
+kind = "heightmap"
+file = "mine/ground.npy"
+"""
+
+
+@pytest.fixture
+def own_files():
+    """A scenario with data files of one's own."""
+    Path("home/mine").mkdir(parents=True)
+    Path("home/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,20\n")
+    np.save("home/mine/ground.npy", np.zeros((101, 101)))
+    Path("home/mine.toml").write_text(OWN)
+    return Path("home/mine.toml")
+
+
+def test_a_results_folder_names_no_place_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
+    assert call("run", own_files, "--set", "duration_s=1", "--out", "out")[0] == 0
+    assert names() == FILES | {"run.rrd", "route.csv", "ground.npy"}
+    for path in Path("out").iterdir():
+        assert str(tmp_path).encode() not in path.read_bytes(), path
+    first = load_scenario("out/scenario.toml")
+    assert first.hash8 == load_scenario(own_files, {"duration_s": 1}).hash8
+    signals = Path("out/signals.parquet").read_bytes()
+    Path("out").rename("moved")
+    Path("home").rename("gone")
+    monkeypatch.chdir("moved")
+    assert call("run", "scenario.toml", "--no-rrd", "--out", "../again")[0] == 0
+    assert Path("../again/signals.parquet").read_bytes() == signals
+
+
+def test_two_data_files_of_one_name_are_told_apart():
+    data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
+    assert beside(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
+    assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
+
+
+def test_the_content_of_a_data_file_decides_not_its_place(own_files):
+    before = load_scenario(own_files).hash8
+    Path("home").rename("elsewhere")
+    assert load_scenario("elsewhere/mine.toml").hash8 == before
+    Path("elsewhere/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,21\n")
+    assert load_scenario("elsewhere/mine.toml").hash8 != before

@@ -8,8 +8,10 @@ import json
 import os
 import re
 import secrets
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +60,16 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
-    """Write the three files of a run into `folder`, which is created if missing, and `more` of them by name.
+    """Write the three files of a run into `folder`, which is created if missing, `more` of them, and its data files.
 
     They replace those of an earlier run together, with its recording unless this run is `recorded`, too. Raises
     OSError that names the file that cannot be written.
     """
+    text, data_files = log.scenario.portable()
     writers: dict[str, Writer] = {
+        **{name: partial(_copy, path) for name, path in data_files.items()},
         "signals.parquet": lambda path: pq.write_table(log.signals, path, compression="zstd"),
-        "scenario.toml": lambda path: _write(path, log.scenario.to_toml()),
+        "scenario.toml": lambda path: _write(path, text),
         **(more or {}),
         "metrics.json": _json(log.metrics),
     }
@@ -161,6 +165,10 @@ def _reason(error: OSError) -> str:
 
 def _json(content: Any) -> Writer:
     return lambda path: _write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def _copy(source: Path, target: Path) -> None:
+    shutil.copyfile(source, target)
 
 
 def _write(path: Path, text: str) -> None:
