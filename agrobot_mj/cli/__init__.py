@@ -1,10 +1,15 @@
 """The command line: typer only. Every command loads, calls one function, and prints.
 
-Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise; 2 bad input, told in one message without a
-traceback. A command imports what it needs when it is called, so that `--help` and `list` answer at once.
+Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise, or its files could not be written; 2 bad
+input, told in one message without a traceback; 130 broken off by Ctrl-C or SIGTERM. A command imports what it needs
+when it is called, so that `--help` and `list` answer at once.
 """
 
+import errno
+import io
+import os
 import sys
+from pathlib import Path
 
 from agrobot_mj.cli.app import app
 from agrobot_mj.core.errors import ScenarioError
@@ -12,17 +17,46 @@ from agrobot_mj.core.errors import ScenarioError
 __all__ = ["app", "main"]
 
 
+BROKEN_OFF = 130
+"""Status of a command that a signal ended, as shells have it."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of a disk, which are no bad input."""
+
+
 def main() -> None:
     """Entry point: bad input ends with status 2 and one message."""
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without the letters of a name still shows the rest
+            stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        status, message = _called()
     except ScenarioError as error:
-        message = str(error)
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        raise SystemExit(1) from None
+        status, message = 2, str(error)
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        message = f"{place}{error.strerror or error}"
-    print(message, file=sys.stderr)
-    raise SystemExit(2)
+        status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"
+    if message:
+        print(message, file=sys.stderr)
+    raise SystemExit(_flushed(status))
+
+
+def _called() -> tuple[int, str]:
+    """Exit status of the command, and what is to be said of it."""
+    try:
+        app()
+    except SystemExit as leaving:
+        status = leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    except KeyboardInterrupt:
+        status = BROKEN_OFF
+    return status, "stopped before its end" if status == BROKEN_OFF else ""
+
+
+def _flushed(status: int) -> int:
+    """Write what is left of stdout; a pipe or disk that takes no more changes no outcome."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the interpreter fails again when it ends
+    return status

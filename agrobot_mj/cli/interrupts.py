@@ -1,9 +1,10 @@
 """Ctrl-C and SIGTERM: a run ends cleanly as aborted, other work is broken off and cleared away."""
 
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
+
+from agrobot_mj.core.interrupts import handled_by
 
 
 @contextmanager
@@ -29,14 +30,3 @@ def interruptible() -> Iterator[None]:
 
     with handled_by(interrupt):
         yield
-
-
-@contextmanager
-def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """SIGINT and SIGTERM go to `handler` within the block."""
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)

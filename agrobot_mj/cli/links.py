@@ -9,6 +9,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import NoRrd, Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
+from agrobot_mj.cli.output import say
 
 if TYPE_CHECKING:
     from agrobot_mj.recording import Recording
@@ -43,24 +44,23 @@ def link(
     from agrobot_mj.links.agopengps.command import link as run_link
     from agrobot_mj.links.agopengps.session import NoHostError
     from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.storage import claimed
 
     load_plugins(plugins)
     given = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
     scenario = load_scenario(source, {k: v for k, v in given.items() if v is not None} | overrides(sets))
     folder = results_folder(out, f"{scenario.name}-link-{scenario.hash8}")
-    arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live)
+    arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live, not no_rrd)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     try:
-        with stop_on_signals() as stopped:
+        with claimed(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_link(scenario, folder, arguments, watchers, lambda: bool(stopped), tell)
     except NoHostError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
-    if no_rrd:
-        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
     if not quiet:
-        print(f"{scenario.name}: {log.outcome}, engaged {log.metrics['link']['engaged_s']:.1f} s, {folder}")
+        say(f"{scenario.name}: {log.outcome}, engaged {log.metrics['link']['engaged_s']:.1f} s, {folder}")
     if log.outcome != scenario.expected_outcome:
         print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}", file=sys.stderr)
         raise typer.Exit(1)

@@ -82,6 +82,8 @@ def results_folder(out: Path | None, default: str) -> Path:
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
+    if folder.is_symlink() and not folder.exists():
+        raise ScenarioError(f"--out {folder}: is a link to nothing; name another folder")
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     try:
         tempfile.TemporaryDirectory(dir=there).cleanup()

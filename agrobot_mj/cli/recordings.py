@@ -9,6 +9,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Quiet, Recorded, results_folder, seconds
+from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
 MAGIC = (b"RRF2", b"RRF0", b"RRIO")
@@ -43,12 +44,13 @@ def snapshot(
     _check_recording(file)
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
-        paths = snapshots(file, seconds(at), folder, tabs or [])
+        with interruptible():
+            paths = snapshots(file, seconds(at), folder, tabs or [])
     except SnapshotError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
     if not quiet:
-        print("\n".join(map(str, paths)))
+        say("\n".join(map(str, paths)))
 
 
 def _has_display() -> bool:

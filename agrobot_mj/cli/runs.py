@@ -1,6 +1,7 @@
 """Commands that drive: one run, or one scenario under several laws, variants, plants and seeds."""
 
 import sys
+from math import nan
 from typing import Annotated
 
 import typer
@@ -18,6 +19,7 @@ from agrobot_mj.cli.options import (
     overrides,
     results_folder,
 )
+from agrobot_mj.cli.output import say
 from agrobot_mj.cli.variants import variants
 
 
@@ -35,7 +37,7 @@ def run(
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import write_log
+    from agrobot_mj.simulation.storage import RECORDING, claimed, write_log
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
@@ -44,17 +46,20 @@ def run(
     if live or not no_rrd:
         from agrobot_mj.recording import Recording
 
-        watchers.append(Recording(None if no_rrd else folder / "run.rrd", live=live))
-    with stop_on_signals() as stopped:
+        watchers.append(Recording(None if no_rrd else folder / RECORDING, live=live))
+    with claimed(folder), stop_on_signals() as stopped:
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
-    write_log(log, folder)
-    if no_rrd:
-        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
+        write_log(log, folder, recorded=not no_rrd)
     if not quiet:
-        print(f"{scenario.name}: {log.outcome}, lateral rms {log.metrics['lateral_rms']:.3f} m, {folder}")
+        rms = log.metrics["lateral_rms"]
+        say(f"{scenario.name}: {log.outcome}, lateral rms {nan if rms is None else rms:.3f} m, {folder}")
+    if rejected := log.metrics.get("rejected_readings"):
+        counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
+        print(f"{scenario.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
     if log.outcome != scenario.expected_outcome:
         wanted = f"; expected_outcome is {scenario.expected_outcome}"
-        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{wanted}", file=sys.stderr)
+        why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
+        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{why}{wanted}", file=sys.stderr)
         raise typer.Exit(1)
 
 
@@ -85,6 +90,7 @@ def compare(
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
+    from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.compare import compare as run_cases
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import table
@@ -97,11 +103,11 @@ def compare(
     for line in left_out:
         print(line, file=sys.stderr)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
+    with claimed(folder), interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
         rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
-        print(table(rows))
-        print(f"figures and runs: {folder}")
+        say(table(rows))
+        say(f"figures and runs: {folder}")
     if any(row["outcome"] != scenario.expected_outcome for row in rows):
         if quiet:
             print(f"{scenario.name}: not every run ended as {scenario.expected_outcome}", file=sys.stderr)

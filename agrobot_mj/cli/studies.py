@@ -8,6 +8,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Quiet, Sets, Source, overrides, results_folder
+from agrobot_mj.cli.output import say
 
 if TYPE_CHECKING:
     from agrobot_mj.studies.validation import Check
@@ -24,7 +25,7 @@ def rig(
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
     for path in rig_command(tyre, folder):
         if not quiet:
-            print(path)
+            say(path)
 
 
 def identify(
@@ -36,7 +37,7 @@ def identify(
     """
     from agrobot_mj.studies.identify import identify_command
 
-    print(identify_command(run))
+    say(identify_command(run))
 
 
 def validate(
@@ -53,12 +54,12 @@ def validate(
     def tell(name: str, checks: "list[Check]", duration: float) -> None:
         passed = sum(check.passed for check in checks)
         if not quiet:
-            print(f"{name:20} {passed:3} of {len(checks):3} as they should be, {duration:.0f} s", flush=True)
+            say(f"{name:20} {passed:3} of {len(checks):3} as they should be, {duration:.0f} s")
 
     folder = results_folder(out, "validation")
     failed = [check for check in drive_all(folder, quick, tell) if not check.passed]
     if not quiet:
-        print(f"table and figures: {folder}")
+        say(f"table and figures: {folder}")
     for check in failed:
         print(check.line, file=sys.stderr)
     if failed:
@@ -93,6 +94,6 @@ def tune(
     if not quiet:
         for part in ("training", "test"):
             score = found.provenance[part]
-            print(f"{part}: {score['score']['mean']:.3f}, before {score['score_of_defaults']['mean']:.3f}")
-        print(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
-        print(path)
+            say(f"{part}: {score['score']['mean']:.3f}, before {score['score_of_defaults']['mean']:.3f}")
+        say(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
+        say(path)

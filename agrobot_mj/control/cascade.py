@@ -5,12 +5,13 @@ knows beforehand (`feedforward`).
 """
 
 from collections.abc import Sequence
-from math import nan
+from math import isfinite, nan
 from typing import Any, NamedTuple, Protocol
 
 from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
+from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.signals import Column, Command
 
 SPEED_COLUMNS = (
@@ -79,8 +80,16 @@ class Cascade(Guidance):
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
         """Outer law, then yaw controller."""
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
+        if not isfinite(speed_ref + yaw_rate_ref):
+            raise NotFiniteError(
+                f"speed {speed_ref} m/s and yaw rate {yaw_rate_ref} rad/s, made by the guidance law ({self.law.kind})"
+            )
         e_yaw_rate, limit = yaw_rate_ref - situation.estimate.yaw_rate, situation.machine.steer_limit
         controller, command = self.controller.update(state.controller, situation.t, e_yaw_rate, dt, limit)
+        if not isfinite(command.steer + command.tau_c + command.tau_n):
+            steer, tau_c, tau_n, _ = command
+            maker = f"made by the controller ({self.controller.kind})"
+            raise NotFiniteError(f"steer {steer} rad, tau_c {tau_c} rad, tau_n {tau_n} rad, {maker}")
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
         excess = command.tau_c - command.tau_n + ahead - steer

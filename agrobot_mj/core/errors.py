@@ -12,6 +12,10 @@ class CommandError(ValueError):
     """A command from outside that cannot be carried out."""
 
 
+class NotFiniteError(ArithmeticError):
+    """A message of a stage that is not finite; its text names field and stage."""
+
+
 def suggestion(word: str, known: Sequence[str]) -> str:
     """`; did you mean 'x'?` or nothing."""
     close = get_close_matches(word, known, n=1, cutoff=0.5)

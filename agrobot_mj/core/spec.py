@@ -14,7 +14,7 @@ HUGE = 1e9
 """No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
-Scale = Annotated[float, Field(gt=0, le=10)]
+Scale = Annotated[float, Field(ge=1e-3, le=10)]
 """Factor on a nominal value [-]."""
 Spread = Annotated[float, Field(ge=0, le=10)]
 """Standard deviation over the mean [-]."""

@@ -166,13 +166,16 @@ class PoseEstimator(StateEstimator):
         return u * tan(delta) / state.pose_filter.wheelbase * dt
 
     def _attitude(self, measurement: Measurement) -> tuple[float, float]:
-        """Roll and pitch, zero without compensation [rad]."""
-        return (measurement.roll, measurement.pitch) if self.terrain_compensation else (0.0, 0.0)
+        """Roll and pitch, zero without compensation or reading [rad]."""
+        heard = self.terrain_compensation and isfinite(measurement.roll + measurement.pitch)
+        return (measurement.roll, measurement.pitch) if heard else (0.0, 0.0)
 
     def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
         """Lean of the antenna at the end of a tick, with compensation."""
         if not self.terrain_compensation:
             return None
+        if not isfinite(measurement.roll + measurement.pitch):
+            return state.lever
         now = offset(state.antenna, measurement.roll, measurement.pitch, state.pose[2])
         return state.lever.after(now, dt, self.swing_filter_s) if state.lever else Lever(now)
 
@@ -186,7 +189,7 @@ class PoseEstimator(StateEstimator):
                 delta, L = measurement.steer - (bias or 0.0), state.pose_filter.wheelbase
                 gamma = u * tan(delta) / L  # [agrobots: kinematicmodeltractor]
             case "gyro":
-                gamma = measurement.gyro
+                gamma = measurement.gyro if isfinite(measurement.gyro) else state.yaw_rate
         east, north = offset(state.cg, *self._attitude(measurement), psi)
         return Estimate(
             x=x + east,

@@ -7,9 +7,10 @@ takes it as the speed. All numbers are estimates for a compact tractor's two-ped
 """
 
 from math import exp
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
@@ -40,7 +41,7 @@ class Driveline(Spec):
     """Whether both rear wheels are locked to turn at the same speed."""
     front_wheel_drive: bool = False
     """Whether the front axle is driven too, mechanically, through an open front differential."""
-    front_lead: Positive = 1.02
+    front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
     stiffness_n_m_rad: Positive = 6.0e4
     """Stiffness of trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""

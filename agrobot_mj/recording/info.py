@@ -71,7 +71,7 @@ def _page(scenario: Scenario, result: str) -> str:
 
 def resolved(scenario: Scenario) -> str:
     """The scenario with every key, as TOML."""
-    return f"```toml\n{scenario.to_toml()}```\n"
+    return f"```toml\n{scenario.portable()[0]}```\n"
 
 
 def _metrics(metrics: dict[str, Any]) -> str:

@@ -26,6 +26,10 @@ from agrobot_mj.recording.world.motion import BodyMotion
 from agrobot_mj.recording.world.scene import reference_line, send_scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
+from agrobot_mj.simulation.storage import RECORDING, clear
+
+SPARE_BYTES = 1_000_000
+"""Room on the disk that a recording leaves, besides that of all signals, to the other files of its run."""
 
 
 class Recording:
@@ -37,8 +41,10 @@ class Recording:
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
+        if self.path is not None and self.path.name == RECORDING:
+            clear(self.path.parent)  # signals of an earlier run beside this recording would mislead
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
-        self.sink = Sink(self.stream, self.path, self.live)
+        self.sink = Sink(self.stream, self.path, self.live, rows.values.nbytes + SPARE_BYTES)
         self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
         self.stream.send_property(
             "scenario",

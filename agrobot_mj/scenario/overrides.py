@@ -1,6 +1,7 @@
 """Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
 from collections.abc import Iterable, Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,27 @@ def files(data: Any) -> list[Path]:
     if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
         found.append(library_file(file))
     return found
+
+
+def beside(data: Any) -> dict[str, Path]:
+    """Replace the paths of files in plain data by names, under which they can lie beside it; the file of each name.
+
+    Files of the library keep theirs. Two files of one name get numbers.
+    """
+    found: dict[str, Path] = {}
+    _name_files(data, found)
+    return found
+
+
+def _name_files(data: Any, found: dict[str, Path]) -> None:
+    for table in _children(data):
+        _name_files(table, found)
+    if not (isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str) and Path(file).is_absolute()):
+        return
+    path = Path(file)
+    numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
+    name = next(name for name in numbered if found.get(name, path) == path)
+    found[name], data[FILE_KEY] = path, name
 
 
 def _children(data: Any) -> Iterable[Any]:

@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Mapping
 from math import atan, degrees
+from pathlib import Path as FilePath
 from typing import Annotated, Any
 
 import tomli_w
@@ -29,7 +30,7 @@ from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.overrides import complete, explicit_values, files, override
+from agrobot_mj.scenario.overrides import beside, complete, explicit_values, files, override
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
@@ -100,14 +101,22 @@ class Scenario(Spec):
     def hash8(self) -> str:
         """Eight hex digits that stand for everything that the run depends on."""
         content = self.model_dump(mode="json", exclude={"version", "name", "title", "expected_outcome"})
+        read = files(content)
+        beside(content)  # the same files in another place are the same experiment
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
-        for file in files(content):
+        for file in read:
             digest.update(file.read_bytes())
         return digest.hexdigest()[:8]
 
     def to_toml(self) -> str:
         """The resolved scenario as TOML; running it gives the same signals."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
+
+    def portable(self) -> tuple[str, dict[str, FilePath]]:
+        """As `to_toml`, but with data files by names that lie beside it, and the present path of each of them."""
+        data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
+        moved = beside(data)
+        return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
         """A copy with overrides by dotted key, checked again. Raises `ScenarioError`.

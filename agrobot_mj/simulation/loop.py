@@ -20,6 +20,16 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.checks import (
+    ARITHMETIC,
+    Screen,
+    blame,
+    check_command,
+    check_drive,
+    check_estimate,
+    check_reference,
+    check_truth,
+)
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.terrain import height_and_gradient
 
@@ -40,6 +50,8 @@ class Stages:
     supervisor: SupervisorState
     steering: Any
     speed: Any
+    screen: Screen
+    """What of the measurements was rejected."""
 
 
 class Loop:
@@ -63,6 +75,7 @@ class Loop:
             supervisor=self.supervisor.init(),
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
+            screen=Screen(),
         )
 
     def tick(self) -> Tick:
@@ -71,17 +84,28 @@ class Loop:
         return self.act(measured, situation, self.decide(measured, situation))
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """Read the sensors; returns the measurement and what the guidance may know."""
+        """Read the sensors; returns the measurement and what the guidance may know. Raises `NotFiniteError`."""
         s, state, truth = self.scenario, self.stages, self.truth
-        state.sensors, measured = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
-        state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
+        check_truth(truth, s.plant.kind)
+        state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
+        state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
+        try:
+            state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
+        except ARITHMETIC as error:
+            blame(f"the estimator ({s.estimator.kind})", error)
+        check_estimate(estimate, s.estimator.kind)
         reference = s.path.at(truth.t)
+        check_reference(reference, s.path.kind)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Ask the scenario's guidance law for a command; the supervisor may replace it."""
+        """Ask the scenario's guidance law for a command; the supervisor may replace it. Raises `NotFiniteError`."""
         state = self.stages
-        state.guidance, command = self.guidance.update(state.guidance, situation, TICK_S)
+        try:
+            state.guidance, command = self.guidance.update(state.guidance, situation, TICK_S)
+        except ARITHMETIC as error:
+            blame(f"the guidance law ({self.scenario.guidance.kind})", error)
+        check_command(command, self.scenario.guidance.kind)
         state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command
 
@@ -97,6 +121,8 @@ class Loop:
         state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
         if command.steer_voltage is not None:
             steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
+        drive = Drive(steer_voltage, pedal_voltage)
+        check_drive(drive)
         steer_ref = state.steering.reference
         return Tick(
             truth=self.truth,
@@ -107,7 +133,7 @@ class Loop:
             command=command,
             steer_ref=steer_ref,
             pedal_ref=pedal_ref,
-            drive=Drive(steer_voltage, pedal_voltage),
+            drive=drive,
             saturated=abs(steer_ref) > s.tractor.steer_limit - SATURATION_MARGIN,
             faults=self.script.active(self.truth.t),
             actuation=self.plant.actuation(),

@@ -11,20 +11,20 @@ angle, valve voltage, yaw rate or curvature, beside a speed.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import atan, hypot, isfinite
+from math import atan, hypot, isfinite, nan
 from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.core.copying import independent
-from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
-from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Reference, Truth
+from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.metrics import metrics
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.columns import Tick, row
+from agrobot_mj.simulation.columns import COLUMNS, Tick, row
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
@@ -32,6 +32,8 @@ from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_sc
 
 LEAST_SPEED = 0.1
 """Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
+NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
+"""Measurement of a run that ended before anything was sensed."""
 
 
 class Simulation:
@@ -51,13 +53,17 @@ class Simulation:
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._watch, self.outcome, self.reason = Watch(plant, loop.truth), "", ""
         self._sensed: tuple[Measurement, Situation] | None = None
+        if self._watch.plant.trouble() == "diverged":  # while it settled
+            self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
 
     def reset(self) -> Measurement:
         """Place the tractor at the start again; returns the first measurement."""
         if self._sensed is not None or self.rows.filled:
             self.loop = Loop(self.scenario)
             self._begin()
-        return self._sense()
+        if not self.done:
+            self._sense()
+        return self.measurement
 
     def step(
         self,
@@ -80,8 +86,12 @@ class Simulation:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
         measured, situation = self._now()
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
-        command = self._command(measured, situation, {k: v for k, v in wanted.items() if v is not None}, speed)
-        self._finish_tick(self.loop.act(measured, situation, command))
+        given = {k: v for k, v in wanted.items() if v is not None}
+        try:
+            command = self._command(measured, situation, given, speed)
+            self._finish_tick(self.loop.act(measured, situation, command))
+        except NotFiniteError as error:
+            self._diverge(str(error))
         return self.measurement
 
     def _command(
@@ -124,16 +134,27 @@ class Simulation:
             return
         loop.advance(tick.drive)
         if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
-            self.outcome = "diverged"
+            self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite, or faster than 100 m/s")
             return
         self._sense()
 
-    def _sense(self) -> Measurement:
-        self._sensed = self.loop.sense()
-        return self._sensed[0]
+    def _sense(self) -> None:
+        try:
+            self._sensed = self.loop.sense()
+        except NotFiniteError as error:
+            self._diverge(str(error))
+
+    def _diverge(self, reason: str) -> None:
+        """End the run, since nothing could work with its numbers; its first row may be one that knows only t = 0."""
+        self.outcome, self.reason = "diverged", reason
+        plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
+        if not self.rows.filled:
+            self.rows.append([0.0, *unknown], plant.wheels(), 0.0 * self.rows.poses[0], [nan] * len(self.loop.columns))
 
     def _now(self) -> tuple[Measurement, Situation]:
         """What was sensed in this tick; sensed now where it has not been yet."""
+        if self._sensed is None and self.done:
+            raise CommandError(f"the run ended before anything was sensed: {self.reason}")
         if self._sensed is None:
             self._sensed = self.loop.sense()
         return self._sensed
@@ -175,7 +196,7 @@ class Simulation:
     @property
     def measurement(self) -> Measurement:
         """The last measurement of the sensors."""
-        return self._now()[0]
+        return NOTHING if self.done and self._sensed is None else self._now()[0]
 
     @property
     def situation(self) -> Situation:
@@ -209,6 +230,7 @@ class Simulation:
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),
+            **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.screen.rejected)) else {}),
             **metrics(log),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),

@@ -8,7 +8,7 @@ from typing import Any
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import write_json, write_log
+from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.report import write_figures
@@ -55,8 +55,9 @@ def drawn(todo: Sequence[Case]) -> list[Case]:
 def _run_case(case: Case, folder: Path, rrd: bool, wanted: frozenset[str]) -> tuple[dict[str, Any], Log | None]:
     """Metrics of a case, and its log if it is wanted: thousands of logs would not fit into memory."""
     place = folder / case.folder
-    log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
-    write_log(log, place)
+    with claimed(place):
+        log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
+        write_log(log, place, recorded=rrd)
     return log.metrics, log if case.folder in wanted else None
 
 

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from scipy.optimize import OptimizeResult, least_squares
 
 from agrobot_mj.core.errors import ScenarioError
@@ -33,6 +32,7 @@ from agrobot_mj.machine.hydraulics import (
 )
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.recorded import recorded_columns
 
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
@@ -48,6 +48,8 @@ UNLIMITED_L_MIN = 1e4
 """Flow of a pump that never saturates [l/min]."""
 SURE, PRECISE = 50.0, 0.1
 """Reduction of chi squared from which a rate limit counts as identified [-], and its largest relative error [-]."""
+LEAST_EXPLAINED = 0.5
+"""Share of the variance of the measured angle that a fit must explain to be one [-]. Estimate: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
 """Columns of `signals.parquet` that the fit needs."""
 NAMES = ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s", "rate_limit_deg_s")
@@ -112,12 +114,16 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     seen = gain > SURE and errors[-1] < PRECISE * limited.x[-1]
     best = limited if seen else free
     values = dict(zip(NAMES, best.x.tolist(), strict=False))
+    explained = float(1.0 - 2 * best.cost / (_centred(data.measured) ** 2).sum())
+    if not explained >= LEAST_EXPLAINED:
+        share = f"{100 * explained:.0f} % of the motion, at least {100 * LEAST_EXPLAINED:.0f} % are needed"
+        raise ScenarioError(f"does not show a valve: the fit explains {share}; are voltage and angle of the same run?")
     return Identified(
         **({"rate_limit_deg_s": None} | values),
         errors=dict(zip(NAMES, _errors(best, data).tolist(), strict=False)),
         rate_reached_deg_s=_fastest(best.x, data),
         residual_rms_deg=degrees(sqrt(2 * best.cost / best.fun.size)),
-        explained=float(1.0 - 2 * best.cost / (_centred(data.measured) ** 2).sum()),
+        explained=explained,
     )
 
 
@@ -167,16 +173,8 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
-    if isinstance(signals, Path):
-        try:
-            signals = pq.read_table(signals)
-        except pa.ArrowException as error:
-            raise ScenarioError(f"is no Parquet file: {error}") from None
-    missing = [name for name in COLUMNS if name not in signals.column_names]
-    if missing:
-        raise ScenarioError(f"has no column {', '.join(missing)}; take the signals of a run")
-    t, voltage, measured = (signals[name].to_numpy().astype(float) for name in COLUMNS)
-    tick = float(np.median(np.diff(t))) if len(t) > 1 else 0.05
+    t, voltage, measured = recorded_columns(signals, COLUMNS)
+    tick = float(np.median(np.diff(t)))
     ticks = round(WINDOW_S / tick)
     windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
     with np.errstate(invalid="ignore"):

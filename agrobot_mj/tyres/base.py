@@ -7,11 +7,16 @@ compiled for the tick and usable as they stand. A new tyre is one file with both
 `Tyre`.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
+
+from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel_method
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.tractor import TractorParameters
+
+Relaxation = Annotated[float, Field(gt=0, le=10)]
+"""Relaxation length over free radius [-]: 1 to 3 for tyres, and the time of a test on the rig goes with it."""
 
 
 class Footing(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 
 class LinearLaw(NamedTuple):
@@ -43,7 +43,7 @@ class Linear(TyreBase):
     """Force over slip ratio, one front tyre [N]. Estimate: about 10 times the load."""
     rear_slip_stiffness_n: Positive = 25_000.0
     """Force over slip ratio, one rear tyre [N]. Estimate: about 10 times the load."""
-    relaxation_radii: Positive = 1.5
+    relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
@@ -90,7 +90,7 @@ class MagicLaw(NamedTuple):
 class Curve(Spec):
     """One direction of the Magic Formula."""
 
-    mu: Positive = 0.75
+    mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
     """Peak force over load at the reference load [-]. Estimate (0.6-0.8 in the field)."""
     mu_load: float = -0.08
     """Relative change of mu for a doubled load [-]. Estimate."""
@@ -141,7 +141,7 @@ class MagicFormula(TyreBase):
     """Front tyres; the stiffness gives the bicycle's at the static load."""
     rear: AxleTyre = AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
-    relaxation_radii: Positive = 1.5
+    relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""

@@ -21,7 +21,7 @@ import numpy as np
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 BREAKAWAY_SLIP = 0.4
 """Slip at which the bristles break away at rest, where 95 % of the grip is used [-]. From the 7.5 above."""
@@ -105,7 +105,7 @@ class Soil(TyreBase):
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate."""
-    relaxation_radii: Positive = 1.5
+    relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""

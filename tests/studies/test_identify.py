@@ -12,6 +12,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 from agrobot_mj.simulation.storage import write_log
+from agrobot_mj.studies import recorded
 from agrobot_mj.studies.identify import identify, identify_command
 
 TICK_S = 0.05
@@ -174,3 +175,59 @@ def test_a_folder_that_is_no_run_is_refused(calm, tmp_path):
     told("hardly steers")
     pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
     told("gaps in valve_voltage")
+
+
+# --- signals of other origin --------------------------------------------------------------------------------------
+
+
+def changed(signals, name, values):
+    return signals.set_column(signals.column_names.index(name), name, values)
+
+
+T = np.arange(1000) * 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("t", pa.array(np.zeros(1000)), "column t: must increase"),
+        ("t", pa.array(-T), "column t: must increase"),
+        ("t", pa.array(np.r_[T[:-1], np.nan]), "column t: must hold the time of every row"),
+        ("t", pa.array([None] * 1000, pa.float64()), "column t: must hold the time of every row"),
+        ("t", pa.array(1000 * T), "column t: rows must be 0.001 to 0.5 s apart, got 50; is it in s?"),
+        ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "column t: rows must be evenly spaced"),
+        ("t", pa.array((1e9 * T).astype("datetime64[ns]")), "column t: must hold numbers, got timestamp"),
+        ("steer_measured", pa.array(["left"] * 1000), "column steer_measured: must hold numbers, got string"),
+        ("steer_measured", pa.array([[0.1]] * 1000), "column steer_measured: must hold numbers, got list"),
+        ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
+        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),
+    ],
+)
+def test_odd_columns_are_named(calm, tmp_path, name, values, said):
+    pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
+    with pytest.raises(ScenarioError) as refused:
+        identify_command(tmp_path)
+    assert str(refused.value).startswith(f"{tmp_path / 'signals.parquet'}: ")
+    assert said in str(refused.value)
+    assert not (tmp_path / "identified.json").exists()
+
+
+def test_a_column_that_is_there_twice_and_too_many_rows_are_told(calm, tmp_path, monkeypatch):
+    twice = calm.signals.append_column("t", calm.signals["t"])
+    with pytest.raises(ScenarioError, match="has column t more than once"):
+        identify(twice)
+    monkeypatch.setattr(recorded, "MOST_ROWS", 100)
+    pq.write_table(calm.signals, tmp_path / "signals.parquet")
+    monkeypatch.setattr(recorded.pq.ParquetFile, "read", lambda *_, **__: pytest.fail("read all the same"))
+    with pytest.raises(ScenarioError, match="rows, the limit is 100"):
+        identify(tmp_path / "signals.parquet")
+
+
+def test_a_damaged_page_is_named(calm, tmp_path):
+    file = tmp_path / "signals.parquet"
+    pq.write_table(calm.signals, file, compression="snappy", use_dictionary=False)
+    content = bytearray(file.read_bytes())
+    content[200:20_000] = bytes(255 - byte for byte in content[200:20_000])
+    file.write_bytes(content)
+    with pytest.raises(ScenarioError, match=r"signals.parquet: (cannot be read|is no Parquet file, or a damaged)"):
+        identify_command(tmp_path)

@@ -12,6 +12,7 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting, Towed, load_specimen, rig_command
 from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres.base import Structure
 
 TRACTOR = TractorParameters()
 STATIC = {FRONT: TRACTOR.front_axle_load / 2, REAR: TRACTOR.rear_axle_load / 2}
@@ -199,3 +200,18 @@ def test_a_file_without_a_tractor_means_the_default_one_and_with_one_means_that(
     (tmp_path / "t.toml").write_text('kind = "soil"\n[tractor]\nmass_kg = 780\n')
     assert load_specimen(str(tmp_path / "t.toml")).tractor.mass_kg == 780
     assert load_specimen("soil").tractor == TRACTOR
+
+
+@pytest.mark.parametrize("radii", [11.0, 1e9])
+def test_a_relaxation_length_that_would_take_for_ever_is_refused(tmp_path, radii):
+    file = tmp_path / "tyre.toml"
+    file.write_text(f'kind = "linear"\nrelaxation_radii = {radii}\n')
+    with pytest.raises(ScenarioError, match="relaxation_radii: must be at most 10"):
+        rig_command(str(file), tmp_path / "out")
+
+    class Long(Linear):
+        def structure(self):
+            return Structure(radii, 0.02)
+
+    with pytest.raises(ValueError, match="relaxation length must be at most 10 radii"):
+        Rig(Long(), TractorParameters())

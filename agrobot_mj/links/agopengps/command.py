@@ -16,7 +16,7 @@ from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets, ad
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher
-from agrobot_mj.simulation.storage import atomic, write_log
+from agrobot_mj.simulation.storage import write_log
 
 Pacing = Literal["real_time", "answered"]
 """The wall clock paces the run, or the host by its answers."""
@@ -43,6 +43,8 @@ class Arguments(NamedTuple):
     pace: Pacing = "real_time"
     live: bool = False
     """Watchers are told as the run goes."""
+    recorded: bool = True
+    """Whether a watcher writes the recording."""
 
 
 def link(
@@ -68,10 +70,9 @@ def link(
             notify(f"boards on {a.address}:{a.port}, host expected on {a.address}:{a.host_port}")
             channel = Answered(sockets) if a.pace == "answered" else RealTime(sockets)
         done = run_link(scenario, channel, options, watchers, should_stop, record, a.live)
-    write_log(done.log, folder)
-    with atomic(folder / "link.parquet") as temporary:
-        table = done.session.traffic.table(done.session.started)
-        pq.write_table(table, temporary, compression="zstd")
+    table = done.session.traffic.table(done.session.started)
+    traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
+    write_log(done.log, folder, traffic, a.recorded)
     return done.log
 
 

@@ -30,12 +30,14 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
+from agrobot_mj.plants.mujoco.stability import check_stability
 from agrobot_mj.plants.mujoco.stepping import Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import MagicFormula, Tyre
 from agrobot_mj.tyres.laws import tyre_set
 
+mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
 CLOCK = Clock()
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
@@ -78,6 +80,8 @@ class MujocoPlant:
         self.model = simulation_model(
             tractor_spec(machine.tractor, machine.cylinder, machine.driveline), ground, clock.dt, native
         )
+        if native is None:
+            check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))

@@ -16,12 +16,19 @@ import rerun as rr
 
 from agrobot_mj.recording.transport.viewer import URL, open_viewer
 
+try:
+    import resource
+except ImportError:  # pragma: no cover - Windows has no such limits
+    resource = None  # type: ignore[assignment]
+
 PATIENCE_S = 5.0
 """How long a flush may take [s]; it needs a thousandth of that."""
 LAST_WORDS_S = 0.5
 """After it failed rerun's writer tries once more, which must not come after the cut [s]."""
 FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+LEAST_BYTES = 10_000
+"""A file size limit (`ulimit -f`) below this leaves no room for what does not move: rerun waits for ever then."""
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
 """What is among the last bytes of a whole file, and how many those are."""
 
@@ -29,13 +36,12 @@ FOOTER, FOOTER_END = b"RRF2FOOT", 32
 class Sink:
     """The connection of `stream` to a file, a viewer beside it, or both."""
 
-    def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False) -> None:
-        """Raises OSError if the file cannot be written."""
-        self.stream, self.path, self.live, self.whole = stream, path, live, 0
+    def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
+        """`spare` bytes of the disk are left to other files. Raises OSError if the file cannot be written."""
+        self.stream, self.path, self.live, self.whole, self.spare = stream, path, live, 0, spare
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.open("wb").close()  # rerun's own error is no OSError
+            _make(path)
             sinks.append(rr.FileSink(str(path)))
         if live and open_viewer():
             sinks.append(rr.GrpcSink(URL))
@@ -55,6 +61,9 @@ class Sink:
             self._cut()
             return False
         if self.path is not None:
+            if shutil.disk_usage(self.path.parent).free < self.spare:
+                self._cut()
+                return False
             self.whole = self.path.stat().st_size
         return True
 
@@ -79,6 +88,17 @@ class Sink:
             self.path.unlink()
         self.path = None
         abandon(self.stream)
+
+
+def _make(path: Path) -> None:
+    """Make an empty file, in place of a link or an older file. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file() and not path.is_symlink():  # a pipe, say, would block for ever
+        raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
+    if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
+        raise OSError(errno.EFBIG, "no room for a recording", str(path))
+    path.unlink(missing_ok=True)
+    path.open("xb").close()  # rerun's own error is no OSError
 
 
 def _ends_well(path: Path) -> bool:

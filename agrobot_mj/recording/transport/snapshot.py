@@ -15,7 +15,7 @@ from typing import Any
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.transport.timeline import TIMELINE
-from agrobot_mj.recording.transport.viewer import RERUN, end, free_port
+from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.storage import atomic
 
 SIZE = "1920x1080"
@@ -127,16 +127,13 @@ def _viewer(file: Path, patience: int) -> Iterator[ViewerClient]:
     command = [*RERUN, "--headless", "--window-size", SIZE]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
     environment = {**os.environ, "RUST_LOG": "error"}  # what it logs would lie over the picture
-    quiet = subprocess.DEVNULL
-    process = subprocess.Popen(command, env=environment, stdout=quiet, stderr=subprocess.PIPE, start_new_session=True)
-    try:
-        yield _connected(process, port, patience * START_S)
-    except (RuntimeError, ConnectionError, TimeoutError) as error:
-        if _lacks_driver(process):
-            raise SnapshotError(f"{file}: no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
-        raise _LateError(str(error)) from None
-    finally:
-        end(process)
+    with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        try:
+            yield _connected(process, port, patience * START_S)
+        except (RuntimeError, ConnectionError, TimeoutError) as error:
+            if _lacks_driver(process):
+                raise SnapshotError(f"{file}: no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
+            raise _LateError(str(error)) from None
 
 
 def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:

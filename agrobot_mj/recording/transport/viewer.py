@@ -1,15 +1,31 @@
 """The Rerun viewer, on loopback only: beside a live run, for a file, or in the browser."""
 
+import ctypes
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 
-RERUN = (sys.executable, "-m", "rerun_cli")
+from agrobot_mj.core.interrupts import held_back
+
+
+def _launched() -> tuple[str, ...]:
+    """Command of Rerun's program: on Linux itself, since it must end with its parent, else its launcher."""
+    spec = find_spec("rerun_cli")
+    program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
+    if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
+        return (str(program),)
+    return (sys.executable, "-m", "rerun_cli")
+
+
+RERUN = _launched()
 PORT = 9876
 """Port on which viewers listen by default."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
@@ -17,6 +33,9 @@ COMMAND = (
     *(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)),
     *("--hide-welcome-screen", "--expect-data-soon"),
 )
+PR_SET_PDEATHSIG = 1
+"""Option of Linux's prctl."""
+_LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 PATIENCE_S = 15.0
 """Longest start of a viewer [s]."""
 
@@ -33,11 +52,36 @@ def serve(file: Path) -> int:
     print(f"http://127.0.0.1:{web}?url={data} (Ctrl-C ends it)", flush=True)
     ports = ("--port", str(port), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
-    process = subprocess.Popen(command, env={**os.environ, "RUST_LOG": "error"}, start_new_session=True)
-    try:
+    with started(command, {**os.environ, "RUST_LOG": "error"}) as process:
         return process.wait()
+
+
+@contextmanager
+def started(
+    command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """A viewer that leads a session of its own and ends with the block, or with this process if that is killed."""
+    process = None
+    try:
+        with held_back():  # else a signal between start and assignment would leave it alone
+            process = subprocess.Popen(
+                command,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+                stdout=stdout,
+                stderr=stderr,
+            )
+        yield process
     finally:
-        end(process)
+        if process is not None:
+            end(process)
+
+
+def _die_with_parent() -> None:
+    """In the viewer, before it starts: ask Linux for SIGTERM when the parent ends, even by SIGKILL."""
+    if _LIBC is not None:
+        _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:

@@ -21,6 +21,8 @@ DT_S = 0.002
 """Step of the rig, the simulator's default [s]."""
 SETTLE_LENGTHS = 25.0
 """Relaxation lengths travelled before a steady force is read; exp(-25) is 1e-11 [-]."""
+MOST_RADII = 10.0
+"""Longest relaxation length over free radius: a reading takes a time that goes with it [-]. As a scenario has it."""
 FRONT, REAR = 0, 2
 """Which of the tractor's tyres is on the rig."""
 AXLES = {"front": FRONT, "rear": REAR}
@@ -91,6 +93,9 @@ class Rig:
         self.tyres, self.wheel, self.dt = tyre_set(tyre, tractor), wheel, dt
         self.ground = Flat().ground()
         self.relaxation = float(self.tyres.relaxation[wheel].max())
+        if not self.relaxation <= MOST_RADII * self.tyres.radius[wheel]:
+            radii = self.relaxation / self.tyres.radius[wheel]
+            raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
         """Reading at each step, shape (steps, 5), starting from undeflected bristles."""

@@ -1,0 +1,112 @@
+"""Messages are checked where they are received: a number that is not finite is an error of the stage that made it.
+
+One sum of a message's numbers tells whether all are finite; only then are they looked at one by one. What a real
+computer would reject - a fix or a reading that is no number - counts as missing instead, see `Screen`.
+"""
+
+from math import inf, isfinite, nan
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from agrobot_mj.core.errors import NotFiniteError
+from agrobot_mj.core.signals import Command, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
+
+FARTHEST_M, FASTEST_M_S = 1e7, 1e3
+"""A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
+OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
+"""Readings that are NaN where there is no sensor."""
+ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""Errors that numbers which are not finite give rise to, among others."""
+_ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
+"""Parts of messages of ValueError that only numbers which are not finite give rise to."""
+
+
+class Screen(NamedTuple):
+    """What passed of the measurements so far."""
+
+    steer: float = 0.0
+    """Last steering angle that was a number [rad]."""
+    pedal: float = 0.0
+    """Last pedal position that was a number [-]."""
+    rejected: tuple[tuple[str, int], ...] = ()
+    """How often each reading was rejected, by field."""
+
+    def passed(self, measured: Measurement, truth: Truth, plant: str) -> "tuple[Screen, Measurement]":
+        """The measurement without what is no number: a fix becomes a missing one, an angle keeps its last value.
+
+        Raises `NotFiniteError` where that comes from the plant.
+        """
+        fix = measured.fix
+        optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
+        sound = fix is None or _possible(fix)
+        if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):
+            return Screen(measured.steer, measured.pedal, self.rejected), measured
+        check_truth(truth, plant, samples=True)
+        bad = [] if sound else ["fix"]
+        changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
+        for name, last in (("steer", self.steer), ("pedal", self.pedal)):
+            if not isfinite(getattr(measured, name)):
+                changes[name] = last
+        changes |= {name: nan for name, value in zip(OPTIONAL, optional, strict=True) if abs(value) == inf}
+        bad += [name for name in changes if name not in ("fix", "quality")]
+        counts = dict(self.rejected)
+        counts |= {name: counts.get(name, 0) + 1 for name in bad}
+        measured = measured._replace(**changes)
+        return Screen(measured.steer, measured.pedal, tuple(counts.items())), measured
+
+
+def _possible(fix: Fix) -> bool:
+    """Whether a fix lies on the earth; false for NaN."""
+    return abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
+
+
+def check_truth(truth: Truth, plant: str, samples: bool = False) -> None:
+    """Raise `NotFiniteError` if the plant's state is not finite; its samples are looked at when asked for."""
+    if not isfinite(sum(truth[:14]) + sum(truth.antenna) + sum(truth.antenna_velocity)):
+        refuse("truth", truth, Truth._fields[:16], f"the plant ({plant})")
+    if samples and not (np.isfinite(truth.steer_samples).all() and np.isfinite(truth.pedal_samples).all()):
+        refuse("truth", truth, Truth._fields[16:18], f"the plant ({plant})")
+
+
+def check_estimate(estimate: Estimate, estimator: str) -> None:
+    """Raise `NotFiniteError` if the estimate is not finite."""
+    if not isfinite(sum(estimate[:7]) + sum(estimate.covariance.ravel().tolist())):
+        refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
+
+
+def check_reference(reference: Reference, path: str) -> None:
+    """Raise `NotFiniteError` if the reference is not finite."""
+    if not isfinite(sum(reference)):
+        refuse("reference", reference, Reference._fields, f"the path ({path})")
+
+
+def check_command(command: Command, guidance: str) -> None:
+    """Raise `NotFiniteError` if a command is not finite."""
+    if not isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0)):
+        refuse("command", command, Command._fields, f"the guidance law ({guidance})")
+
+
+def check_drive(drive: Drive) -> None:
+    """Raise `NotFiniteError` if a valve's voltage is not finite."""
+    if not isfinite(drive.steer_voltage + drive.pedal_voltage):
+        refuse("drive", drive, Drive._fields, "the low-level loops (steering.loop, speed)")
+
+
+def refuse(name: str, message: NamedTuple, fields: tuple[str, ...], maker: str) -> NoReturn:
+    """Raise the `NotFiniteError` that names the first of these fields that is not finite, and who made it."""
+    for field in fields:
+        value = getattr(message, field)
+        if value is not None and not np.isfinite(value).all():
+            shown = np.ravel(value)
+            raise NotFiniteError(f"{name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
+    raise NotFiniteError(f"{name} is beyond the numbers that a computer has, made by {maker}")
+
+
+def blame(stage: str, error: Exception) -> NoReturn:
+    """Raise an error of arithmetic as a `NotFiniteError` that names the stage; any other as it is."""
+    if isinstance(error, ValueError) and not any(part in str(error) for part in _ARITHMETIC):
+        raise error
+    if isinstance(error, NotFiniteError):
+        raise error
+    raise NotFiniteError(f"{stage} failed: {error}") from error

@@ -1,0 +1,189 @@
+"""A number that is not finite ends the run where it comes from, by name; a bad reading counts as missing."""
+
+import json
+from math import inf, nan
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from agrobot_mj import Simulation, load_scenario, register, run
+from agrobot_mj.control.base import YawCommand, YawController
+from agrobot_mj.core.signals import Drive
+from agrobot_mj.estimation import Ekf
+from agrobot_mj.paths import FigureEight
+from agrobot_mj.plants import BicyclePlant
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.simulation.storage import write_log
+
+SHORT = {"duration_s": 1.5, "plant.kind": "bicycle", "supervisor.enabled": False}
+
+
+class NanSteer(YawController):
+    """A controller that loses its mind in tick 10."""
+
+    kind: Literal["nan_steer"] = "nan_steer"
+
+    def init(self):
+        return 0
+
+    def update(self, state, t, yaw_rate_error, dt, steer_limit):
+        return state + 1, YawCommand(nan if state == 10 else 0.0)
+
+
+register(NanSteer)
+
+
+def spoiled(monkeypatch, owner, method, change, at=10):
+    """Call `change` on what a method returns in its tick `at`."""
+    whole, calls = getattr(owner, method), []
+
+    def wrapped(*arguments, **options):
+        found = whole(*arguments, **options)
+        calls.append(1)
+        return change(found) if len(calls) == at else found
+
+    monkeypatch.setattr(owner, method, wrapped)
+
+
+def second(**fields):
+    """Change the second of two outputs."""
+    return lambda found: (found[0], found[1]._replace(**fields))
+
+
+STAGES = [
+    (BicyclePlant, "truth", lambda truth: truth._replace(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
+    (BicyclePlant, "truth", lambda truth: truth._replace(yaw=inf), "truth.yaw is inf", "bicycle"),
+    (
+        BicyclePlant,
+        "truth",
+        lambda truth: truth._replace(steer_samples=truth.steer_samples * nan),
+        "truth.steer_samples is nan",
+        "bicycle",
+    ),
+    (Ekf, "update", second(yaw=nan), "estimate.yaw is nan", "ekf"),
+    (Ekf, "update", second(yaw_rate=-inf), "estimate.yaw_rate is -inf", "ekf"),
+    (Ekf, "update", second(covariance=np.full((3, 3), nan)), "estimate.covariance is nan", "ekf"),
+    (
+        Ekf,
+        "update",
+        lambda found: (found[0]._replace(pose=found[0].pose * nan), found[1]),
+        "failed: array must not contain infs or NaNs",
+        "ekf",
+    ),
+    (Ekf, "init", lambda state: state._replace(pose_covariance=state.pose_covariance * nan), "", "ekf"),
+    (FigureEight, "at", lambda reference: reference._replace(vx=nan), "reference.vx is nan", "figure_eight"),
+    (FigureEight, "at", lambda reference: reference._replace(x=inf), "reference.x is inf", "figure_eight"),
+]
+
+
+@pytest.mark.parametrize(("owner", "method", "change", "what", "who"), STAGES)
+def test_the_stage_that_makes_it_is_named(monkeypatch, tmp_path, owner, method, change, what, who):
+    scenario = load_scenario("figure_eight", SHORT)
+    spoiled(monkeypatch, owner, method, change, at=1 if method == "init" else 10)
+    log = run(scenario)
+    assert log.outcome == log.metrics["outcome"] == "diverged"
+    assert what in log.metrics["stop_reason"]
+    assert f"({who})" in log.metrics["stop_reason"]
+    assert all(np.isfinite(log.column(name)[1:]).all() for name in ("x", "x_hat", "x_ref", "steer_ref"))
+    write_log(log, tmp_path)
+    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "diverged"
+
+
+@pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
+def test_a_law_that_commands_no_number_is_named(monkeypatch, guidance):
+    scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
+    law = type(scenario.guidance.using(scenario.controller))
+    spoiled(monkeypatch, law, "update", second(steer=nan))
+    assert run(scenario).metrics["stop_reason"] == f"command.steer is nan, made by the guidance law ({guidance})"
+
+
+def test_a_controller_from_outside_that_commands_no_number_is_named():
+    log = run(load_scenario("figure_eight", {**SHORT, "controller.kind": "nan_steer"}))
+    assert (log.outcome, log.rows.filled) == ("diverged", 10)
+    assert "steer nan rad" in log.metrics["stop_reason"]
+    assert "made by the controller (nan_steer)" in log.metrics["stop_reason"]
+
+
+def test_a_voltage_that_is_no_number_is_named(monkeypatch):
+    scenario = load_scenario("figure_eight", SHORT)
+    spoiled(monkeypatch, type(scenario.steering.loop), "update", lambda found: (found[0], nan))
+    assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
+
+
+def test_an_error_of_ones_own_in_a_law_stays_what_it_is(monkeypatch):
+    scenario = load_scenario("figure_eight", SHORT)
+
+    def fails(found):
+        raise ValueError("not enough values to unpack")
+
+    spoiled(monkeypatch, Ekf, "update", fails)
+    with pytest.raises(ValueError, match="not enough values"):
+        run(scenario)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "column"),
+    [
+        ("fix", {"x": nan}, "gnss_x"),
+        ("fix", {"y": 1e12}, "gnss_x"),
+        ("fix", {"vy": inf}, "gnss_x"),
+        ("steer", nan, "steer_measured"),
+        ("pedal", inf, "pedal_measured"),
+    ],
+)
+def test_a_bad_reading_counts_as_missing(monkeypatch, field, value, column):
+    scenario = load_scenario("figure_eight", SHORT)
+    whole = run(scenario)
+
+    def bad(found):
+        state, measured = found
+        return state, measured._replace(**{field: measured.fix._replace(**value) if field == "fix" else value})
+
+    spoiled(monkeypatch, Sensors, "measure", bad)
+    log = run(scenario)
+    assert log.outcome == "completed"
+    assert log.metrics["rejected_readings"] == {field: 1}
+    seen = log.column(column)
+    assert np.isnan(seen[9]) if field == "fix" else seen[9] == seen[8]
+    assert log.column("gnss_quality")[9] == (0 if field == "fix" else 2)
+    for name in ("x", "x_hat", "steer_ref", "pedal_voltage"):
+        np.testing.assert_allclose(log.column(name), whole.column(name), atol=0.1 if name != "pedal_voltage" else 7.0)
+    assert "rejected_readings" not in whole.metrics
+
+
+def test_an_optional_reading_that_fails_is_done_without(monkeypatch):
+    units = {f"sensors.{name}.enabled": True for name in ("gyro", "imu")}
+    keys = {"estimator.yaw_rate_source": "gyro", "estimator.terrain_compensation": True}
+    scenario = load_scenario("figure_eight", SHORT | units | keys)
+    spoiled(monkeypatch, Sensors, "measure", second(gyro=inf, roll=inf, pitch=nan))
+    log = run(scenario)
+    assert log.outcome == "completed"
+    assert log.metrics["rejected_readings"] == {"gyro": 1, "roll": 1}
+    assert np.isfinite(log.column("yaw_rate_hat")).all()
+
+
+def test_a_run_that_diverges_while_it_settles_has_an_empty_row(monkeypatch, tmp_path):
+    scenario = load_scenario("figure_eight", SHORT)
+    monkeypatch.setattr(BicyclePlant, "trouble", lambda plant: "diverged")
+    sim = Simulation(scenario)
+    measured = sim.reset()
+    assert sim.done
+    assert np.isnan(measured.steer)
+    log = run(scenario)
+    assert (log.outcome, log.rows.filled, log.column("t")[0]) == ("diverged", 1, 0.0)
+    assert "(bicycle) diverged while it came to rest" in log.metrics["stop_reason"]
+    write_log(log, tmp_path)
+
+
+def test_a_plant_that_blows_up_says_so(monkeypatch):
+    scenario = load_scenario("figure_eight", SHORT)
+    whole = BicyclePlant.advance
+
+    def advance(plant, drive: Drive, conditions):
+        if plant.ticks == 5:
+            plant.state[0] = nan
+        return whole(plant, drive, conditions)
+
+    monkeypatch.setattr(BicyclePlant, "advance", advance)
+    assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]

@@ -1,0 +1,299 @@
+"""The folder of a run: one writer, one set of files, whatever disks, signals and other processes do."""
+
+import errno
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.recording import Recording
+from agrobot_mj.recording.transport import sink, snapshot
+from agrobot_mj.scenario.overrides import beside
+from agrobot_mj.simulation import storage
+from agrobot_mj.simulation.storage import claimed, write_json, write_log
+from agrobot_mj.studies import compare
+
+FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
+QUICK = ("--no-rrd", "--set", "duration_s=1", "--set", "plant.kind=bicycle", "--out", "out")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """(exit status, stderr) of a command line."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        return leaving.value.code, capsys.readouterr().err
+
+    return run
+
+
+def short(**overrides):
+    return load_scenario("circle", {"duration_s": 1.0, "plant.kind": "bicycle", **overrides})
+
+
+def names(folder="out"):
+    return {path.name for path in Path(folder).iterdir()}
+
+
+# --- one writer ---------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_has_one_writer_at_a_time(call):
+    with claimed(Path("out")):
+        status, err = call("run", "circle", *QUICK)
+    assert (status, names(".")) == (2, set())  # nor does an empty folder stay
+    assert "--out out: another run is writing there" in err
+    assert call("run", "circle", *QUICK)[0] == 0
+
+
+def test_what_a_killed_run_left_half_written_is_cleared_away(call):
+    Path("out").mkdir()
+    for name in (".signals.parquet.1a2b3c4d.part", ".metrics.json.k2x_9abc", ".mine.txt.12345678", "notes.txt"):
+        Path("out", name).write_text("half")
+    assert call("run", "circle", *QUICK)[0] == 0
+    assert names() == FILES | {".mine.txt.12345678", "notes.txt"}
+
+
+def test_a_second_run_that_dies_leaves_no_signals_of_the_first_beside_its_recording():
+    class Dies:
+        def start(self, scenario, scene, rows):
+            raise MemoryError
+
+        def fail(self, error):
+            pass
+
+    write_log(run(short()), Path("out"))
+    with pytest.raises(MemoryError):
+        run(short(seed=2), (Recording(Path("out/run.rrd")), Dies()))
+    assert names() == {"run.rrd"}
+
+
+def test_files_of_another_kind_of_run_do_not_stay_beside_the_new_ones():
+    Path("out").mkdir()
+    for name in ("link.parquet", "identified.json", "run.rrd"):
+        Path("out", name).write_text("old")
+    write_log(run(short()), Path("out"), recorded=False)
+    assert names() == FILES
+
+
+# --- signals ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("times", "status", "files"), [(1, 0, FILES), (2, 130, set())])
+def test_a_signal_while_files_are_written_leaves_all_or_none(call, monkeypatch, times, status, files):
+    whole = pq.write_table
+
+    def interrupted(*arguments, **options):
+        for _ in range(times):
+            os.kill(os.getpid(), signal.SIGTERM)
+        whole(*arguments, **options)
+
+    monkeypatch.setattr(storage.pq, "write_table", interrupted)
+    seen, err = call("run", "circle", *QUICK)
+    assert seen == status
+    assert (names() if Path("out").exists() else set()) == files
+    assert ("stopped" in err) == (status == 130)
+
+
+def test_signals_while_files_are_put_in_place_come_after_that(call, monkeypatch):
+    clear = storage.clear
+
+    def interrupted(*arguments, **options):
+        clear(*arguments, **options)
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(storage, "clear", interrupted)
+    assert call("run", "circle", *QUICK)[0] == 130
+    assert names() == FILES
+
+
+def test_a_comparison_that_is_stopped_says_so(call, monkeypatch):
+    monkeypatch.setattr(compare, "run", lambda *arguments: os.kill(os.getpid(), signal.SIGTERM))
+    status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
+    assert (status, err) == (130, "stopped before its end\n")
+
+
+def test_pictures_that_are_stopped_leave_no_viewer(call, monkeypatch):
+    processes = []
+
+    def stopped(process, port, seconds):
+        processes.append(process)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    Path("run.rrd").write_bytes(b"RRF2")
+    monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(snapshot, "_connected", stopped)
+    assert call("snapshot", "run.rrd")[0] == 130
+    assert processes[0].poll() is not None
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux ends children with their parent when asked")
+def test_a_viewer_ends_with_a_command_that_is_killed():
+    code = (
+        "import os, signal, sys; from agrobot_mj.recording.transport.viewer import started\n"
+        "with started((sys.executable, '-c', 'import time; time.sleep(60)'), os.environ) as viewer:\n"
+        "    print(viewer.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    for _ in range(100):
+        if not alive(int(done.stdout)):
+            break
+        signal.sigtimedwait([], 0.05)
+    assert not alive(int(done.stdout))
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+# --- disks --------------------------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_is_named_with_the_file_and_is_no_bad_input(call, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28]")
+
+    monkeypatch.setattr(storage.pq, "write_table", full)
+    assert call("run", "circle", *QUICK) == (1, f"{Path('out/signals.parquet')}: No space left on device\n")
+    assert not Path("out").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+def test_a_stdout_that_takes_nothing_changes_no_outcome():
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    command = [sys.executable, "-m", "agrobot_mj", "run", "circle", *QUICK]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "stdout: cannot be written: No space left on device\n")
+    assert names() == FILES
+
+
+def test_a_recording_leaves_the_room_of_the_signals(monkeypatch, capsys):
+    room = iter([10**9, 10**9, 1000, 1000, 1000])
+    monkeypatch.setattr(sink.shutil, "disk_usage", lambda path: type("Usage", (), {"free": next(room)}))
+    log = run(short(duration_s=40.0), (Recording(Path("out/run.rrd")),))
+    assert log.outcome == "completed"
+    assert "It ends early, but opens" in capsys.readouterr().err
+
+
+def test_a_link_in_the_place_of_a_recording_is_replaced_and_a_pipe_refused(call):
+    Path("target").write_text("precious")
+    Path("out").mkdir()
+    Path("out/run.rrd").symlink_to("../target")
+    assert call("run", "circle", *QUICK[1:])[0] == 0
+    assert Path("target").read_text() == "precious"
+    assert not Path("out/run.rrd").is_symlink()
+    Path("out/run.rrd").unlink()
+    os.mkfifo("out/run.rrd")
+    status, err = call("run", "circle", *QUICK[1:])
+    assert status == 2
+    assert "out/run.rrd: is not a regular file" in err
+
+
+def test_a_limit_of_file_sizes_below_a_recordings_head_is_told(call, monkeypatch):
+    monkeypatch.setattr(sink.resource, "getrlimit", lambda which: (1000, 1000))
+    status, err = call("run", "circle", *QUICK[1:])
+    assert status == 1
+    assert "run.rrd: no room for a recording" in err
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "run.rrd"])
+def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(call, name):
+    Path("out", name).mkdir(parents=True)
+    Path("out/signals.parquet").write_text("old")
+    status, err = call("run", "circle", *QUICK)
+    assert status == 2
+    assert f"out/{name}: is a folder" in err
+    assert Path("out/signals.parquet").read_text() == "old"
+
+
+def test_a_link_to_nothing_is_no_folder(call):
+    Path("out").symlink_to("nowhere")
+    status, err = call("run", "circle", *QUICK)
+    assert status == 2
+    assert "--out out: is a link to nothing" in err
+
+
+def test_files_have_the_rights_that_the_user_gives_to_new_files():
+    before = os.umask(0o077)
+    try:
+        write_json(Path("a.json"), {})
+        write_log(run(short()), Path("out"))
+    finally:
+        os.umask(before)
+    modes = {stat.S_IMODE(path.stat().st_mode) for path in (Path("a.json"), *Path("out").iterdir())}
+    assert modes == {0o600}
+    assert json.loads(Path("a.json").read_text()) == {}
+
+
+# --- other places -------------------------------------------------------------------------------------------------
+
+OWN = """
+[path]
+kind = "waypoints"
+file = "mine/route.csv"
+speed_m_s = 1.0
+[terrain]
+kind = "heightmap"
+file = "mine/ground.npy"
+"""
+
+
+@pytest.fixture
+def own_files():
+    """A scenario with data files of one's own."""
+    Path("home/mine").mkdir(parents=True)
+    Path("home/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,20\n")
+    np.save("home/mine/ground.npy", np.zeros((101, 101)))
+    Path("home/mine.toml").write_text(OWN)
+    return Path("home/mine.toml")
+
+
+def test_a_results_folder_names_no_place_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
+    assert call("run", own_files, "--set", "duration_s=1", "--out", "out")[0] == 0
+    assert names() == FILES | {"run.rrd", "route.csv", "ground.npy"}
+    for path in Path("out").iterdir():
+        assert str(tmp_path).encode() not in path.read_bytes(), path
+    first = load_scenario("out/scenario.toml")
+    assert first.hash8 == load_scenario(own_files, {"duration_s": 1}).hash8
+    signals = Path("out/signals.parquet").read_bytes()
+    Path("out").rename("moved")
+    Path("home").rename("gone")
+    monkeypatch.chdir("moved")
+    assert call("run", "scenario.toml", "--no-rrd", "--out", "../again")[0] == 0
+    assert Path("../again/signals.parquet").read_bytes() == signals
+
+
+def test_two_data_files_of_one_name_are_told_apart():
+    data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
+    assert beside(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
+    assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
+
+
+def test_the_content_of_a_data_file_decides_not_its_place(own_files):
+    before = load_scenario(own_files).hash8
+    Path("home").rename("elsewhere")
+    assert load_scenario("elsewhere/mine.toml").hash8 == before
+    Path("elsewhere/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,21\n")
+    assert load_scenario("elsewhere/mine.toml").hash8 != before
