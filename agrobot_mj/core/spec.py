@@ -29,6 +29,20 @@ def whole_ticks(seconds: float) -> float:
     return seconds
 
 
+SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
+"""Ends of the cone indices for which a soil is accepted [kPa]. Estimate: the fits are of 200-2000 or so; well below a
+tractor is stuck, and well above the ground is a road."""
+
+
+def cone_index_in_range(kpa: float) -> float:
+    """Return `kpa` unchanged. Raises ValueError for a soil far outside the range of the fits of tyres on soil."""
+    if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
+        fits = "tyres on soil are known"
+        raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, for which {fits}, got {kpa:g}")
+    return kpa
+
+
+ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
 Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
 """Delay of whole ticks [s]."""
 

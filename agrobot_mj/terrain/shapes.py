@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.spec import HUGE, Positive, Scale, Spec
+from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_index_in_range
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
@@ -22,7 +22,7 @@ class Special(Spec):
     kind: str
     friction: Scale = 1.0
     """Scale of the tyres' friction [-]. Wet grass over dry ground about 0.6, estimate."""
-    cone_index_kpa: Positive | None = None
+    cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil; the tyre's own when left out [kPa]."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the cells into which the shape is divided; the smallest of all patches counts [m]."""
@@ -145,6 +145,11 @@ class PicturePatch(Special):
     def _has_both_ends(self) -> "PicturePatch":
         if self.cone_index_kpa is None and self.cone_index_white_kpa is not None:
             raise ValueError("cone_index_white_kpa: needs cone_index_kpa, which holds where the picture is black")
+        if self.cone_index_white_kpa is not None:
+            try:
+                cone_index_in_range(self.cone_index_white_kpa)
+            except ValueError as error:
+                raise ValueError(f"cone_index_white_kpa: {error}") from None
         return self
 
     def bounds(self) -> Bounds:

@@ -7,16 +7,20 @@ compiled for the tick and usable as they stand. A new tyre is one file with both
 `Tyre`.
 """
 
+from math import sqrt
 from typing import Annotated, NamedTuple, Protocol
 
 from pydantic import Field
 
-from agrobot_mj.core.kernels import kernel_method
+from agrobot_mj.core.kernels import kernel, kernel_method
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.tractor import TractorParameters
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
 """Relaxation length over free radius [-]: 1 to 3 for tyres, and the time of a test on the rig goes with it."""
+ADHERES, SLIDES = 1.0, 3.0
+"""Slip over peak over stiffness at which springs would be at the peak, and at which a brush under parabolic pressure
+slides from end to end [-]. [Pacejka2012] chapter 3."""
 
 
 class Footing(NamedTuple):
@@ -32,16 +36,18 @@ class Slip(NamedTuple):
     """State of one tyre on the ground: all that a law needs to know."""
 
     x: float
-    """Longitudinal slip, sliding over rolling speed: negative driving, positive braking [-]."""
+    """Longitudinal slip, sliding speed over `v_roll`: negative driving, positive braking, in forward travel [-]."""
     y: float
-    """Tangent of the slip angle, positive sliding left [-]."""
+    """Lateral slip, positive sliding left; of a wheel that rolls the tangent of its slip angle [-]."""
     load: float
     """Load normal to the ground [N]."""
     deflection: float
     """Vertical deflection [m]."""
     v_roll: float
-    """Rolling speed, not negative [m/s]."""
+    """Speed that the slips refer to, not negative: that of the ground, or half the rim's where that is more [m/s]."""
     footing: Footing
+    travel: float = 1.0
+    """Direction of travel, from 1 ahead through 0 at rest to -1 in reverse [-]."""
 
 
 class TyreForce(NamedTuple):
@@ -57,6 +63,15 @@ class TyreForce(NamedTuple):
     """Share of the grip in use [-]."""
 
 
+class Direction(NamedTuple):
+    """Direction of a slip or force in a tyre's plane."""
+
+    x: float
+    """Forward [-]."""
+    y: float
+    """To the left [-]."""
+
+
 class TyreLaw(Protocol):
     """Coefficients of one tyre as a named tuple of floats, with its force law."""
 
@@ -69,6 +84,36 @@ class TyreLaw(Protocol):
 
 for _step in ("force", "drag"):
     kernel_method(_step)
+
+
+@kernel
+def slip_of_faster(slip: Slip) -> float:
+    """Longitudinal slip over the faster of rim and ground: from 0 rolling to 1, spinning on the spot or locked [-].
+
+    It follows from the deflection of the bristle alone; the motion of the moment only says, by its direction, which of
+    the two is faster, since a force that follows the rim's speed at once lets a driven wheel chatter.
+    """
+    s = abs(slip.x)
+    driving = -slip.travel if slip.x > 0.0 else slip.travel
+    return min(s / (1.0 + max(driving, 0.0) * min(s, 1.0)), 1.0)
+
+
+@kernel
+def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], rho: float, a: float) -> Direction:
+    """Direction of the force under combined slip, as shares of both peaks `D` [N]: m_x^2 + m_y^2 = 1.
+
+    A patch that adheres makes the force of two springs, (K_x slip_x, K_y slip_y) with the slip stiffnesses `K` [N]. One
+    that slides opposes the sliding velocity, for `a` = 0, or takes the most power that the ellipse allows, for `a` = 1
+    (its normal is the sliding direction [Goyal1991]). From one to the other the direction turns between `ADHERES` and
+    `SLIDES` of `rho`, the slip over peak over stiffness.
+    """
+    sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
+    slides = 1.0 + a * ((D[1] / D[0]) ** 2 - 1.0)
+    n_x, n_y = slip.x / D[0], slip.y / D[1] * (K[1] / K[0] + sliding * (slides - K[1] / K[0]))
+    length = sqrt(n_x * n_x + n_y * n_y)
+    if length < 1e-12:
+        return Direction(0.0, 0.0)
+    return Direction(n_x / length, n_y / length)
 
 
 class Structure(NamedTuple):

@@ -8,7 +8,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.tyres.base import Slip, TyreBase
+from agrobot_mj.tyres.base import Slip, TyreBase, slip_of_faster
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -35,6 +35,10 @@ TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
 ROLLING = 0.2
 """Speed over which the carcass' own damping fades: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
+LEAST_SHARE = 0.1
+"""Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
+RESTING = 0.001
+"""Speed below which the reported slip ratio is the deflection of the bristle over its relaxation length [m/s]."""
 STILL = 0.02
 """Speed over which soil resistance and pneumatic trail build up [m/s]."""
 
@@ -85,6 +89,17 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 
 @kernel
+def rut_share(patch: ContactPatch, s: float) -> float:
+    """Share of its resistance that soil has against the rolling of a wheel that is carried sideways [-].
+
+    As the slip `s` over the faster of rim and ground goes to 1 the wheel rolls no rut: the share becomes the squared
+    cosine of its motion with its heading.
+    """
+    ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
+    return ahead / max(ahead + aside * aside, 1e-12)
+
+
+@kernel
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
@@ -111,18 +126,18 @@ def wheel_step(
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
     law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
-    slip = Slip(slip_x, slip_y, load, patch.penetration, v_roll, footing)
-    direction = soft_sign(patch.v_x, STILL)
-    force = law.force(Slip(firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing))
-    push = law.drag(slip, direction)
+    way = soft_sign(patch.v_x, STILL)
+    slip = Slip(slip_x, slip_y, load, patch.penetration, v_roll, footing, way)
+    force = law.force(Slip(firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing, way))
+    push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip)))
     # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up
     bristle[0], bristle[1] = force.held * z_x, force.held * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     loaded = tyres.radius[i] - patch.penetration
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
-    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + direction * aligning(tyres, slip_y, force.y)
+    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + way * aligning(tyres, slip_y, force.y)
     add_wrench(wrench, patch, wheel.axle, (force.x, force.y, load), (push, axle_torque, moment))
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, force.y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
-    report[SLIP_RATIO] = -z_x / sigma_x
+    report[SLIP_RATIO] = -z_x / sigma_x * (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)
     report[FRICTION_USE] = force.used

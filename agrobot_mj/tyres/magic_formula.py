@@ -4,9 +4,11 @@ In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu
 and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
 mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). Zero camber, no ply steer or conicity.
 
-Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves,
-whose forces are shared by the slip's direction. So (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force
-opposes its slip. The lateral slip enters as the angle, s_y = atan(slip_y).
+Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves.
+The force has a direction m in shares of both peaks (`base.force_direction`), which turns from that of the stiffnesses
+to that against the sliding velocity, and the magnitude m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. So
+(F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral slip enters rho as the
+angle, s_y = atan(slip_y).
 """
 
 from math import atan, pi, sin, sqrt, tan
@@ -16,9 +18,9 @@ from pydantic import Field
 from scipy.optimize import brentq
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.spec import Fraction, NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction
 
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
@@ -63,6 +65,8 @@ class MagicLaw(NamedTuple):
     """Lateral curve."""
     rho_peak: float
     """Normalised slip at the nearer peak of both curves [-]."""
+    anisotropy: float
+    """Sliding anisotropy, see `MagicFormula` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
         """Force against the combined slip; the footing's grip scales mu."""
@@ -76,11 +80,15 @@ class MagicLaw(NamedTuple):
         rho = sqrt(n_x * n_x + n_y * n_y)
         if rho < 1e-12:
             return TyreForce(0.0, 0.0, 1.0, 0.0)
-        F_x = -n_x / rho * pure_force(rho * D_x / K_x, D_x, K_x, along.C, along.E)
-        F_y = -n_y / rho * pure_force(rho * D_y / K_y, D_y, K_y, across.C, across.E)
+        m = force_direction(slip, (D_x, D_y), (K_x, K_y), rho, self.anisotropy)
+        used = 0.0
+        if m.x != 0.0:
+            used += m.x * m.x / D_x * pure_force(rho * D_x / K_x, D_x, K_x, along.C, along.E)
+        if m.y != 0.0:
+            used += m.y * m.y / D_y * pure_force(rho * D_y / K_y, D_y, K_y, across.C, across.E)
         # at rest nothing beyond the peak can be held; rolling, the bristle follows the slip past it
         limit = self.rho_peak * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
-        return TyreForce(F_x, F_y, min(1.0, limit / rho), sqrt((F_x / D_x) ** 2 + (F_y / D_y) ** 2))
+        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, min(1.0, limit / rho), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Always 0: firm ground."""
@@ -127,10 +135,10 @@ class AxleTyre(Spec):
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Longitudinal curve, over the slip ratio [-]."""
 
-    def law(self) -> MagicLaw:
+    def law(self, anisotropy: float = 0.0) -> MagicLaw:
         """Coefficients of one tyre."""
         peak = min(self.lateral.peak, self.longitudinal.peak)
-        return MagicLaw(self.reference_load_n, self.longitudinal.law(), self.lateral.law(), peak)
+        return MagicLaw(self.reference_load_n, self.longitudinal.law(), self.lateral.law(), peak, anisotropy)
 
 
 class MagicFormula(TyreBase):
@@ -141,6 +149,9 @@ class MagicFormula(TyreBase):
     """Front tyres; the stiffness gives the bicycle's at the static load."""
     rear: AxleTyre = AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
+    sliding_anisotropy: Fraction = 0.0
+    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
+    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.05
@@ -164,4 +175,4 @@ class MagicFormula(TyreBase):
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
         """Law of one front and one rear tyre."""
-        return self.front.law(), self.rear.law()
+        return self.front.law(self.sliding_anisotropy), self.rear.law(self.sliding_anisotropy)

@@ -10,25 +10,31 @@ CI cone index [Pa].
 
 The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance pushes on
 the wheel's centre, against its motion. The slip s is that of the faster of rim and ground, so that braking mirrors
-driving. Under combined slip the forces are scaled back together to the ellipse of both peaks. Sinking is not modelled.
+driving. Both curves are 1 - exp(-rho): under combined slip rho^2 = (7.5 s)^2 + (B alpha)^2, and the force has a
+direction in shares of both peaks (`base.force_direction`), so that the ellipse of the peaks is never left and a sliding
+tyre pushes against its sliding. Sinking is not modelled.
+
+On ground softer than that of the fits the two part: the lateral peak would grow without bound where there is no
+traction left. Below a number M of `SOFTEST` the lateral force therefore falls in proportion to M, as the soil weakens.
 """
 
 from math import atan, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.core.spec import ConeIndex, Fraction, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
 
-BREAKAWAY_SLIP = 0.4
-"""Slip at which the bristles break away at rest, where 95 % of the grip is used [-]. From the 7.5 above."""
+SATURATED = 3.0
+"""Normalised slip rho at which the bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past it [m/s]. Estimate."""
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
+SOFTEST = 3.0
+"""Lateral mobility number M below which the lateral fit is not followed [-]. Estimate: there B_n is about 8, and a
+driven tyre pulls half of what it does on firm soil; the lateral peak is 0.84."""
 
 
 @kernel
@@ -43,17 +49,11 @@ def lateral_shape(
 ) -> tuple[float, float]:
     """Peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
     M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
+    strength, M = min(M / SOFTEST, 1.0), max(M, SOFTEST)
     if radial > 0.5:
-        return 0.8, (2.79 + 0.16 * M) / 0.8
+        return 0.8 * strength, (2.79 + 0.16 * M) / 0.8
     mu = 0.61 + 0.69 / M
-    return mu, (2.34 + 0.088 * M) / mu
-
-
-@kernel
-def drive_slip(slip_x: float) -> float:
-    """Slip relative to the faster of rim and ground, driving positive [-], from the slip of the bristle (sliding over
-    ground speed)."""
-    return -slip_x / (1.0 - slip_x) if slip_x < 0.0 else -slip_x
+    return mu * strength, (2.34 + 0.088 * M) / mu
 
 
 class SoilLaw(NamedTuple):
@@ -67,6 +67,8 @@ class SoilLaw(NamedTuple):
     """Section height [m]."""
     radial: float
     """Carcass: 1 radial, 0 bias [-]."""
+    anisotropy: float
+    """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
         """Force against the combined slip; the grip scales both peaks and leaves the stiffness at small slip."""
@@ -74,37 +76,36 @@ class SoilLaw(NamedTuple):
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
         mu, B = lateral_shape(self.b, self.d, self.h, self.radial, CI, W, slip.deflection)
-        s, alpha = drive_slip(slip.x), atan(slip.y)
-        n_x = np.sign(s) * (1.0 - exp(-7.5 * abs(s) / grip))
-        n_y = -np.sign(alpha) * (1.0 - exp(-B * abs(alpha) / grip))
-        # back to the ellipse of both peaks, both directions by the same share
-        used = max(1.0, hypot(n_x, n_y))
-        # at rest the bristle breaks away at the slip that uses 95 % of the grip; rolling, it follows the slip past it
-        total = hypot(slip.x, slip.y)
-        limit = BREAKAWAY_SLIP * grip * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
-        n_x, n_y = n_x / used, n_y / used
-        held = 1.0 if total < limit else limit / total
-        return TyreForce(D_x * n_x, mu * grip * W * n_y, held, hypot(n_x, n_y))
+        D_y, s = mu * grip * W, slip_of_faster(slip)
+        rho = hypot(7.5 * s, B * atan(slip.y)) / grip
+        m = force_direction(slip, (D_x, D_y), (7.5 * D_x, B * D_y), rho, self.anisotropy)
+        used = 1.0 - exp(-rho)
+        # at rest the bristle breaks away where the grip is used up; rolling, it follows the slip past it
+        limit = SATURATED * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
+        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, 1.0 if rho < limit else limit / rho, used)
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Motion resistance of the soil, less the tyre's own loss [N]."""
-        s, W = drive_slip(slip.x), slip.load
+        s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
-            return -direction * (W * (0.9 / B_n + 0.0325 - OWN_LOSS + 0.5 * abs(s) / sqrt(B_n)))
-        return -direction * (W * (1.0 / B_n + 0.5 * abs(s) / sqrt(B_n)))
+            return -direction * (W * (0.9 / B_n + 0.0325 - OWN_LOSS + 0.5 * s / sqrt(B_n)))
+        return -direction * (W * (1.0 / B_n + 0.5 * s / sqrt(B_n)))
 
 
 class Soil(TyreBase):
     """Tyres on soil."""
 
     kind: Literal["soil"] = "soil"
-    cone_index_kpa: Positive = 1200.0
+    cone_index_kpa: ConeIndex = 1200.0
     """Cone index CI [kPa]: about 450 tilled, 900 soft, 1200 medium, 1800 firm. Estimate."""
     ply: Literal["bias", "radial"] = "bias"
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate."""
+    sliding_anisotropy: Fraction = 0.0
+    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
+    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     bristle_damping_s: NonNegative = 0.02
@@ -129,4 +130,5 @@ class Soil(TyreBase):
             (tractor.front_wheel_width_m, 2 * tractor.front_wheel_radius_m),
             (tractor.rear_wheel_width_m, 2 * tractor.rear_wheel_radius_m),
         )
-        return SoilLaw(b_f, d_f, share * b_f, radial), SoilLaw(b_r, d_r, share * b_r, radial)
+        a = self.sliding_anisotropy
+        return SoilLaw(b_f, d_f, share * b_f, radial, a), SoilLaw(b_r, d_r, share * b_r, radial, a)

@@ -1,7 +1,7 @@
 """The soil tyre: its book's formulas written out once more, their trends, and combined slip."""
 
 from itertools import product
-from math import atan, exp, hypot, radians, sqrt, tan
+from math import exp, hypot, radians, sqrt, tan
 
 import numpy as np
 import pytest
@@ -118,20 +118,25 @@ def test_combined_slip_stays_inside_the_ellipse_of_both_peaks_and_takes_power():
     for alpha, kappa in product(np.radians([-60, -25, -6, -1, 1, 6, 25, 60]), [-0.9, -0.3, -0.05, 0.05, 0.3, 0.9]):
         fx, fy, *_ = rig.steady(Setting(v, alpha, kappa, W))
         s = kappa / (1 + kappa) if kappa > 0 else kappa
-        gross = fx + W * (1 / B_n + 0.5 * abs(s) / sqrt(B_n))
+        # no rut is rolled sideways: by the slip the resistance counts as the cosine squared of motion and heading
+        gross = fx + W * (1 / B_n + 0.5 * abs(s) / sqrt(B_n)) / (1 + (s * tan(alpha)) ** 2)
         used = hypot(gross / D_x, fy / D_y)
         assert used <= 1 + 1e-9
         assert gross * -kappa * v + fy * v * tan(alpha) < 0
         assert abs(fy) <= abs(lateral(soil, FRONT, W, alpha)) * (1 + 1e-9)
         reached = max(reached, used)
-    assert reached == pytest.approx(1.0, abs=1e-9)
+    assert reached > 0.9995
 
 
-def test_below_the_ellipse_the_directions_do_not_mix():
-    rig = Rig(Soil(), TRACTOR)
-    fx, fy, *_ = rig.steady(Setting(1.0, radians(4), 0.04, 1400.0))
-    assert fx == pytest.approx(longitudinal(Soil(), FRONT, 1400.0, 0.04), rel=1e-9)
-    assert fy == pytest.approx(lateral(Soil(), FRONT, 1400.0, radians(4)), rel=1e-9)
+def test_at_small_combined_slip_each_force_is_that_of_its_own_slip():
+    """Both curves start along their tangents; together they bend as one: by at most the square of the slip."""
+    rig, W = Rig(Soil(), TRACTOR), 1400.0
+    alpha, s = radians(0.2), 0.002
+    fx, fy, *_ = rig.steady(Setting(1.0, alpha, s / (1 - s), W))
+    bend = 7.5 * s + lateral_shape(Soil(), FRONT, W)[1] * alpha
+    rolling = longitudinal(Soil(), FRONT, W, 0.0)
+    assert fx - rolling == pytest.approx(longitudinal(Soil(), FRONT, W, s / (1 - s)) - rolling, rel=bend)
+    assert fy == pytest.approx(lateral(Soil(), FRONT, W, alpha), rel=bend)
 
 
 def test_braking_mirrors_driving_in_the_slip_of_the_faster():
@@ -150,8 +155,8 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip():
     for _ in range(5000):
         wheel_step(tyres, 0, ground, dragged, 0.002, bristle, wrench, report)
         forces.append(report[FORCE_Y])
-    mu, B = lateral_shape(Soil(), FRONT, report[LOAD])
-    grip = mu * report[LOAD] * (1 - exp(-B * atan(0.4)))
+    mu, _ = lateral_shape(Soil(), FRONT, report[LOAD])
+    grip = mu * report[LOAD] * (1 - exp(-3))  # breaks away where 95 % of the grip is used
     assert min(forces) >= -grip * 1.001
     assert np.ptp(forces[3500:]) < 1e-6 * grip
     assert forces[-1] == pytest.approx(-grip, rel=0.05)

@@ -58,9 +58,12 @@ class Wheel:
         carrier = spin - omega * self.axle
         v = velocity + np.cross(carrier, arm)
         load, f_y = report[LOAD], report[FORCE_Y]
-        slip = Slip(-report[SLIP_RATIO], 0.0, load, sunk, abs(float(v @ forward)), self.footing)
-        soil = -float((t.front if i < 2 else t.rear).drag(slip, soft_sign(float(v @ forward), STILL)))
-        f_x, r_e = report[FORCE_X] + soil, t.radius[i] - sunk / 3
+        r_e, rolled = t.radius[i] - sunk / 3, abs(float(v @ forward))
+        referred = max(rolled, abs(omega) * r_e / 2, 1e-9)
+        way = soft_sign(float(v @ forward), STILL)
+        slip = Slip(-report[SLIP_RATIO] * rolled / referred, 0.0, load, sunk, referred, self.footing, way)
+        soil = -float((t.front if i < 2 else t.rear).drag(slip, way))
+        f_x = report[FORCE_X] + soil
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
         rolling = t.rolling_resistance * load * r_e * abs(omega) + soil * (velocity @ forward)
         # The tread turns over the ground with all of the wheel's rotation, also the spin's share when the axle leans.

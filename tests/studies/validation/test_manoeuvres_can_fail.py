@@ -16,6 +16,7 @@ from agrobot_mj.studies.validation import (
     loads,
     parking,
     side_slope,
+    sliding,
     soak,
     steering,
     step_steer,
@@ -23,11 +24,12 @@ from agrobot_mj.studies.validation import (
 )
 from agrobot_mj.studies.validation.base import LEVEL, STOCK, Machine, force_tyres, mujoco_plant
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Contact, Linear
+from agrobot_mj.tyres import Contact, Linear, Soil
 
 SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
 """A tenth too soft."""
 STANDARD = Linear()
+traction = sliding.traction
 
 
 @pytest.fixture(autouse=True)
@@ -47,6 +49,14 @@ def swap(monkeypatch, module, change):
 
 def failures(found):
     return {check.quantity for check in found.checks if not check.passed}
+
+
+def test_sliding_sees_a_force_off_its_line_and_another_traction(monkeypatch):
+    monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil(sliding_anisotropy=1.0)])
+    assert failures(sliding.run(True)) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
+    monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
+    monkeypatch.setattr(sliding, "traction", lambda soil, s: traction(soil, 0.7 * s))
+    assert failures(sliding.run(True)) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
 
 
 def test_parking_sees_contact_creep():
