@@ -29,6 +29,8 @@ def whole_ticks(seconds: float) -> float:
     return seconds
 
 
+CarcassShare = Annotated[float, Field(ge=0, le=2)]
+"""Stiffness of a tyre's carcass over its vertical one [-]."""
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
 """Ends of the cone indices for which a soil is accepted [kPa]. Estimate: the fits are of 200-2000 or so; well below a
 tractor is stuck, and well above the ground is a road."""

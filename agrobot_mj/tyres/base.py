@@ -131,6 +131,8 @@ class Structure(NamedTuple):
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index_pa: float = 0.0
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
+    carcass_share: tuple[float, float] = (0.0, 0.0)
+    """Longitudinal and lateral stiffness of the carcass over the vertical; 0 for that of the relaxation length [-]."""
 
 
 class NativeContact(NamedTuple):

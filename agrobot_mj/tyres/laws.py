@@ -8,7 +8,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.tyres.base import Slip, TyreBase, slip_of_faster
+from agrobot_mj.tyres.base import Footing, Slip, TyreBase, TyreLaw, slip_of_faster
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -37,6 +37,9 @@ ROLLING = 0.2
 """Speed over which the carcass' own damping fades: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
 LEAST_SHARE = 0.1
 """Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
+SMALL, SHORTEST = 1e-4, 0.05
+"""Slip at which a law shows its stiffness [-], and the shortest relaxation length, stable at any step [m]."""
+Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the deflection of the bristle over its relaxation length [m/s]."""
 STILL = 0.02
@@ -55,7 +58,9 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         stiffness=np.array([tractor.front_tyre_stiffness_n_m] * 2 + [tractor.rear_tyre_stiffness_n_m] * 2),
         damping=np.array([tractor.front_tyre_damping_n_s_m] * 2 + [tractor.rear_tyre_damping_n_s_m] * 2),
         relaxation=np.stack([relaxation, relaxation], axis=1),
-        bristle_damping=structure.bristle_damping_s * structure.relaxation_radii / 1.5,
+        carcass_share=structure.carcass_share,
+        bristle_damping=structure.bristle_damping_s
+        * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
         rolling_resistance=structure.rolling_resistance,
         patch_half_length=structure.patch_half_length_m,
         trail=structure.trail_m,
@@ -89,6 +94,23 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 
 @kernel
+def relaxation_lengths(tyres: TyreSet, i: int, law: TyreLaw, load: float, deflection: float, footing: Footing) -> Pair:
+    """Longitudinal and lateral relaxation length [m]: as given, or slip stiffness over carcass stiffness."""
+    sigma_x, sigma_y = tyres.relaxation[i, 0], tyres.relaxation[i, 1]
+    share_x, share_y = tyres.carcass_share
+    if share_x <= 0.0 and share_y <= 0.0:
+        return sigma_x, sigma_y
+    # both stiffnesses of the law at once: at so small a slip the directions do not mix
+    slip = SMALL * tyres.carcass[i, 0]
+    force = law.force(Slip(-slip, -slip, load, deflection, 1.0, footing, 1.0))
+    if share_x > 0.0:
+        sigma_x = max(force.x / SMALL / (share_x * tyres.stiffness[i]), SHORTEST)
+    if share_y > 0.0:
+        sigma_y = max(force.y / SMALL / (share_y * tyres.stiffness[i]), SHORTEST)
+    return sigma_x, sigma_y
+
+
+@kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
     """Share of its resistance that soil has against the rolling of a wheel that is carried sideways [-].
 
@@ -117,15 +139,15 @@ def wheel_step(
     rim = patch.spin * r_e
     # a wheel that spins on the spot renews its bristles too, if only from one side: hence half the rim's speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
-    sigma_x, sigma_y = tyres.relaxation[i, 0], tyres.relaxation[i, 1]
+    footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
+    law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
+    sigma_x, sigma_y = relaxation_lengths(tyres, i, law, load, patch.penetration, footing)
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
     # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
-    law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
     way = soft_sign(patch.v_x, STILL)
     slip = Slip(slip_x, slip_y, load, patch.penetration, v_roll, footing, way)
     force = law.force(Slip(firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing, way))

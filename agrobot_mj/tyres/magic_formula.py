@@ -18,7 +18,7 @@ from pydantic import Field
 from scipy.optimize import brentq
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import Fraction, NonNegative, Positive, Spec
+from agrobot_mj.core.spec import CarcassShare, Fraction, NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction
 
@@ -156,8 +156,14 @@ class MagicFormula(TyreBase):
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
+    carcass_lateral: CarcassShare = 0.0
+    """Lateral over vertical stiffness of the carcass, which then sets the relaxation length; 0 for `relaxation_radii`
+    [-]. Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.0
+    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
+    Estimate."""
     patch_half_length_m: NonNegative = 0.08
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
     trail_m: NonNegative = 0.03
@@ -171,6 +177,7 @@ class MagicFormula(TyreBase):
             self.rolling_resistance,
             self.patch_half_length_m,
             self.trail_m,
+            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
         )
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:

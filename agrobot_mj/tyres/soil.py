@@ -22,7 +22,7 @@ from math import atan, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import ConeIndex, Fraction, NonNegative, Positive
+from agrobot_mj.core.spec import CarcassShare, ConeIndex, Fraction, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
 
@@ -108,8 +108,14 @@ class Soil(TyreBase):
     direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    carcass_lateral: CarcassShare = 0.0
+    """Lateral over vertical stiffness of the carcass, which then sets the relaxation length; 0 for `relaxation_radii`
+    [-]. Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.0
+    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
+    Estimate."""
     patch_half_length_m: NonNegative = 0.08
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
 
@@ -121,6 +127,7 @@ class Soil(TyreBase):
             OWN_LOSS,
             self.patch_half_length_m,
             cone_index_pa=1e3 * self.cone_index_kpa,
+            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
         )
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:

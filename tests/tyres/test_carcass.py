@@ -1,0 +1,66 @@
+"""The carcass: stiffness from its keys, relaxation length from slip stiffness over it, at every load."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tyres import MagicFormula, Soil
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
+
+TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
+REAR, VERTICAL, RADIUS = 2, 1.6e5, 0.42
+KEYS = {"carcass_lateral": 0.45, "carcass_longitudinal": 0.6, "bristle_damping_s": 0.0}
+TYRES = [MagicFormula(**KEYS), Soil(**KEYS)]
+
+
+def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
+    """Forces forward and left after each step of a constant motion, shape (steps, 2) [N]."""
+    tyres = tyre_set(tyre, TRACTOR)
+    tyres.carcass[:, 0], tyres.stiffness[:] = share, tyres.stiffness * share
+    sunk = load / tyres.stiffness[REAR]
+    motion = WheelMotion(
+        (0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v_x, v_y, 0.0), (0.0, rim / (RADIUS - sunk / 3), 0.0)
+    )
+    bristle, wrench, report, out = np.zeros(3), np.zeros(6), np.zeros(6), []
+    for _ in range(steps):
+        wheel_step(tyres, REAR, GROUND, motion, DT, bristle, wrench, report)
+        out.append((report[FORCE_X], report[FORCE_Y]))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize("load", [800.0, 2300.0, 4000.0])
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_at_rest_it_is_a_spring_of_its_share_of_the_vertical_one(tyre, load, share):
+    """A soft tyre loses the same share in all directions."""
+    pushed = forces(tyre, 0.0, 0.01, 0.0, 5, load, share)[-1, 1] / (5 * DT * 0.01)
+    dragged = forces(tyre, 0.0, 0.0, 0.01, 5, load, share)[-1, 0] / (5 * DT * 0.01)
+    assert -pushed == pytest.approx(0.45 * share * VERTICAL, rel=0.02)
+    assert dragged == pytest.approx(0.6 * share * VERTICAL, rel=0.02)
+
+
+@pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
+def test_the_relaxation_length_is_slip_stiffness_over_carcass_stiffness_at_each_load(tyre):
+    slip, v, lengths = 0.003, 1.0, []
+    for load in (800.0, 2300.0, 4000.0):
+        F = forces(tyre, v, slip * v, v, 1500, load)[:, 1]
+        lengths.append(np.argmax(F[-1] * (1 - np.exp(-1)) >= F) * DT * v)
+        assert lengths[-1] == pytest.approx(-F[-1] / slip / (0.45 * VERTICAL), rel=0.05)
+    assert (np.diff(lengths) > 0).all()
+
+
+@pytest.mark.parametrize("kind", [MagicFormula, Soil])
+def test_without_the_keys_it_is_that_of_the_radii(kind):
+    assert tyre_set(kind(), TRACTOR).relaxation[REAR] == pytest.approx((0.63, 0.63))
+    F = forces(kind(bristle_damping_s=0.0), 1.0, 0.003, 1.0, 3000)[:, 1]
+    assert np.argmax(F[-1] * (1 - np.exp(-1)) >= F) * DT == pytest.approx(0.63, rel=0.02)
+
+
+@pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
+def test_the_steady_force_does_not_know_the_carcass(tyre):
+    plain = tyre.model_copy(update={"carcass_lateral": 0.0, "carcass_longitudinal": 0.0})
+    for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
+        stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
+        assert stiff == pytest.approx(soft, abs=0.5)
