@@ -46,7 +46,7 @@ REST_M_S, REST_S = 0.0005, 1.0
 """A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Estimate: longer
 than the period of its modes on the tyres."""
 OFFSET_M, PLACINGS = 0.001, 3
-"""Distance from the path's start from which a settled tractor is placed anew, and how often it is placed [m, -]."""
+"""Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
 DIVERGED_SPEED = 100.0
 """A tractor faster than this has blown up [m/s]. Estimate."""
 
@@ -112,7 +112,7 @@ class MujocoPlant:
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Let the tractor settle under these conditions, so that it stands at rest with its CG above the path's start.
 
-        A tractor sags down a slope on its tyres: it is placed anew uphill of the start by the way that it sagged. One
+        A tractor sags down a slope on its tyres: it is placed again, uphill of the start by the way that it sagged. One
         that does not come to rest, or that has fallen, starts as it is; the first is said on stderr.
         """
         self._apply_conditions(conditions)
