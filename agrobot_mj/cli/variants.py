@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from agrobot_mj.studies.compare_plan import Variant
+    from agrobot_mj.studies.compare_plan import ComparedVariant
 
 LONGEST_NAME = 60
 """Characters of a variant's name."""
@@ -15,14 +15,14 @@ CLOSING = {"[": "]", "{": "}", "(": ")"}
 FORM = '"name: key=value, key=value"'
 
 
-def variants(texts: list[str] | None) -> "list[Variant]":
+def variants(texts: list[str] | None) -> "list[ComparedVariant]":
     """The variants of the command line, in its order. Raises `ScenarioError`."""
     return [_variant(text) for text in texts or []]
 
 
-def _variant(text: str) -> "Variant":
+def _variant(text: str) -> "ComparedVariant":
     from agrobot_mj.scenario.overrides import absolute_paths
-    from agrobot_mj.studies.compare_plan import Variant
+    from agrobot_mj.studies.compare_plan import ComparedVariant
 
     name, colon, rest = text.partition(":")
     name = name.strip()
@@ -38,7 +38,7 @@ def _variant(text: str) -> "Variant":
         given = {key.rpartition(".")[2]: value}
         absolute_paths(given, Path.cwd())
         found[key] = given.popitem()[1]
-    return Variant(name, found)
+    return ComparedVariant(name, found)
 
 
 def _items(text: str, name: str) -> list[str]:

@@ -24,7 +24,7 @@ OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 """Keys that a variant leaves to an option."""
 
 
-class Variant(NamedTuple):
+class ComparedVariant(NamedTuple):
     """A named set of overrides."""
 
     name: str
@@ -67,7 +67,7 @@ class Case(NamedTuple):
         return s.controller.kind if _takes_controller(s) else None
 
 
-class Plan(NamedTuple):
+class ComparisonPlan(NamedTuple):
     """What a comparison will run."""
 
     cases: list[Case]
@@ -79,11 +79,11 @@ def plan(
     scenario: Scenario,
     controllers: Sequence[str] | None = None,
     guidance: Sequence[str] | None = None,
-    variants: Sequence[Variant] = (),
+    variants: Sequence[ComparedVariant] = (),
     plants: Sequence[str] | None = None,
     seeds: int = 1,
     most: int = MOST_RUNS,
-) -> Plan:
+) -> ComparisonPlan:
     """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
 
     Without `plants`, those of `PLANTS` that can run each law; named ones must be able to run all of them.
@@ -104,14 +104,14 @@ def plan(
         for seed in range(first.seed, first.seed + seeds):
             changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
-    return Plan(cases, left_out)
+    return ComparisonPlan(cases, left_out)
 
 
 def competing(
     scenario: Scenario,
     controllers: Sequence[str] | None,
     guidance: Sequence[str] | None,
-    variants: Sequence[Variant],
+    variants: Sequence[ComparedVariant],
 ) -> list[CompetingLaw]:
     """The laws of a comparison. Raises `ScenarioError`."""
     _check_variants(variants)
@@ -197,7 +197,7 @@ def _runs_elsewhere(scenario: Scenario, plants: Sequence[str], failed: str, law:
     return False
 
 
-def _check_variants(variants: Sequence[Variant]) -> None:
+def _check_variants(variants: Sequence[ComparedVariant]) -> None:
     names = [variant.name for variant in variants]
     if repeated := next((name for name in names if names.count(name) > 1), None):
         raise ScenarioError(f"--variant {repeated!r}: is given twice; give each a name of its own")

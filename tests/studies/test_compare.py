@@ -13,7 +13,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.studies import compare as runs
 from agrobot_mj.studies.compare import compare, drawn
-from agrobot_mj.studies.compare_plan import MOST_RUNS, Variant, plan
+from agrobot_mj.studies.compare_plan import MOST_RUNS, ComparedVariant, plan
 
 SHORT = {"duration_s": 1.0, "plant.kind": "bicycle"}
 
@@ -39,7 +39,7 @@ def test_a_text_holds_a_name_and_toml_values():
     assert found.name == "far, wide"
     expected = {"path.points": [[0, 0], [9, 1]], "title": "a, b: c", "seed_x": 1, "tyre": "soil", "t": {"a": [1, 2]}}
     assert found.overrides == expected
-    assert variants(["as it is:"]) == [Variant("as it is", {})]
+    assert variants(["as it is:"]) == [ComparedVariant("as it is", {})]
     assert variants([r'quoted: title="a \", b", x=' + "'c:\\'"])[0].overrides == {"title": 'a ", b', "x": "c:\\"}
 
 
