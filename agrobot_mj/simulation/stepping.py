@@ -160,7 +160,7 @@ class Simulation:
         return self._sensed
 
     def save(self) -> Snapshot:
-        """The state now, from which `restore` goes on to the last bit; costs about a third of a tick."""
+        """The state now, from which `restore` goes on to the last bit; costs less than half a tick."""
         self._now()
         return Snapshot(
             scenario=self.scenario,

@@ -202,6 +202,16 @@ def test_a_run_that_fails_by_itself_terminates_with_its_outcome():
     assert np.isfinite(reward)
 
 
+def test_a_run_that_diverges_terminates_with_numbers_that_can_be_learnt_from():
+    env = FollowPath(privileged=True, **FAST)
+    env.reset(seed=1)
+    env.sim.loop.plant.state[:] = np.nan
+    observed, reward, terminated, truncated, info = env.step(np.zeros(1))
+    assert (terminated, truncated, info["outcome"]) == (True, False, "diverged")
+    assert env.observation_space.contains(observed)
+    assert np.isfinite(reward)
+
+
 def test_an_action_that_is_not_a_number_is_refused_and_so_is_a_step_before_the_reset():
     env = FollowPath(**FAST)
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
@@ -278,7 +288,7 @@ def test_the_module_is_found_by_its_name_and_the_package_does_without():
 def test_without_gymnasium_the_message_names_the_command():
     done = python("import sys; sys.modules['gymnasium'] = None\nimport agrobot_mj.links.gym")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].endswith("agrobot_mj.links.gym needs gymnasium; pip install agrobot-mj[gym]")
+    assert done.stderr.splitlines()[-1].endswith('agrobot_mj.links.gym needs gymnasium; pip install "agrobot-mj[gym]"')
 
 
 DRAW = """

@@ -10,7 +10,7 @@
 try:
     import gymnasium
 except ImportError:
-    raise ImportError("agrobot_mj.links.gym needs gymnasium; pip install agrobot-mj[gym]") from None
+    raise ImportError('agrobot_mj.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
 
 ENV_ID = "agrobot_mj/FollowPath-v0"
 """Name under which `gymnasium.make` finds the environment."""

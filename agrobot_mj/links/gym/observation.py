@@ -114,6 +114,6 @@ def bounds(components: tuple[Observed, ...]) -> Vector:
 
 
 def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
-    """The observation of an instant within its bounds, shape (n,)."""
+    """The observation of an instant within its bounds, shape (n,); 0 for what is not finite, in a run that diverged."""
     values = np.array([part.value(moment) for part in components], dtype=np.float32)
-    return np.clip(values, -highest, highest)
+    return np.clip(np.nan_to_num(values, posinf=0.0, neginf=0.0), -highest, highest)
