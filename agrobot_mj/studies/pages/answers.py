@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 
 
 def validation_page(folder: Path) -> Document:
@@ -14,7 +14,7 @@ def validation_page(folder: Path) -> Document:
     failed = [check for check in judged if not check["passed"]]
     fact = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands"
     page = Document("Validation against theory", [fact, f"{len(checks) - len(judged)} more are reported"])
-    page.section("Where numbers lie in their bands", "0 is the middle of a number's band, 1 and -1 are its ends.")
+    page.section("Where numbers lie in their bands", "0 is the middle of a band with two ends, -1 and 1 are its ends.")
     page.grid([("All judged numbers", _bands(judged))])
     for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
         page.section(manoeuvre.capitalize())
@@ -37,7 +37,8 @@ def _bands(judged: list[dict[str, Any]]) -> Chart:
     shapes = [
         {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot"}} for x in (-1, 1)
     ]
-    return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis={"type": "category"})}
+    data = [trace for trace in data if trace["x"]]
+    return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis=CATEGORIES)}
 
 
 def _place(check: dict[str, Any]) -> float | None:

@@ -19,6 +19,8 @@ from agrobot_mj.simulation.storage import atomic
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of groups, in order."""
 Chart = dict[str, Any]
+CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True}
+"""Axis of names, the first on top, as wide as they are."""
 STYLE = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
@@ -121,12 +123,12 @@ class Document:
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
     """Layout of a chart with these axis titles; room for a legend below."""
-    axis = {"automargin": True, "gridcolor": "#e5e5e5", "zeroline": False, "ticks": "outside", "tickcolor": "#fff"}
+    axis = {"gridcolor": "#e5e5e5", "zeroline": False, "ticks": "outside", "tickcolor": "#fff"}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
     for key, value in more.items():
         own[key] = {**own[key], **value} if key in own else value
     legend = {"orientation": "h", "y": -0.28, "yanchor": "top", "x": 0}
-    common = {"margin": {"l": 10, "r": 10, "t": 10, "b": 10}, "legend": legend, "plot_bgcolor": "#fff"}
+    common = {"margin": {"l": 55, "r": 10, "t": 10, "b": 45}, "legend": legend, "plot_bgcolor": "#fff"}
     return {**common, "font": {"family": "system-ui, sans-serif", "size": 12}, "hovermode": "closest", **own}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 
 MOST_POINTS = 2500
 """Points of a curve; longer signals are thinned out."""
@@ -122,7 +122,7 @@ def comparison_page(folder: Path) -> Document:
     )
     facts_ = [f"scenario {scenario.get('name', folder.name)}", seen, f"agrobot_mj {scenario.get('version', '?')}"]
     page = Document(f"Comparison: {scenario.get('title') or folder.name}", facts_)
-    page.section("Ranking", "Cross-track error, rms over a run: mean over the seeds, and each run as a point.")
+    page.section("Ranking", "Cross-track error, rms over a run. Bars: mean over the seeds; points: runs.")
     page.grid([("Cross-track rms", _ranking(places))])
     head = ("case", "runs", "completed", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]")
     page.table(head, [_summary(name, each) for name, each in places.items()])
@@ -156,7 +156,7 @@ def _summary(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[object, ...]
 def _ranking(places: Mapping[str, list[dict[str, Any]]]) -> Chart:
     """Mean and single runs of each case, best first."""
     values = {name: _numbers(rows, "xte_rms") for name, rows in places.items()}
-    order = sorted((name for name in values if values[name]), key=lambda name: fmean(values[name]), reverse=True)
+    order = sorted((name for name in values if values[name]), key=lambda name: fmean(values[name]))
     bars = {"type": "bar", "orientation": "h", "y": order, "x": [fmean(values[name]) for name in order], "name": "mean"}
     points = [(name, value) for name in order for value in values[name]]
     dots = {
@@ -166,8 +166,9 @@ def _ranking(places: Mapping[str, list[dict[str, Any]]]) -> Chart:
         "x": [v for _, v in points],
         "name": "runs",
     }
+    own = layout("cross-track rms [cm]", "", yaxis=CATEGORIES, showlegend=False)
     colours = {"marker": {"color": COLOURS[5]}}, {"marker": {"color": "#000000", "size": 5}}
-    return {"data": [{**bars, **colours[0]}, {**dots, **colours[1]}], "layout": layout("cross-track rms [cm]", "")}
+    return {"data": [{**bars, **colours[0]}, {**dots, **colours[1]}], "layout": own}
 
 
 def thumbnail(signals: Signals) -> str:

@@ -20,7 +20,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.limit.search import wilson
-from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.sweep.plan import decides
 
@@ -157,8 +157,7 @@ def _add_ranking(page: Document, groups: Sequence[Group]) -> None:
             "arrayminus": [rate - 100 * low for rate, (low, _) in zip(rates, limits, strict=True)],
         },
     }  # fmt: skip
-    best_first: dict[str, Any] = {"autorange": "reversed", "type": "category"}
-    success: Chart = {"data": [bars], "layout": layout("successful runs, 80 % interval [%]", "", yaxis=best_first)}
+    success: Chart = {"data": [bars], "layout": layout("successful runs, 80 % interval [%]", "", yaxis=CATEGORIES)}
     success["layout"]["xaxis"]["range"] = [-3, 103]
     boxes = [
         {"type": "box", "x": g.values.tolist(), "y": [g.name] * len(g.values), "orientation": "h", "name": g.name,
@@ -168,7 +167,7 @@ def _add_ranking(page: Document, groups: Sequence[Group]) -> None:
     ]  # fmt: skip
     charts = [("Success", success)]
     if boxes:
-        charts.append(("Error", {"data": boxes, "layout": layout(LABEL, "", yaxis=best_first)}))
+        charts.append(("Error", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)}))
     page.grid(charts)
     outcomes = sorted({row["outcome"] for g in groups for row in g.rows})
     head = ("group", "runs", "success [%]", "median [cm]", "10 % [cm]", "90 % [cm]", *outcomes)
