@@ -30,7 +30,7 @@ def sweep(
 ) -> None:
     """Run a scenario over axes, draws, seeds and variants.
 
-    Writes sweep.parquet, one row a run. Broken off at any moment, the same command goes on with what is missing.
+    Writes sweep.parquet, one row for each run. Broken off at any moment, the same command goes on with what is missing.
     """
     from agrobot_mj.studies.sweep import SweepOptions
     from agrobot_mj.studies.sweep import sweep as run_sweep

@@ -67,7 +67,7 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Success rate over the key with its interval, a panel a law; where it stops holding is shaded."""
+    """Success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):

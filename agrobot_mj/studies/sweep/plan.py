@@ -49,7 +49,7 @@ class RunPlan(NamedTuple):
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
 
-class Plan:
+class SweepPlan:
     """All runs of a sweep."""
 
     def __init__(self, sweep: Sweep) -> None:

@@ -10,7 +10,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.progress import tally, task
 from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.sweep.cluster import over_dask
-from agrobot_mj.studies.sweep.plan import MAX_RUNS, Plan, base_text
+from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan, base_text
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import Store, merge
 from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
@@ -59,7 +59,7 @@ class SweepSummary(NamedTuple):
 
 def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) -> SweepSummary:
     """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs."""
-    plan, store = Plan(read_sweep(source)), Store(folder)
+    plan, store = SweepPlan(read_sweep(source)), Store(folder)
     _prepare(plan, store, options)
     done = bytearray(plan.total)
     for number in store.finished():
@@ -90,7 +90,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
         return store.write_table(), int(common["runs"])
 
 
-def _prepare(plan: Plan, store: Store, options: SweepOptions) -> None:
+def _prepare(plan: SweepPlan, store: Store, options: SweepOptions) -> None:
     """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
     plan.check_size(options.max_runs)
     if store.begun is not None and not options.fresh:
@@ -108,7 +108,7 @@ def _prepare(plan: Plan, store: Store, options: SweepOptions) -> None:
         store.begin(plan)
 
 
-def _results(plan: Plan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
+def _results(plan: SweepPlan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
     base, name, keep = base_text(plan.sweep.base), plan.sweep.base.name, plan.file.keep
     tasks = (Task(number, base, name, plan.run(number).overrides, keep) for number in todo)
     if not todo:

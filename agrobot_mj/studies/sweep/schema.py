@@ -37,7 +37,7 @@ SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
 """Parts of pydantic's places that no file shows."""
 
 
-class Variant(Spec):
+class SweepVariant(Spec):
     """A named set of overrides."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -71,7 +71,7 @@ class SweepFile(Spec):
     """Whether all combinations and variants get the same draws, as differences between them need."""
     draw_seed: Seed = 1
     """Seed of the draws; those of the runs are `seeds`."""
-    variant: tuple[Variant, ...] = ()
+    variant: tuple[SweepVariant, ...] = ()
     """Named sets of overrides, `[[variant]]`, instead of axes or beside them."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
     """What stays of a run beside its row: nothing, its signals, its recording too, or that of runs that fail only."""
@@ -158,7 +158,7 @@ def read_sweep(source: str | Path) -> Sweep:
 
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
-    """The same sweep, in which files count from the folder of the sweep file."""
+    """A copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
 
     def absolute(key: str, value: Any) -> Any:
         given = {key.rpartition(".")[2]: deepcopy(value)}
@@ -207,7 +207,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
         keys = ["from" if key == "start" else "to" if key == "stop" else key for key in keys if key not in SILENT]
         text = fault(each)
         if kind == "extra_forbidden":
-            known = sorted(Variant.model_fields if keys[0] == "variant" else SweepFile.model_fields)
+            known = sorted(SweepVariant.model_fields if keys[0] == "variant" else SweepFile.model_fields)
             known = {"axes": ["count", "from", "step", "to"], "draws": [*DRAWS, "within"]}.get(str(keys[0]), known)
             text = f"unknown key{suggestion(str(keys[-1]), known)} (known: {', '.join(known)})"
         elif kind == "union_tag_invalid":

@@ -23,7 +23,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import loaded_files
 from agrobot_mj.simulation.storage import atomic, write_json
-from agrobot_mj.studies.sweep.plan import Plan, RunPlan, base_text
+from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan, base_text
 from agrobot_mj.studies.sweep.schema import resolved
 from agrobot_mj.studies.sweep.work import Done
 
@@ -36,7 +36,7 @@ FIRST = ("run", "variant", "seed")
 """Columns before the parameters."""
 
 
-def digests(plan: Plan) -> dict[str, str]:
+def digests(plan: SweepPlan) -> dict[str, str]:
     """What the rows of a sweep depend on, part by part."""
     content = resolved(plan.sweep)
     named = [{_last(key): value} for values in _file_values(content) for key, value in values]
@@ -84,7 +84,7 @@ class Store:
             raise ScenarioError(f"{self.folder / PLAN}: cannot be read; --fresh begins anew") from None
         return content if isinstance(content, dict) else None
 
-    def begin(self, plan: Plan) -> None:
+    def begin(self, plan: SweepPlan) -> None:
         """Write what the rows to come belong to."""
         content = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan), "text": sorted(plan.mixed)}
         for name, table in (("base.toml", explicit_values(plan.sweep.base)), ("sweep.toml", resolved(plan.sweep))):
@@ -100,7 +100,7 @@ class Store:
         for name in (TABLE, PLAN):  # the plan last: until then what is left still belongs to it
             (self.folder / name).unlink(missing_ok=True)
 
-    def changes(self, plan: Plan) -> list[str]:
+    def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""
         there = (self.begun or {}).get("of", {})
         return [part for part, digest in digests(plan).items() if there.get(part) != digest]

@@ -8,7 +8,7 @@ import pytest
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.sweep.plan import Plan
+from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
 
@@ -19,7 +19,7 @@ def plan(tmp_path):
     def read(text):
         file = tmp_path / "mine.toml"
         file.write_text(text, encoding="utf-8")
-        return Plan(read_sweep(file))
+        return SweepPlan(read_sweep(file))
 
     return read
 
@@ -212,7 +212,7 @@ def test_data_files_count_from_the_folder_of_the_sweep(plan, tmp_path):
 
 @pytest.mark.parametrize("name", sweep_files())
 def test_every_sweep_that_comes_with_the_package_can_be_run(name):
-    found = Plan(read_sweep(name))
+    found = SweepPlan(read_sweep(name))
     found.check_size()
     found.check()
     assert found.file.title
