@@ -14,7 +14,8 @@ from agrobot_mj import cli, load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_log
-from agrobot_mj.studies.compare import cases, compare
+from agrobot_mj.studies.compare import compare
+from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.sweep import Again, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
@@ -58,7 +59,9 @@ def folders(tmp_path_factory):
     sweep(top / "mine.toml", top / "sweep", SweepOptions(jobs=1, quiet=True))
     scenario = load_scenario("figure_eight", SHORT)
     write_log(run(scenario), top / "run")
-    compare(cases(scenario, ["pd", "pd_t2fnn"], ["bicycle"], 2), top / "comparison", rrd=False, jobs=1)
+    compare(
+        plan(scenario, ["pd", "pd_t2fnn"], plants=["bicycle"], seeds=2).cases, top / "comparison", rrd=False, jobs=1
+    )
     for name, content in (("validation", CHECKS), ("limit", LIMIT)):
         (top / name).mkdir()
         (top / name / f"{name}.json").write_text(json.dumps(content))

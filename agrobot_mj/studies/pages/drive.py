@@ -112,7 +112,7 @@ def comparison_page(folder: Path) -> Document:
     rows = json.loads((folder / "comparison.json").read_text("utf-8"))
     places: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        places.setdefault(f"{row['plant']}-{row['controller']}", []).append(row)
+        places.setdefault(f"{row['plant']}: {_law(row)}", []).append(row)
     seeds = sorted({row["seed"] for row in rows})
     files = sorted(folder.glob("*/scenario.toml"))
     text = files[0].read_text("utf-8") if files else ""
@@ -127,10 +127,7 @@ def comparison_page(folder: Path) -> Document:
     head = ("case", "runs", "completed", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]")
     page.table(head, [_summary(name, each) for name, each in places.items()])
     for plant in dict.fromkeys(row["plant"] for row in rows):
-        cases = [(row["controller"], folder / f"{plant}-{row['controller']}-s{row['seed']}") for row in rows]
-        chosen = [
-            (name, place) for (name, place), row in zip(cases, rows, strict=True) if _is_first(row, plant, seeds[0])
-        ]
+        chosen = [(_law(row), folder / row["folder"]) for row in rows if _is_first(row, plant, seeds[0])]
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
@@ -138,6 +135,11 @@ def comparison_page(folder: Path) -> Document:
             page.grid([("Map", chart_of_tracks(runs)), ("Lateral error", error)])
     page.code("scenario.toml of the first run", text)
     return page
+
+
+def _law(row: Mapping[str, Any]) -> str:
+    """Name of the law of a row, as its folder has it: plant, law, seed."""
+    return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 
 def _is_first(row: Mapping[str, Any], plant: str, seed: int) -> bool:

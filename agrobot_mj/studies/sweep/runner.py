@@ -2,12 +2,13 @@
 
 import errno
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.progress import tally, task
+from agrobot_mj.simulation.storage import claimed
 from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.sweep.cluster import over_dask
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan, base_text
@@ -60,6 +61,13 @@ class SweepSummary(NamedTuple):
 def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) -> SweepSummary:
     """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs."""
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
+    # Shards may share a folder, since each has runs of its own.
+    with claimed(folder) if options.shard == (1, 1) else nullcontext():
+        return _complete(plan, store, options)
+
+
+def _complete(plan: SweepPlan, store: Store, options: SweepOptions) -> SweepSummary:
+    """Do what is missing of a sweep in its folder."""
     _prepare(plan, store, options)
     done = bytearray(plan.total)
     for number in store.finished():
@@ -79,7 +87,7 @@ def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) ->
             unexpected += not expected
             errors += result.numbers["error"] is not None
             advance(expected)
-    return SweepSummary(folder, plan.total, before, len(todo), unexpected, errors)
+    return SweepSummary(store.folder, plan.total, before, len(todo), unexpected, errors)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:

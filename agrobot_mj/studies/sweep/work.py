@@ -45,7 +45,7 @@ class Done(NamedTuple):
     numbers: dict[str, Any]
     """`outcome`, `expected`, `error` and metrics, `wall_s` and `version` last; ready for JSON."""
     files: dict[str, bytes]
-    """Files to keep, by name."""
+    """Files to keep, by path from the run's folder."""
 
 
 def perform(task: Task) -> Done:
@@ -79,7 +79,13 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         if task.keep == "failures" and log.outcome == scenario.expected_outcome:
             return Done(_numbers(log, scenario), {})
         write_log(log, folder)
-        return Done(_numbers(log, scenario), {file.name: file.read_bytes() for file in sorted(folder.iterdir())})
+        return Done(_numbers(log, scenario), _files(folder))
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """Content of all files below a folder, by relative path."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
 def _recorded(scenario: Scenario, folder: Path) -> Log:

@@ -271,7 +271,7 @@ def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path
     monkeypatch.setattr(store, "write_json", write)
     status, out, err = call(file, "--jobs", 1, "--out", folder)
     text = "No space left on device; 7 finished runs are kept; free some space and start the same command again"
-    assert (status, out, err) == (2, "", f"{folder}: {text}\n")
+    assert (status, out, err) == (1, "", f"{folder}: {text}\n")
     monkeypatch.undo()
     found = run_sweep(file, folder, SweepOptions(jobs=1, quiet=True))
     assert (found.before, found.new) == (7, 9)
