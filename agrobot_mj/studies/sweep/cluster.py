@@ -3,6 +3,7 @@
 Workers need this version of the package, the plugin files at the same paths, and the data files that scenarios name.
 """
 
+import logging
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from functools import partial
@@ -27,6 +28,8 @@ def over_dask(tasks: Iterator[Task], address: str) -> Iterator[tuple[Task, Done]
 
     Raises `ScenarioError` if the scheduler cannot be reached or is lost, or if its workers cannot do the work.
     """
+    # Its own account of a lost scheduler is a traceback; ours is the message below.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
         threads = _workers(client, address)
         function = partial(_perform, plugins=loaded_files())
@@ -37,7 +40,9 @@ def over_dask(tasks: Iterator[Task], address: str) -> Iterator[tuple[Task, Done]
                     raise error
                 yield task, future.result() if error is None else failure(f"{type(error).__name__}: {error}")
         except CancelledError:
-            raise ScenarioError(f"--scheduler {address}: was lost; what is done is kept") from None
+            raise ScenarioError(
+                f"--scheduler {address}: was lost; what is done is kept, the same command goes on with the rest"
+            ) from None
 
 
 def _client(address: str) -> "Client":

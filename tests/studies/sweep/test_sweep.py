@@ -8,14 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
 from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
-from agrobot_mj.studies.sweep import SweepOptions, store, work
+from agrobot_mj.studies.sweep import SweepOptions, cluster, store, work
 from agrobot_mj.studies.sweep import sweep as run_sweep
 
 TEXT = """
@@ -147,6 +150,29 @@ def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tm
     assert (status, out) == (2, "")
     assert err.startswith("--scheduler tcp://127.0.0.1:9: cannot be reached: ")
     assert len(list((tmp_path / "out" / "rows").rglob("*.json"))) == TOTAL // 4
+
+
+def test_a_scheduler_that_is_lost_is_told_and_what_is_done_is_kept(file, tmp_path, call, monkeypatch):
+    """As the executor of Dask does it: work under way is cancelled once the scheduler is gone."""
+
+    class Lost:
+        def submit(self, function, task):
+            future = Future()
+            if task.number < 3:
+                future.set_result(function(task))
+            else:
+                future.cancel()
+                future.set_running_or_notify_cancel()
+            return future
+
+    monkeypatch.setattr(
+        cluster, "_client", lambda address: nullcontext(SimpleNamespace(get_executor=lambda pure: Lost()))
+    )
+    monkeypatch.setattr(cluster, "_workers", lambda client, address: 1)
+    status, out, err = call(file, "--scheduler", "tcp://here:1", "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.startswith("--scheduler tcp://here:1: was lost; what is done is kept")
+    assert 0 < table(tmp_path / "out").num_rows <= 3
 
 
 def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypatch):
