@@ -140,7 +140,10 @@ def report(
     plugins: Plugins = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write report.html for a folder of results: one file that works offline."""
+    """Write report.html for a folder of results.
+
+    One file that works offline, with curves, maps and rankings that can be zoomed.
+    """
     from agrobot_mj.studies.pages import write_report
 
     load_plugins(plugins)
