@@ -1,5 +1,6 @@
 """Base class of all configuration: frozen, strict about unknown keys, finite numbers only."""
 
+import re
 from math import isclose
 from typing import Annotated, Any, get_args
 
@@ -8,6 +9,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from agrobot_mj.core.docstrings import attribute_docstrings
+from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import TICK_S
 
 HUGE = 1e9
@@ -27,6 +29,17 @@ def whole_ticks(seconds: float) -> float:
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
         raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
     return seconds
+
+
+UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that command a terminal or turn a line round: controls, separators, directions, halves of others."""
+
+
+def printable(text: str) -> str:
+    """Return `text` unchanged. Raises ValueError for control characters, which would command a terminal."""
+    if UNPRINTABLE.search(text):
+        raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
+    return text
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0

@@ -13,7 +13,7 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
@@ -21,7 +21,7 @@ from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
-from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.spec import Spec, printable
 from agrobot_mj.core.version import __version__
 from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault, clashes
@@ -54,9 +54,9 @@ class Steering(Spec):
 class Scenario(Spec):
     """One experiment."""
 
-    name: str = ""
+    name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name; the file's own when left out."""
-    title: str = ""
+    title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """One line for lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
@@ -182,7 +182,11 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
     complete(data, Scenario())
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
-        return Scenario.model_validate_json(json.dumps(data, default=str))
+        text = json.dumps(data, default=str, ensure_ascii=False).encode()
+    except ValueError:  # UnicodeEncodeError among them
+        raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
+    try:
+        return Scenario.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
 
