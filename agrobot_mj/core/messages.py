@@ -67,10 +67,10 @@ def fault(error: Mapping[str, Any]) -> str:
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")
-    return template.format(**{**error.get("ctx", {}), "input": Shown(error["input"])})
+    return template.format(**{**error.get("ctx", {}), "input": _Repeated(error["input"])})
 
 
-class Shown:
+class _Repeated:
     """A value as messages show it: not more of it than a line holds."""
 
     def __init__(self, value: Any) -> None:

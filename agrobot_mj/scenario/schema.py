@@ -8,7 +8,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from math import atan, degrees
+from math import atan, degrees, inf
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 
@@ -36,6 +36,8 @@ from agrobot_mj.terrain import Flat, Terrain
 
 LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
+MOST_ASIDE_M_S2 = 8.0
+"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
 """Numbers of steps in a tick that make a step with few decimals."""
 
@@ -64,7 +66,7 @@ class Scenario(Spec):
     """Outcome that the run should have; any other makes the exit status 1."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
-    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
+    duration_s: Annotated[float, Field(ge=TICK_S, le=LONGEST_S)] | None = None
     """Simulated time; the path's own when left out [s]."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
     """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
@@ -214,6 +216,15 @@ def _path_errors(s: Scenario) -> list[str]:
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+    if s.path.speed_m_s > s.driveline.full_speed_m_s:
+        top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
+        found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
+    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths whose speed follows from limits keep to it
+    if (aside := min(s.path.max_curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
+        found.append(
+            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {s.path.max_curvature:.3g} 1/m, needs "
+            f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
+        )
     needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
     if needed >= s.tractor.steer_limit_deg:
         place = s.path.sharpest
