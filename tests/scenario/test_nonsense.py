@@ -85,7 +85,9 @@ def test_a_tractor_behind_a_dead_pedal_is_stuck():
     watch = Watch(plant, still)
     assert {watch.trouble(still, 0.0, asked=0.01) for _ in range(300)} == {None}
     log = run(
-        load_scenario("straight_line", {"duration_s": 20, "driveline.pedal_dead_band_v": 5.99, "plant.kind": "bicycle"})
+        load_scenario(
+            "straight_line", {"duration_s": 20, "driveline.pedal_rate_per_v_s": 1e-9, "plant.kind": "bicycle"}
+        )
     )
     assert log.outcome == "stuck"
 
