@@ -91,6 +91,7 @@ def ros2(
     from agrobot_mj.links.ros2.command import ros2 as run_node
     from agrobot_mj.links.ros2.session import NoProgramError, RosOptions
     from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.storage import claimed
 
     load_plugins(plugins)
     length = {} if duration is None else {"duration_s": duration}
@@ -99,7 +100,7 @@ def ros2(
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)
     try:
-        with stop_on_signals() as stopped:
+        with claimed(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_node(scenario, folder, arguments, watchers, lambda: bool(stopped))
     except NoProgramError as error:
@@ -108,7 +109,7 @@ def ros2(
     if no_rrd:
         (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
     if not quiet:
-        print(f"{scenario.name}: {log.outcome}, {log.metrics['ros2']['requests']} requests, {folder}")
+        say(f"{scenario.name}: {log.outcome}, {log.metrics['ros2']['requests']} requests, {folder}")
     if log.outcome != scenario.expected_outcome:
         print(f"{scenario.name}: ended after {_end(log):.2f} s: {log.outcome}", file=sys.stderr)
         raise typer.Exit(1)

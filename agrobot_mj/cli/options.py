@@ -1,5 +1,6 @@
 """Arguments and options that commands share, and how their texts become values."""
 
+import os
 import re
 import tempfile
 import tomllib
@@ -8,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import scenario_files
 
 
@@ -34,20 +35,36 @@ Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder f
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
+LONGEST_NAME = 150
+"""Characters of a folder's default name."""
 
 
 def overrides(sets: list[str] | None) -> dict[str, Any]:
     """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
-        key, equals, value = text.partition("=")
+        key, equals, value = _utf8(text, "--set").partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"--set {text}: write it as key=value")
+            raise ScenarioError(f"--set {shortened(text)}: write it as key=value")
         try:
-            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+            parsed = tomllib.loads(f"v = {value}")
         except tomllib.TOMLDecodeError:
-            found[key.strip()] = value.strip()
+            parsed = {"v": value.strip()}
+        except (ValueError, RecursionError):
+            raise ScenarioError(f"--set {shortened(text)}: too many digits or brackets") from None
+        if len(parsed) > 1:
+            raise ScenarioError(f"--set {shortened(text)}: holds more than one value; write one --set for each")
+        found[key.strip()] = parsed["v"]
     return found
+
+
+def _utf8(text: str, option: str) -> str:
+    """An argument as text, also where the locale has no such letters. Raises `ScenarioError` for other bytes."""
+    try:
+        return os.fsencode(text).decode("utf-8")
+    except UnicodeError:
+        shown = shortened(ascii(text))
+        raise ScenarioError(f"{option} {shown}: holds bytes that are not UTF-8; write it in UTF-8") from None
 
 
 def load_plugins(plugins: list[Path] | None) -> None:
@@ -79,7 +96,9 @@ def seconds(text: str) -> list[float]:
 
 def results_folder(out: Path | None, default: str) -> Path:
     """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/."""
-    folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")
+    if out is not None:
+        _utf8(str(out), "--out")
+    folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
     if folder.is_symlink() and not folder.exists():

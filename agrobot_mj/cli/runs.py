@@ -33,6 +33,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run one scenario."""
+    from agrobot_mj.scenario.doubts import doubts
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
@@ -43,6 +44,8 @@ def run(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers: list[Watcher] = [] if quiet else [Progress()]
+    for line in [] if quiet else doubts(scenario):
+        print(f"{scenario.name}: {line}", file=sys.stderr)
     if live or not no_rrd:
         from agrobot_mj.recording import Recording
 

@@ -3,9 +3,20 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+LONGEST_LINE, LONGEST_VALUE = 2000, 120
+"""Characters of a line of a message, and of a value or key that it repeats."""
+
+
+def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+    """A text of at most about `most` characters: of a longer one its two ends."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
+
 
 class ScenarioError(ValueError):
     """Input that cannot be run; its text is the whole message for the user."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__("\n".join(shortened(line, LONGEST_LINE) for line in str(text).split("\n")))
 
 
 class CommandError(ValueError):

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from agrobot_mj.core.errors import suggestion
+from agrobot_mj.core.errors import shortened, suggestion
 from agrobot_mj.core.spec import Spec, members
 
 _TEXTS = {
@@ -49,7 +49,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         keys, text = [*keys, "kind"], f"is missing (known: {', '.join(members(field.annotation) if field else ())})"
     elif kind == "union_tag_invalid":
         keys = [*keys, "kind"]
-        tag, expected = str(context.get("tag", "")), str(context.get("expected_tags", ""))
+        tag, expected = shortened(str(context.get("tag", ""))), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
         hint = suggestion(tag, known) or "; if it is a plugin's, give its file as --plugin FILE.py"
         text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
@@ -67,7 +67,20 @@ def fault(error: Mapping[str, Any]) -> str:
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")
-    return template.format(**{**error.get("ctx", {}), "input": error["input"]})
+    return template.format(**{**error.get("ctx", {}), "input": _Repeated(error["input"])})
+
+
+class _Repeated:
+    """A value as messages show it: not more of it than a line holds."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __str__(self) -> str:
+        return shortened(str(self.value))
+
+    def __repr__(self) -> str:
+        return shortened(repr(self.value))
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
@@ -85,7 +98,7 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
             following, tags = tags[step], {}
             continue
         owner = following
-        keys.append(str(step))
+        keys.append(shortened(str(step)))
         data = data.get(step) if isinstance(data, Mapping) else None
         tags = members(owner.model_fields[step].annotation) if owner and step in owner.model_fields else {}
         following = next(iter(tags.values())) if len(tags) == 1 else None

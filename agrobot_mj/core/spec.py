@@ -1,5 +1,6 @@
 """Base class of all configuration: frozen, strict about unknown keys, finite numbers only."""
 
+import re
 from math import isclose
 from typing import Annotated, Any, get_args
 
@@ -8,6 +9,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from agrobot_mj.core.docstrings import attribute_docstrings
+from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import TICK_S
 
 HUGE = 1e9
@@ -19,6 +21,8 @@ Scale = Annotated[float, Field(ge=1e-3, le=10)]
 Spread = Annotated[float, Field(ge=0, le=10)]
 """Standard deviation over the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
+CarcassShare = Annotated[float, Field(ge=0, le=2)]
+"""Stiffness of a tyre's carcass over its vertical one [-]."""
 
 
 def whole_ticks(seconds: float) -> float:
@@ -29,8 +33,17 @@ def whole_ticks(seconds: float) -> float:
     return seconds
 
 
-CarcassShare = Annotated[float, Field(ge=0, le=2)]
-"""Stiffness of a tyre's carcass over its vertical one [-]."""
+UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that command a terminal or turn a line round: controls, separators, directions, halves of others."""
+
+
+def printable(text: str) -> str:
+    """Return `text` unchanged. Raises ValueError for control characters, which would command a terminal."""
+    if UNPRINTABLE.search(text):
+        raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
+    return text
+
+
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
 """Ends of the cone indices for which a soil is accepted [kPa]. Estimate: the fits are of 200-2000 or so; well below a
 tractor is stuck, and well above the ground is a road."""

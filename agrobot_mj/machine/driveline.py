@@ -20,7 +20,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 class Driveline(Spec):
     """Driveline, from the voltage of the pedal valve to the rear wheels."""
 
-    pedal_dead_band_v: NonNegative = 0.30
+    pedal_dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.30
     """Half width of the dead band about neutral [V]. Estimate."""
     pedal_rate_per_v_s: Positive = 0.50
     """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate."""

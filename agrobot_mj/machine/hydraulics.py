@@ -13,7 +13,7 @@ from math import exp, pi
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
@@ -30,9 +30,9 @@ class Valve(Spec):
 
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     """Transport delay, rounded to physics steps [s]. Estimate."""
-    time_constant_s: Positive = 0.10
+    time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
     """Spool lag [s]. Estimate."""
-    dead_band_v: NonNegative = 0.40
+    dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
     """Half width of the dead band about neutral [V]. Estimate (3.3 % of the range per side)."""
     gain_left_l_min_v: Positive = 3.2
     """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate."""
@@ -57,6 +57,12 @@ class Cylinder(Spec):
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Estimate: oil about 2e5, linkage about 7e4."""
     damping_n_m_s_rad: NonNegative = 400.0
     """Damping of linkage and seals [N m s/rad]. Estimate."""
+
+    @model_validator(mode="after")
+    def _rod_inside_the_bore(self) -> "Cylinder":
+        if self.rod_mm >= self.bore_mm:
+            raise ValueError(f"rod_mm: must be below bore_mm ({self.bore_mm:g}), got {self.rod_mm:g}")
+        return self
 
     @property
     def area(self) -> float:

@@ -5,6 +5,7 @@
 """
 
 from math import radians
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -17,15 +18,15 @@ GRAVITY = 9.81
 class TractorParameters(Spec):
     """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`."""
 
-    wheelbase_m: Positive = 1.40
+    wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
     """Wheelbase L, front to rear axle [m]. Estimate."""
-    track_m: Positive = 1.00
+    track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
     """Track width between the wheels' centre planes, both axles [m]. Estimate."""
-    mass_kg: Positive = 750.0
+    mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
     """Mass m of the complete tractor, ready to work [kg]. Estimate (700-800)."""
     front_load_fraction: Fraction = 0.38
     """Static share of weight on the front axle [-]. Published range for tractors 0.35-0.40."""
-    cg_height_m: Positive = 0.55
+    cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
     """Height of the CG above level ground at static load [m]. Estimate."""
     yaw_inertia_kg_m2: Positive = 400.0
     """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Estimate (350-450)."""
@@ -33,13 +34,13 @@ class TractorParameters(Spec):
     """Roll inertia I_x of the complete tractor about its CG [kg m2]. Estimate."""
     pitch_inertia_kg_m2: Positive = 340.0
     """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Estimate."""
-    front_wheel_radius_m: Positive = 0.28
+    front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
     """Free radius of a front wheel [m]. Estimate, 6-12 class tyre."""
-    rear_wheel_radius_m: Positive = 0.42
+    rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
     """Free radius of a rear wheel [m]. Estimate, 9.5-16 class tyre."""
-    front_wheel_width_m: Positive = 0.16
+    front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
     """Section width of a front tyre [m]. Estimate."""
-    rear_wheel_width_m: Positive = 0.24
+    rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
     """Section width of a rear tyre [m]. Estimate."""
     front_wheel_mass_kg: Positive = 18.0
     """Mass of one front wheel with its tyre [kg]. Estimate."""
@@ -53,21 +54,28 @@ class TractorParameters(Spec):
     """Vertical damping of one front tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
     rear_tyre_damping_n_s_m: NonNegative = 1800.0
     """Vertical damping of one rear tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
-    axle_pivot_limit_deg: Positive = 10.0
+    axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops, either way [deg]. Estimate (8-12)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Largest steering angle at the bicycle's virtual wheel, either way [deg]. Paper, section V-B."""
-    antenna_height_m: NonNegative = 2.0
+    antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground, straight above the rear axle [m]. Paper, section V-A."""
-    hitch_behind_m: NonNegative = 0.55
+    hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Estimate (0.45-0.7)."""
-    hitch_height_m: NonNegative = 0.35
+    hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Estimate (0.3-0.45)."""
 
     @model_validator(mode="after")
     def _cg_between_the_axles(self) -> "TractorParameters":
         if not 0.05 <= self.front_load_fraction <= 0.95:
             raise ValueError("front_load_fraction: must lie between 0.05 and 0.95, else an axle carries nothing")
+        return self
+
+    @model_validator(mode="after")
+    def _wheels_beside_each_other(self) -> "TractorParameters":
+        for key in ("front_wheel_width_m", "rear_wheel_width_m"):
+            if (width := getattr(self, key)) >= self.track_m:
+                raise ValueError(f"{key}: must be below track_m ({self.track_m:g}), else wheels overlap, got {width:g}")
         return self
 
     @property

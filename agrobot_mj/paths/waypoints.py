@@ -89,7 +89,7 @@ class Waypoints(Transitions, Timed):
             raise ValueError(f"file: {error}") from None
         if self.closed and np.hypot(*(points[-1] - points[0])[:2]) >= CLOSEST_M:
             points = np.vstack([points, points[:1]])
-        affordable(float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
+        affordable(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
         lap = self._rounded(points) if self.corners == "fillet" else _smooth(points, self.smoothing_m, self.closed)
         return Course(lap.start, *(np.tile(part, self._laps) for part in lap[1:]))
 

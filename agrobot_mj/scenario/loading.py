@@ -8,6 +8,7 @@ from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.scenario.overrides import absolute_paths, override
 from agrobot_mj.scenario.plugins import load_installed
 from agrobot_mj.scenario.schema import Scenario, resolve
@@ -32,7 +33,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
             given = {last: deepcopy(value)}
             absolute_paths(given, FilePath.cwd(), folder)
             override(data, key, given[last], default)
-        data.setdefault("name", path.stem)
+        data.setdefault("name", _name_of(path))
         return resolve(data, path.name)
     except RecursionError:
         raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
@@ -42,10 +43,15 @@ def read_toml(path: FilePath) -> dict[str, Any]:
     """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _name_of(path: FilePath) -> str:
+    """A scenario's name after its file, without what cannot be printed."""
+    return UNPRINTABLE.sub("_", path.stem)[:200]
 
 
 def _find(source: str | FilePath) -> FilePath:

@@ -5,7 +5,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 
@@ -19,6 +19,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     `default` is what `data` says only a part of: a table without a kind is of the default's. Raises `ScenarioError`.
     """
     *tables, last = dotted.split(".")
+    dotted = shortened(dotted)
     if not all([*tables, last]):
         raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
     table: Any = data
@@ -47,7 +48,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value")
-    if int(name) >= len(items):
+    if len(name) > 9 or int(name) >= len(items):
         raise ScenarioError(
             f"--set {dotted}: the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
         )

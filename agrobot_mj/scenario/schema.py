@@ -8,12 +8,12 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from math import atan, degrees
+from math import atan, degrees, inf
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
@@ -21,7 +21,7 @@ from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
-from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.spec import Spec, printable
 from agrobot_mj.core.version import __version__
 from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault, clashes
@@ -36,6 +36,8 @@ from agrobot_mj.terrain import Flat, Terrain
 
 LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
+MOST_ASIDE_M_S2 = 8.0
+"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
 """Numbers of steps in a tick that make a step with few decimals."""
 
@@ -54,9 +56,9 @@ class Steering(Spec):
 class Scenario(Spec):
     """One experiment."""
 
-    name: str = ""
+    name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name; the file's own when left out."""
-    title: str = ""
+    title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """One line for lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
@@ -64,7 +66,7 @@ class Scenario(Spec):
     """Outcome that the run should have; any other makes the exit status 1."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
-    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
+    duration_s: Annotated[float, Field(ge=TICK_S, le=LONGEST_S)] | None = None
     """Simulated time; the path's own when left out [s]."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
     """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
@@ -182,7 +184,11 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
     complete(data, Scenario())
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
-        return Scenario.model_validate_json(json.dumps(data, default=str))
+        text = json.dumps(data, default=str, ensure_ascii=False).encode()
+    except ValueError:  # UnicodeEncodeError among them
+        raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
+    try:
+        return Scenario.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
 
@@ -210,6 +216,15 @@ def _path_errors(s: Scenario) -> list[str]:
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+    if s.path.speed_m_s > s.driveline.full_speed_m_s:
+        top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
+        found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
+    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths whose speed follows from limits keep to it
+    if (aside := min(s.path.max_curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
+        found.append(
+            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {s.path.max_curvature:.3g} 1/m, needs "
+            f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
+        )
     needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
     if needed >= s.tractor.steer_limit_deg:
         place = s.path.sharpest

@@ -21,18 +21,21 @@ class Watch:
     def __init__(self, plant: RunningPlant, start: Truth) -> None:
         self.plant, self.place, self.still_s = plant, (start.x, start.y), 0.0
 
-    def trouble(self, truth: Truth, distance: float) -> str | None:
-        """The outcome that ends the run after this tick, if any; `distance` is that from the reference [m]."""
+    def trouble(self, truth: Truth, distance: float, asked: float = 0.0) -> str | None:
+        """The outcome that ends the run after this tick, if any.
+
+        `distance` is that from the reference [m], `asked` the pedal position that the speed loop asks for [-].
+        """
         found = self.plant.trouble()
         if found is not None:
             return found
         if not distance < LOST_M:
             return "diverged"
-        return "stuck" if self._stuck(truth) else None
+        return "stuck" if self._stuck(truth, max(abs(truth.pedal), abs(asked))) else None
 
-    def _stuck(self, truth: Truth) -> bool:
+    def _stuck(self, truth: Truth, pedal: float) -> bool:
         away = hypot(truth.x - self.place[0], truth.y - self.place[1])
-        if abs(truth.pedal) < STUCK_PEDAL or away > STUCK_M:
+        if pedal < STUCK_PEDAL or away > STUCK_M:
             self.place, self.still_s = (truth.x, truth.y), 0.0
         self.still_s += TICK_S
         return self.still_s > STUCK_S

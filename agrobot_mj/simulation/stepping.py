@@ -123,7 +123,7 @@ class Simulation:
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
         r, t = tick.reference, tick.truth
-        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y)) or ""
+        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y), tick.pedal_ref) or ""
         if self.outcome:
             return
         if loop.stop_reason:

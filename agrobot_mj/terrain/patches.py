@@ -11,6 +11,8 @@ from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, Polygon
 
 MOST_CELLS = 4_000_000
 """Largest number of cells in the grid of properties: 64 MB."""
+MOST_TESTS = 2e8
+"""Largest number of cells of all patches together, each as often as patches lie on it [-]: seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
@@ -28,6 +30,12 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
             f"{_coarse_enough(cell, width, height):g}"
         )
     x, y = low_x + cell * (np.arange(columns) + 0.5), low_y + cell * (np.arange(rows) + 0.5)
+    tests = sum((box[1] - box[0]) * (box[3] - box[2]) for box in boxes) / cell**2
+    if tests > MOST_TESTS:
+        raise ValueError(
+            f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells were to be filled, at most "
+            f"{MOST_TESTS:.2g}; make cell_m larger than {cell:g}, or them fewer"
+        )
     friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))
     for k, (patch, box) in enumerate(zip(patches, boxes, strict=True)):
         window = _window(low_y, box[2:], cell), _window(low_x, box[:2], cell)

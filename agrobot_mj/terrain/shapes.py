@@ -116,12 +116,25 @@ class PolygonPatch(Special):
 
     def covers(self, x: Array, y: Array) -> Mask:
         """Whether a ray to the east crosses an odd number of edges."""
+        if x.ndim == 2 and x.size and (x == x[0]).all() and (y[:, 0] == y.T).all():
+            return self._covers_grid(x[0], y[:, 0])
         inside = np.zeros(x.shape, dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
             if y0 != y1:
                 spans = (y0 <= y) != (y1 <= y)
                 inside ^= spans & (x < x0 + (y - y0) / (y1 - y0) * (x1 - x0))
         return inside
+
+    def _covers_grid(self, x: Array, y: Array) -> Mask:
+        """As `covers` for columns at `x` (n,) and rows at `y` (m,), shape (m, n): each edge is looked at once a row."""
+        crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
+        for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
+            if y0 != y1:
+                rows = np.flatnonzero((y0 <= y) != (y1 <= y))
+                crossed[rows, np.searchsorted(x, x0 + (y[rows] - y0) / (y1 - y0) * (x1 - x0))] ^= True
+        # a crossing east of the first k columns turns these k round
+        odd: Mask = np.logical_xor.accumulate(crossed[:, ::-1], axis=1)[:, ::-1]
+        return odd[:, 1:]
 
 
 class PicturePatch(Special):

@@ -1,0 +1,133 @@
+"""What nobody means is refused with key, value and limit, or told; what takes too long is counted first."""
+
+import sys
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.simulation.outcomes import Watch
+from agrobot_mj.terrain.shapes import PolygonPatch
+
+
+def refused(source="straight_line", **overrides):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(source, {key.replace("__", "."): value for key, value in overrides.items()})
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("steering.cylinder.rod_mm", 100.0, "must be below bore_mm (63), got 100"),
+        ("steering.valve.dead_band_v", 7.0, "must be below 6, got 7.0"),
+        ("steering.valve.time_constant_s", 1e9, "must be at most 10, got 1000000000.0"),
+        ("driveline.pedal_dead_band_v", 7.0, "must be below 6, got 7.0"),
+        ("path.speed_m_s", 5.5, "path.speed_m_s"),
+        ("driveline.full_speed_m_s", 0.1, "path.speed_m_s: must be at most driveline.full_speed_m_s (0.1), got"),
+        ("tractor.rear_wheel_width_m", 50.0, "must be at most 2, got 50.0"),
+        ("tractor.rear_wheel_width_m", 1.5, "must be below track_m (1), else wheels overlap, got 1.5"),
+        ("tractor.track_m", 0.01, "must be at least 0.3, got 0.01"),
+        ("tractor.axle_pivot_limit_deg", 1000.0, "must be at most 45, got 1000.0"),
+        ("tractor.hitch_behind_m", 1e9, "must be at most 10, got 1000000000.0"),
+        ("tractor.antenna_height_m", 1e9, "must be at most 20, got 1000000000.0"),
+        ("tractor.wheelbase_m", 0.05, "must be at least 0.5, got 0.05"),
+        ("duration_s", 1e-300, "must be at least 0.05, got 1e-300"),
+    ],
+)
+def test_it_is_refused_with_key_value_and_limit(key, value, said):
+    text = refused(**{key: value})
+    assert said in text
+    assert key in text or "path." in said
+
+
+def test_a_bend_sharper_than_tyres_hold_is_refused():
+    text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
+    assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
+    assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})
+
+
+@pytest.mark.parametrize(
+    ("window", "said"),
+    [
+        ({"start_s": 5.01, "end_s": 5.02}, "fault[0]: its window, 5.01 to 5.02 s, holds no tick of 0.05 s"),
+        ({"start_s": 10.0}, "fault[0].start_s: 10 s is not before the end of the run, 10 s"),
+        ({"start_s": 9.95}, None),
+        ({"start_s": 5.01, "end_s": 5.06}, None),
+    ],
+)
+def test_a_fault_that_never_acts_is_told(window, said):
+    scenario = load_scenario("circle", {"duration_s": 10.0, "fault": [{"kind": "gnss_loss", **window}]})
+    assert [line.startswith(said) for line in doubts(scenario)] == ([True] if said else [])
+    short = scenario.changed({"plant.kind": "bicycle"})
+    assert bool(run(short).column("faults_active").any()) == (said is None)
+
+
+def test_the_command_tells_doubts_on_stderr(monkeypatch, capsys, tmp_path):
+    fault = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle")
+    arguments = ["run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", ["agrobot-mj", *arguments])
+    with pytest.raises(SystemExit) as leaving:
+        cli.main()
+    assert leaving.value.code == 0
+    assert capsys.readouterr().err == "circle: fault[0].start_s: 60 s is not before the end of the run, 1 s\n"
+
+
+def test_a_tractor_behind_a_dead_pedal_is_stuck():
+    plant = SimpleNamespace(trouble=lambda: None)
+    still = SimpleNamespace(x=0.0, y=0.0, pedal=0.0)
+    watch = Watch(plant, still)
+    assert {watch.trouble(still, 0.0, asked=0.3) for _ in range(300)} == {None, "stuck"}
+    watch = Watch(plant, still)
+    assert {watch.trouble(still, 0.0, asked=0.01) for _ in range(300)} == {None}
+    log = run(
+        load_scenario(
+            "straight_line", {"duration_s": 20, "driveline.pedal_rate_per_v_s": 1e-9, "plant.kind": "bicycle"}
+        )
+    )
+    assert log.outcome == "stuck"
+
+
+# --- what takes too long ------------------------------------------------------------------------------------------
+
+
+def corners(n, seed=1):
+    angles, radii = 2 * np.pi * np.arange(n) / n, np.random.default_rng(seed).uniform(5, 30, n)
+    return [[float(r * np.cos(a)), float(r * np.sin(a))] for a, r in zip(angles, radii, strict=True)]
+
+
+def test_polygons_of_many_corners_are_filled_in_seconds():
+    patches = [{"kind": "polygon", "points": corners(1000, seed), "cell_m": 0.03} for seed in range(4)]
+    began = time.process_time()
+    load_scenario("straight_line", {"terrain.half_size_m": 40.0, "terrain.patch": patches})
+    assert time.process_time() - began < 20  # minutes, when every cell is tested against every edge
+
+
+def test_a_grid_in_a_polygon_is_what_its_points_are():
+    polygon = PolygonPatch(points=tuple(map(tuple, corners(37))))
+    x, y = np.meshgrid(np.linspace(-31, 31, 83), np.linspace(-31, 31, 71))
+    grid, points = polygon.covers(x, y), polygon.covers(x.ravel(), y.ravel())
+    np.testing.assert_array_equal(grid.ravel(), points)
+    assert 0.2 < grid.mean() < 0.6
+
+
+def test_patches_that_lie_on_each_other_a_thousandfold_are_counted_first():
+    patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
+    began = time.process_time()
+    assert "cells were to be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
+    assert time.process_time() - began < 10
+
+
+def test_a_thousand_laps_are_counted_before_they_are_laid(tmp_path):
+    ways = 2 * np.pi * np.arange(200) / 200
+    rows = [f"{1600 * np.cos(a)},{1600 * np.sin(a)}" for a in ways]
+    (tmp_path / "loop.csv").write_text("\n".join(["x_m,y_m", *rows]))
+    path = '[path]\nkind = "waypoints"\nfile = "loop.csv"\nclosed = true\nlaps = 1000\n[terrain]\nhalf_size_m = 2000\n'
+    (tmp_path / "mine.toml").write_text(path)
+    began = time.process_time()
+    assert "km long, at most" in refused(tmp_path / "mine.toml")
+    assert time.process_time() - began < 5

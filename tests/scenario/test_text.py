@@ -1,0 +1,93 @@
+"""Text that nobody means: thousands of digits and brackets, bytes that are no text, names that command a terminal."""
+
+import os
+import subprocess
+import sys
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from agrobot_mj import cli, load_scenario
+from agrobot_mj.cli.options import overrides, results_folder
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation import progress
+
+DIGITS = "9" * 5000
+HEX = "0x" + "f" * 5000
+
+
+def refused(call, *arguments):
+    with pytest.raises(ScenarioError) as error:
+        call(*arguments)
+    assert len(str(error.value)) < 3000
+    return str(error.value)
+
+
+@pytest.mark.parametrize("text", [f"seed={DIGITS}", "seed=" + "[" * 3000, "seed=" + "{a=" * 3000])
+def test_too_many_digits_and_brackets_in_an_override(text):
+    assert "too many digits or brackets" in refused(overrides, [text])
+
+
+def test_more_than_one_value_in_an_override():
+    assert "holds more than one value" in refused(overrides, ["seed=1\nv2=3"])
+
+
+def test_an_item_with_a_number_of_thousands_of_digits():
+    assert "fault" in refused(load_scenario, "gusts", {f"fault.{DIGITS}.start_s": 1})
+
+
+@pytest.mark.parametrize("text", [f"seed = {DIGITS}", f"seed = {HEX}", f"[tractor]\nmass_kg = {HEX}"])
+def test_a_file_with_a_number_of_thousands_of_digits(tmp_path, text):
+    (tmp_path / "many.toml").write_text(text)
+    assert refused(load_scenario, tmp_path / "many.toml").startswith("many.toml: ")
+
+
+def test_bytes_that_are_no_text():
+    assert refused(overrides, [os.fsdecode(b'name="\xff"')]).startswith("--set 'name=")
+    assert "holds bytes that are not UTF-8" in refused(overrides, [os.fsdecode(b"title=\xff")])
+    assert "--out 'o\\udcff': holds bytes" in refused(results_folder, Path(os.fsdecode(b"o\xff")), "x")
+    assert "not UTF-8" in refused(load_scenario, "circle", {"title": "\udcff"})
+    assert overrides(["title=ünï"]) == {"title": "ünï"}
+    assert overrides(["title=ünï".encode().decode("ascii", "surrogateescape")]) == {"title": "ünï"}  # LC_ALL=C
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names of files are bytes on Linux only")
+def test_a_file_whose_name_is_no_text_runs_under_another_name(tmp_path):
+    path = tmp_path / os.fsdecode(b"w\xfcrfel\n.toml")
+    path.write_text("duration_s = 1")
+    assert load_scenario(path).name == "w_rfel_"
+
+
+@pytest.mark.parametrize("key", ["name", "title"])
+@pytest.mark.parametrize("text", ["\x1b]0;pwn\x07", "a\nb", "\u202egnp"])
+def test_a_name_that_commands_a_terminal_is_refused(key, text):
+    assert f"{key}: must be one line of printable characters" in refused(load_scenario, "circle", {key: text})
+    assert load_scenario("circle", {key: "Größe\u00a0[m]"})
+
+
+def test_long_keys_and_values_are_not_repeated_in_full():
+    for changes in ({"x" * 50_000: 1}, {"seed": "y" * 5000}, {"path.kind": "z" * 5000}, {"a." * 20_000 + "b": 1}):
+        assert len(refused(load_scenario, "circle", changes)) < 2500
+    assert "(5002 characters)" in refused(load_scenario, "circle", {"seed": "y" * 5000})
+
+
+@pytest.mark.parametrize("name", ["[/x]", "[link=http://example.com]y[/link]"])
+def test_a_name_is_no_markup(monkeypatch, name):
+    written = StringIO()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("rich.console.Console", lambda **_: Console(file=written, force_terminal=True, width=100))
+    with progress.task(name, 1) as advance:
+        advance()
+    assert name in written.getvalue()
+
+
+def test_a_name_with_umlauts_on_an_ascii_terminal(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2]), "PYTHONIOENCODING": "ascii"}
+    sets = ("name=wüste", "duration_s=1", "plant.kind=bicycle")
+    command = [sys.executable, "-m", "agrobot_mj", "run", "circle", "--no-rrd", "--out", str(tmp_path / "out")]
+    command += [word for text in sets for word in ("--set", text)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "w\\xfcste: completed" in done.stdout
