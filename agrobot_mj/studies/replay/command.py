@@ -16,7 +16,7 @@ from agrobot_mj.studies.replay.driving import By, Driven, drive
 from agrobot_mj.studies.replay.figure import write_figure
 from agrobot_mj.studies.replay.maps import LogMap
 from agrobot_mj.studies.replay.recording import FieldRecording, read_recording
-from agrobot_mj.studies.replay.residuals import metrics, position_errors, start_pose
+from agrobot_mj.studies.replay.residuals import first_metres_end, metrics, position_errors, refined, start_pose
 
 COLUMNS = (
     Column("t", "s", "time since the log's first row"),
@@ -60,7 +60,11 @@ def replay(
     """
     recording = read_recording(source, log_map, scenario.tractor.antenna_height_m).between(start_s, end_s)
     wheelbase, by = scenario.tractor.wheelbase_m, by or ("steer" if recording.steer is not None else "valve")
-    driven = drive(scenario, recording, start_pose(recording, wheelbase), by)
+    pose = start_pose(recording, wheelbase)
+    if recording.position is not None:
+        first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
+        pose = refined(pose, recording, drive(scenario, first, pose, by))
+    driven = drive(scenario, recording, pose, by)
     numbers = {
         "log": recording.name,
         "plant": scenario.plant.kind,

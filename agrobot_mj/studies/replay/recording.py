@@ -38,6 +38,8 @@ LARGEST_FIELD_M = 100e3
 """Largest distance between two fixes [m]: beyond it a fix is none."""
 SMOOTHING_S = 1.0
 """Length of the cubic that differentiates headings and courses [s]."""
+COURSE_S = 2.0
+"""The same of the course, which is a second derivative of noisy positions [s]."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 
@@ -252,14 +254,34 @@ def _derived(heading: Series | None, position: Series | None, speed: Series) -> 
         return _slope(heading), "heading"
     if position is None:
         return None, "none"
-    way = np.diff(position.value, axis=0)
-    t = 0.5 * (position.t[1:] + position.t[:-1])
-    u = np.interp(t, speed.t, speed.value)
-    moving = (np.abs(u) > LEAST_SPEED) & (np.hypot(*way.T) > 0)
-    if moving.sum() < 8:
-        return None, "none"
-    course = np.arctan2(way[moving, 1], way[moving, 0]) + np.where(u[moving] < 0, pi, 0.0)
-    return _slope(Series(t[moving], np.unwrap(course))), "course"
+    found = _curving(position, speed)
+    return found, "course" if found is not None else "none"
+
+
+def _curving(position: Series, speed: Series) -> Series | None:
+    """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
+    spacing = float(np.median(np.diff(position.t)))
+    length = max(7, 2 * round(COURSE_S / spacing / 2) + 1)
+    even = np.arange(position.t[0], position.t[-1], spacing, dtype=np.float64)
+    if len(even) < length:
+        return None
+    places = np.stack([np.interp(even, position.t, each) for each in position.value.T])
+    vx, vy = savgol_filter(places, length, 3, deriv=1, delta=spacing)
+    ax, ay = savgol_filter(places, length, 3, deriv=2, delta=spacing)
+    fast = np.abs(np.interp(even, speed.t, speed.value)) > LEAST_SPEED
+    kept = fast & _known_around(position.t, even)
+    if kept.sum() < 8:
+        return None
+    return Series(even[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
+
+
+def _known_around(t: Array, even: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Whether the samples at `t` before and after a time are less than `SMOOTHING_S` apart."""
+    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
+    known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (
+        t[following] - t[np.maximum(following - 1, 0)] < SMOOTHING_S
+    )
+    return known
 
 
 def _slope(series: Series) -> Series | None:
@@ -270,7 +292,5 @@ def _slope(series: Series) -> Series | None:
     if len(even) < length:
         return None
     slope = savgol_filter(np.interp(even, series.t, series.value), length, 3, deriv=1, delta=spacing)
-    following = np.minimum(np.searchsorted(series.t, even), len(series.t) - 1)
-    apart = series.t[following] - series.t[np.maximum(following - 1, 0)]
-    whole = apart < SMOOTHING_S
+    whole = _known_around(series.t, even)
     return Series(even[whole], slope[whole])

@@ -46,18 +46,42 @@ def rigid(points: Array, onto: Array) -> Rigid:
     return Rigid(turn, onto.mean(axis=0) - at_origin.of(points.mean(axis=0)[None])[0])
 
 
+def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
+    """The start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on slopes."""
+    fixes = _first_metres(recording)
+    if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
+        return pose
+    at = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+    found = rigid(at, fixes.value)
+    x, y = found.of(np.array([pose[:2]]))[0]
+    return float(x), float(y), wrap(pose[2] + found.turn)
+
+
+def first_metres_end(recording: FieldRecording) -> float:
+    """Time at which the first metres are over [s]."""
+    fixes = _first_metres(recording)
+    return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
+
+
+def _first_metres(recording: FieldRecording) -> Series | None:
+    """Positions on the first `START_M` of the way, by the recorded speed; None without positions."""
+    if recording.position is None:
+        return None
+    fixes = recording.position.between(recording.start, recording.end)
+    t = np.arange(recording.start, recording.end, 0.05)
+    way = np.cumsum(np.abs(np.interp(t, recording.speed.t, recording.speed.value))) * 0.05
+    first = np.interp(fixes.t, t, way) <= START_M
+    first[:4] = True
+    return Series(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
+
+
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
     """Pose of R at the recording's start, from its first metres and kinematics; the origin without positions."""
-    if recording.position is None:
+    fixes = _first_metres(recording)
+    if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
     t, yaw, point = kinematic(recording, wheelbase)
-    fixes = recording.position.between(recording.start, recording.end)
-    way = np.cumsum(np.hypot(*np.diff(fixes.value, axis=0, prepend=fixes.value[:1]).T))
-    first = way <= START_M
-    if first.sum() < 4:
-        first[:4] = True
-    at = np.column_stack([np.interp(fixes.t[first], t, each) for each in point.T])
-    found = rigid(at, fixes.value[first])
+    found = rigid(np.column_stack([np.interp(fixes.t, t, each) for each in point.T]), fixes.value)
     psi, (ahead, left, _) = wrap(yaw[0] + found.turn), recording.arm
     x, y = found.of(point[:1])[0]
     east, north = from_heading(psi, ahead, left)
