@@ -92,7 +92,7 @@ class VehicleData(NamedTuple):
     channels: dict[str, Channel]
     """`yaw_rate` and `position`, those that there are."""
     steer_noise: float
-    """White noise of the recorded angle, from what is above the cut-off [rad]."""
+    """White noise of the recorded angle [rad]."""
 
 
 class Noise(NamedTuple):
@@ -138,7 +138,7 @@ def prepare(recording: FieldRecording, chassis: Chassis2) -> VehicleData:
     }
     speed = _smoothed(recording.speed.at(t), CUT_OFF_HZ)
     steer = _smoothed(recording.steer.at(t), PLAY_CUT_OFF_HZ) if recording.steer else np.zeros(len(t))
-    return VehicleData(recording, chassis, t, steer, speed, channels, _white_noise(recording.steer, t, steer))
+    return VehicleData(recording, chassis, t, steer, speed, channels, _white_noise(recording.steer))
 
 
 def _smoothed(values: Array, cut_off: float) -> Array:
@@ -147,16 +147,12 @@ def _smoothed(values: Array, cut_off: float) -> Array:
     return smooth
 
 
-def _white_noise(recorded: Series | None, t: Array, smooth: Array) -> float:
-    """Noise of the recorded angle over all frequencies, from that above the cut-off; by the median, deaf to jumps."""
-    if recorded is None:
+def _white_noise(recorded: Series | None) -> float:
+    """Noise of the recorded angle, from third differences, blind to slow steering; by the median, deaf to jumps."""
+    if recorded is None or len(recorded.t) < 4:
         return 0.0
-    off = recorded.value - np.interp(recorded.t, t, smooth)
-    highest = 0.5 / float(np.median(np.diff(recorded.t)))
-    if highest <= PLAY_CUT_OFF_HZ:
-        return 0.0
-    above = 1.4826 * float(np.median(np.abs(off)))  # of a normal distribution
-    return above * sqrt(highest / (highest - PLAY_CUT_OFF_HZ))
+    off = np.abs(np.diff(recorded.value, 3))
+    return 1.4826 * float(np.median(off)) / sqrt(20.0)  # of a normal distribution; 1 + 9 + 9 + 1 variances
 
 
 def _windows(recording: FieldRecording, series: Series) -> dict[int, Series]:

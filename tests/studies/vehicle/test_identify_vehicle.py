@@ -71,7 +71,7 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
 
 def test_slow_driving_identifies_no_stiffness():
     """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
-    slow = log_of(1, duration=50.0, **HIDDEN, driveline__full_speed_m_s=0.6)
+    slow = log_of(1, duration=50.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
     assert not result.found["rear_cornering_stiffness_n_rad"].identified
     assert "cannot be told apart" in table(result, BICYCLE)
