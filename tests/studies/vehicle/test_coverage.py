@@ -42,4 +42,4 @@ def test_hidden_parameters_are_found():
 def test_truth_is_inside_the_interval_in_nineteen_of_twenty():
     inside = np.sum([np.abs(deviations(seed)[: len(NAMES)]) < 1 for seed in range(20)], axis=0)
     print(dict(zip(NAMES, inside.tolist(), strict=True)))
-    assert inside.sum() >= 0.95 * 20 * len(NAMES)
+    assert inside.min() >= 19

@@ -60,6 +60,18 @@ def test_the_simulators_bicycle_is_found_behind_a_sensor_with_play_offset_and_de
     assert found["front_cornering_stiffness_n_rad"].value == pytest.approx(11e3, rel=0.25)
 
 
+def test_the_mujoco_tractor_on_linear_tyres_has_their_stiffness():
+    """Wheels, roll and load transfer are not in the model, and hardly show at these speeds."""
+    tyres = {"front_cornering_stiffness_n_rad": 6500.0, "rear_cornering_stiffness_n_rad": 14000.0}
+    keys = {f"plant__tyre__{key}": value for key, value in tyres.items()}
+    log = log_of(2, plant__kind="mujoco", plant__tyre__kind="linear", duration=50.0, **keys)
+    result = identify_vehicle(log.signals, None, log.scenario, share=0.8)
+    assert result.geometry == "tangent"
+    for key, each in tyres.items():
+        assert result.found[key].low < 2 * each < result.found[key].high
+        assert result.found[key].value == pytest.approx(2 * each, rel=0.25)
+
+
 def test_no_backlash_is_found_where_there_is_none(hidden):
     result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
     assert not result.found["backlash_deg"].identified
@@ -71,7 +83,7 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
 
 def test_slow_driving_identifies_no_stiffness():
     """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
-    slow = log_of(1, duration=50.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
+    slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
     assert not result.found["rear_cornering_stiffness_n_rad"].identified
     assert "cannot be told apart" in table(result, BICYCLE)
