@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, load_plugins, names, overrides, results_folder
+from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -54,8 +55,8 @@ def replay(
     folder = results_folder(out, f"replay-{log.stem}")
     found = replay_command(source, log_map, scenario, folder, by, start, end)
     if not quiet:
-        print(summary(found))
-        print(folder)
+        say(summary(found))
+        say(folder)
     if found.driven.outcome != "completed":
         print(f"{log.name}: the plant stops at {found.driven.t[-1]:.2f} s: {found.driven.outcome}", file=sys.stderr)
         raise typer.Exit(1)
@@ -85,7 +86,7 @@ def identify(
     if not vehicle:
         from agrobot_mj.studies.identify import identify_command
 
-        print(identify_command(log))
+        say(identify_command(log))
         return
     from agrobot_mj.studies.vehicle import identify_vehicle_command
     from agrobot_mj.studies.vehicle.command import NothingExplainedError
@@ -95,7 +96,7 @@ def identify(
     folder = out if out is not None else (log if log.is_dir() else None)
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
     try:
-        print(identify_vehicle_command(source, log_map, scenario, folder, **options))
+        say(identify_vehicle_command(source, log_map, scenario, folder, **options))
     except NothingExplainedError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None

@@ -67,6 +67,8 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
             shown = ", ".join(known[:SHOWN]) + (", ..." if len(known) > SHOWN else "")
             asked = f" ({why[column]})" if why and column in why else ""
             raise FieldLogError(f"{name}: has no column {column!r}{asked}{suggestion(column, known)} (has: {shown})")
+        if known.count(column) > 1:
+            raise FieldLogError(f"{name}: has more than one column {column!r}; rename all but one")
     table = source if isinstance(source, pa.Table) else None
     rows = table.num_rows if table is not None else _rows(source)
     if rows > MOST_ROWS:
@@ -148,8 +150,6 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 def _csv(path: Path, wanted: list[str]) -> pa.Table:
     names, delimiter = _header(path)
-    if twice := [name for name in wanted if names.count(name) > 1]:
-        raise FieldLogError(f"{path.name}: has more than one column {twice[0]!r}; rename all but one")
     try:
         table = pacsv.read_csv(
             path,

@@ -1,5 +1,6 @@
-"""What `agrobot-mj replay` does: read, drive, compare, write `replay.json`, `replay.parquet`, `replay.png`."""
+"""What `agrobot-mj replay` does: read, drive, compare, write `replay.json`, `.parquet`, `.png` and the scenario."""
 
+import shutil
 from math import degrees, inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -89,8 +90,12 @@ def replay_command(
         pq.write_table(signals(found.recording, found.driven), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)
     write_figure(found.recording, found.driven, folder / "replay.png")
-    with atomic(folder / "scenario.toml") as part:
-        part.write_text(scenario.to_toml(), encoding="utf-8")
+    text, data_files = scenario.portable()
+    with atomic(folder / "replay.toml") as part:
+        part.write_text(text, encoding="utf-8")
+    for name, path in data_files.items():
+        with atomic(folder / name) as part:
+            shutil.copyfile(path, part)
     return found
 
 
