@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli import authoring, links, recordings, runs, studies, sweeps
+from agrobot_mj.cli import authoring, fieldlogs, links, recordings, runs, studies, sweeps
 from agrobot_mj.core.version import __version__
 
 app = typer.Typer(
@@ -18,7 +18,7 @@ for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
     *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, links.link, links.ros2, links.export),
     *(recordings.view, recordings.snapshot),
-    *(studies.rig, studies.identify, studies.validate, studies.tune, sweeps.report),
+    *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
 ):
     app.command(command.__name__.rstrip("_"))(command)
 

@@ -1,4 +1,4 @@
-"""Commands that study a part: tyres on the rig, the valve in a run, the plants against theory."""
+"""Commands that study a part: tyres on the rig, the plants against theory, gains."""
 
 import sys
 from pathlib import Path
@@ -26,18 +26,6 @@ def rig(
     for path in rig_command(tyre, folder):
         if not quiet:
             say(path)
-
-
-def identify(
-    run: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `agrobot-mj run` has written.")],
-) -> None:
-    """Fit the steering valve to a run's signals.
-
-    Prints dead band, gains, rate limit, lag and delay with their uncertainty.
-    """
-    from agrobot_mj.studies.identify import identify_command
-
-    say(identify_command(run))
 
 
 def validate(

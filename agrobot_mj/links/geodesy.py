@@ -1,42 +1,5 @@
-"""Local plane on the Earth: metres east and north of an origin to latitude and longitude, and back.
+"""The local plane that hosts and tractor share, under the name by which the links know it: `core/geodesy.py`."""
 
-Metres per degree are truncated series for the WGS84 ellipsoid: latitude at the origin, longitude at the point's own
-latitude, as guidance programs for farm machines have it. East runs along the parallel, so the plane differs from a
-tangent plane by 24 mm at 500 m east of an origin at 51 degrees north; what matters is that host and tractor agree.
-"""
+from agrobot_mj.core.geodesy import Origin, metres_per_latitude, metres_per_longitude, to_geodetic, to_local
 
-from math import cos, radians
-from typing import NamedTuple
-
-
-class Origin(NamedTuple):
-    """Where x = y = 0 lies on the Earth."""
-
-    latitude: float
-    """North positive [deg]."""
-    longitude: float
-    """East positive [deg]."""
-
-
-def metres_per_latitude(latitude: float) -> float:
-    """Length of a degree of latitude at a latitude [deg] on WGS84 [m/deg]."""
-    phi = radians(latitude)
-    return 111132.92 - 559.82 * cos(2 * phi) + 1.175 * cos(4 * phi) - 0.0023 * cos(6 * phi)
-
-
-def metres_per_longitude(latitude: float) -> float:
-    """Length of a degree of longitude at a latitude [deg] on WGS84 [m/deg]."""
-    phi = radians(latitude)
-    return 111412.84 * cos(phi) - 93.5 * cos(3 * phi) + 0.118 * cos(5 * phi)
-
-
-def to_geodetic(origin: Origin, east: float, north: float) -> tuple[float, float]:
-    """Latitude and longitude [deg] of a point [m]."""
-    latitude = origin.latitude + north / metres_per_latitude(origin.latitude)
-    return latitude, origin.longitude + east / metres_per_longitude(latitude)
-
-
-def to_local(origin: Origin, latitude: float, longitude: float) -> tuple[float, float]:
-    """East and north [m] of a latitude and longitude [deg]."""
-    north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
-    return (longitude - origin.longitude) * metres_per_longitude(latitude), north
+__all__ = ["Origin", "metres_per_latitude", "metres_per_longitude", "to_geodetic", "to_local"]

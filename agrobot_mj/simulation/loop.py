@@ -169,11 +169,14 @@ class Loop:
         )
 
 
-def build_plant(scenario: Scenario) -> RunningPlant:
-    """The running plant of a scenario. Raises `ScenarioError` if its parameters describe no possible tractor."""
+def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
+    """The running plant of a scenario, with `steps` physics steps in a tick (those of the scenario by default).
+
+    Raises `ScenarioError` if its parameters describe no possible tractor.
+    """
     s = scenario
     machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
-    ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, s.steps_per_tick)
+    ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, machine, ground, clock)

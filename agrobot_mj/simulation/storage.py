@@ -28,7 +28,7 @@ except ImportError:  # pragma: no cover - Windows has no such locks: runs are no
 
 RECORDING = "run.rrd"
 """Name of a run's recording."""
-SET = ("metrics.json", "identified.json", "link.parquet", "signals.parquet", "scenario.toml")
+SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", "signals.parquet", "scenario.toml")
 """Files beside the recording that belong to one run; the first is there only if all are."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files."""

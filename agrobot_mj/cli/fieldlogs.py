@@ -1,0 +1,128 @@
+"""Commands on logs, of runs and of real machines: `replay` and `identify`."""
+
+import sys
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, load_plugins, names, overrides, results_folder
+from agrobot_mj.cli.output import say
+from agrobot_mj.core.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from agrobot_mj.scenario.schema import Scenario
+    from agrobot_mj.studies.fieldlog import Source
+    from agrobot_mj.studies.replay import LogMap
+
+MapFile = Annotated[
+    Path | None,
+    typer.Option("--map", metavar="MAP.toml", help="Meaning of the columns; see docs/replay.md. Our own need none."),
+]
+Base = Annotated[
+    str | None,
+    typer.Option("--scenario", metavar="SCENARIO", help="Tractor, plant, tyres, terrain; that beside the log if any."),
+]
+From = Annotated[float, typer.Option("--from", min=0, metavar="S", help="First time of the log that counts [s].")]
+To = Annotated[float, typer.Option("--to", metavar="S", help="Last time of the log that counts [s].")]
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A .parquet or .csv, a link.parquet, or a run's folder.")],
+    map_file: MapFile = None,
+    base: Base = None,
+    sets: Sets = None,
+    plugins: Plugins = None,
+    by: Annotated[
+        Literal["steer", "valve"] | None, typer.Option("--by", help="What steers; the wheel angle if it is there.")
+    ] = None,
+    start: From = 0.0,
+    end: To = inf,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Drive a plant with the steering and speed of a recording.
+
+    Tells how far its yaw rate and position are from the recorded ones; writes replay.json, .parquet and .png.
+    """
+    from agrobot_mj.studies.replay import replay_command
+    from agrobot_mj.studies.replay.command import summary
+
+    load_plugins(plugins)
+    scenario = _scenario(log, base, sets)
+    source, log_map = _source(log, map_file)
+    folder = results_folder(out, f"replay-{log.stem}")
+    found = replay_command(source, log_map, scenario, folder, by, start, end)
+    if not quiet:
+        say(summary(found))
+        say(folder)
+    if found.driven.outcome != "completed":
+        print(f"{log.name}: the plant stops at {found.driven.t[-1]:.2f} s: {found.driven.outcome}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def identify(
+    log: Annotated[Path, typer.Argument(metavar="RUN_DIR|LOG", help="A run's folder; with --vehicle any log.")],
+    vehicle: Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")] = False,
+    map_file: MapFile = None,
+    base: Base = None,
+    sets: Sets = None,
+    fitted: Annotated[
+        str, typer.Option("--fit", help="With --vehicle: what to fit; lag, too, where the steering is quick.")
+    ] = "front,rear,relaxation,offset,delay,backlash",
+    share: Annotated[
+        float, typer.Option(min=0.2, max=0.9, help="With --vehicle: share of the log to fit; the rest judges.")
+    ] = 0.6,
+    start: From = 0.0,
+    end: To = inf,
+    out: Out = None,
+) -> None:
+    """Fit the steering valve to a run's signals, or a vehicle to any log.
+
+    Prints dead band, gains, rate limit, lag and delay with their uncertainty. With --vehicle: cornering stiffness,
+    understeer gradient, relaxation length, steering offset, delay and backlash with 95 % intervals.
+    """
+    if not vehicle:
+        from agrobot_mj.studies.identify import identify_command
+
+        say(identify_command(log))
+        return
+    from agrobot_mj.studies.vehicle import identify_vehicle_command
+    from agrobot_mj.studies.vehicle.command import NothingExplainedError
+
+    scenario = _scenario(log, base, sets)
+    source, log_map = _source(log, map_file)
+    folder = out if out is not None else (log if log.is_dir() else None)
+    options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
+    try:
+        say(identify_vehicle_command(source, log_map, scenario, folder, **options))
+    except NothingExplainedError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(1) from None
+
+
+def _scenario(log: Path, base: str | None, sets: list[str] | None) -> "Scenario":
+    """The scenario named, or that beside the log, or the defaults on level ground; with overrides."""
+    from agrobot_mj.scenario.loading import load_scenario
+
+    beside = (log if log.is_dir() else log.parent) / "scenario.toml"
+    if base is None and beside.is_file() and (log.is_dir() or log.name in ("signals.parquet", "link.parquet")):
+        return load_scenario(beside, overrides(sets))
+    return load_scenario(base or "straight_line", overrides(sets))
+
+
+def _source(log: Path, map_file: Path | None) -> "tuple[Source, LogMap | None]":
+    """The log and its map; a link's record is decoded."""
+    from agrobot_mj.links.agopengps.fieldlog import is_link_record, link_log
+    from agrobot_mj.studies.fieldlog import column_names
+    from agrobot_mj.studies.replay import read_map
+
+    if log.is_dir():
+        if not (log / "signals.parquet").is_file():
+            raise ScenarioError(f"{log}: has no signals.parquet; name a log, or the folder of a run")
+        log = log / "signals.parquet"
+    log_map = read_map(map_file) if map_file is not None else None
+    if log_map is None and is_link_record(column_names(log)):
+        return link_log(log), None
+    return log, log_map

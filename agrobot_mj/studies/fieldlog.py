@@ -1,0 +1,206 @@
+"""Columns of a log from outside, Parquet or CSV, read as finite-or-NaN floats or refused by name.
+
+A file that somebody recorded may hold anything: text, lists, milliseconds, a clock that runs backwards, a hundred
+million rows. Sizes are asked before anything is read, only the columns asked for are read, one by one, and whatever is
+wrong is a `ScenarioError` that names the file, the column and what to do.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.signals import Array
+
+MOST_ROWS = 5_000_000
+"""Rows of a log that are read: three days at 20 Hz."""
+MOST_CSV_BYTES = 1_000_000_000
+"""Size of a CSV file that is read [bytes]."""
+MOST_HEADER_BYTES = 1_000_000
+"""Length of a CSV file's first line [bytes]."""
+SHOWN = 24
+"""Names of columns that a message lists."""
+LONGEST_STEP_S = 5.0
+"""Median step of time beyond which the unit cannot be the second [s]: slower logs say nothing about dynamics."""
+LATEST_STEP_S = 1e-5
+"""Median step of time below which the unit cannot be the second [s]."""
+
+
+class FieldLogError(ScenarioError):
+    """A log that cannot be used; its text names the file and the column."""
+
+
+Source: TypeAlias = Path | pa.Table
+"""A log: a Parquet or CSV file, or a table in memory."""
+
+
+def column_names(source: Source) -> list[str]:
+    """Names of the columns of a log, without reading it. Raises `FieldLogError` for a file that is none."""
+    if isinstance(source, pa.Table):
+        return [str(name) for name in source.column_names]
+    if not source.is_file():
+        raise FieldLogError(
+            f"{source}: {'is a folder' if source.is_dir() else 'no such file'}; name a .parquet or .csv"
+        )
+    if source.suffix.lower() == ".parquet":
+        return [str(name) for name in _metadata(source).names]
+    if source.suffix.lower() == ".csv":
+        return _header(source)[0]
+    raise FieldLogError(f"{source.name}: unknown type {source.suffix!r}; convert it to .parquet or .csv")
+
+
+def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
+    """Columns of a log as floats, shape (n,) each, NaN where a cell is empty; times of the clock in their seconds.
+
+    `why` names the key that asks for a column, for the message. Raises `FieldLogError` for a file that cannot be read,
+    a missing column, one that holds no numbers, and more than `MOST_ROWS` rows.
+    """
+    name, known = _name(source), column_names(source)
+    for column in wanted:
+        if column not in known:
+            shown = ", ".join(known[:SHOWN]) + (", ..." if len(known) > SHOWN else "")
+            asked = f" ({why[column]})" if why and column in why else ""
+            raise FieldLogError(f"{name}: has no column {column!r}{asked}{suggestion(column, known)} (has: {shown})")
+        if known.count(column) > 1:
+            raise FieldLogError(f"{name}: has more than one column {column!r}; rename all but one")
+    table = source if isinstance(source, pa.Table) else None
+    rows = table.num_rows if table is not None else _rows(source)
+    if rows > MOST_ROWS:
+        raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
+    wanted = list(dict.fromkeys(wanted))
+    if table is None and isinstance(source, Path) and source.suffix.lower() == ".csv":
+        table = _csv(source, wanted)
+    return {c: _floats(name, c, table[c] if table is not None else _page(source, c)) for c in wanted}
+
+
+def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
+    """Raise `FieldLogError` unless `t` (n,) [s] is finite, increases, and can be seconds.
+
+    `unit_key` is the key that would mend a wrong unit.
+    """
+    where = f"{name}: {column!r}"
+    if len(t) < 2:
+        raise FieldLogError(f"{where} has {len(t)} rows; a log needs more")
+    if not np.isfinite(t).all():
+        row = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise FieldLogError(f"{where} has no number in row {row + 1}; drop the rows without a time")
+    steps = np.diff(t)
+    if not steps.any():
+        raise FieldLogError(f"{where} is constant; name the column of the time")
+    if (steps <= 0).any():
+        row = int(np.flatnonzero(steps <= 0)[0])
+        what = "stands still" if steps[row] == 0 else "runs backwards"
+        raise FieldLogError(f"{where} {what} at row {row + 2}; sort the rows by time and drop repeated ones")
+    step = float(np.median(steps))
+    if step > LONGEST_STEP_S or step < LATEST_STEP_S:
+        looks = "milliseconds" if step > LONGEST_STEP_S else "some other unit"
+        fix = f'; set {unit_key}, e.g. "ms"' if unit_key else "; convert it to seconds"
+        raise FieldLogError(f"{where} steps by {step:.3g} s, which looks like {looks}{fix}")
+
+
+def _name(source: Source) -> str:
+    return source.name if isinstance(source, Path) else "log"
+
+
+def _metadata(path: Path) -> pa.Schema:
+    try:
+        return pq.read_schema(path)
+    except (pa.ArrowException, OSError) as error:
+        raise FieldLogError(f"{path.name}: is no Parquet file: {_first_line(error)}") from None
+
+
+def _rows(path: Path) -> int:
+    """Number of rows that a Parquet file declares; of a CSV file none can be known, its size is checked instead."""
+    if path.suffix.lower() == ".parquet":
+        return int(pq.read_metadata(path).num_rows)
+    size = path.stat().st_size
+    if size > MOST_CSV_BYTES:
+        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {MOST_CSV_BYTES / 1e6:g}; cut it")
+    return 0
+
+
+def _page(path: Path, column: str) -> pa.ChunkedArray:
+    try:
+        return pq.read_table(path, columns=[column])[column]
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        raise FieldLogError(
+            f"{path.name}: {column!r} cannot be read: {_first_line(error)}; the file is damaged, export it again"
+        ) from None
+
+
+def _header(path: Path) -> tuple[list[str], str]:
+    """Names in the first line of a CSV file, and its delimiter: of comma, semicolon and tab the most frequent."""
+    with path.open("rb") as stream:
+        line = stream.readline(MOST_HEADER_BYTES)
+    try:
+        text = line.decode("utf-8-sig").strip("\r\n")
+    except UnicodeDecodeError:
+        raise FieldLogError(f"{path.name}: is no text in UTF-8; save it as UTF-8") from None
+    if not text.strip():
+        raise FieldLogError(f"{path.name}: has no first line with the names of its columns; add one")
+    delimiter = max(",;\t", key=text.count)
+    return [name.strip().strip('"') for name in text.split(delimiter)], delimiter
+
+
+def _csv(path: Path, wanted: list[str]) -> pa.Table:
+    names, delimiter = _header(path)
+    try:
+        table = pacsv.read_csv(
+            path,
+            read_options=pacsv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
+            parse_options=pacsv.ParseOptions(delimiter=delimiter),
+            convert_options=pacsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True),
+        )
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise FieldLogError(
+            f"{path.name}: cannot be read as CSV: {_first_line(error)}; mend or drop that row"
+        ) from None
+    if table.num_rows > MOST_ROWS:
+        raise FieldLogError(f"{path.name}: has {table.num_rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it")
+    return table
+
+
+def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
+    """Cells as floats. Raises `FieldLogError` for what is no number."""
+    kind = cells.type
+    if pa.types.is_dictionary(kind):
+        cells, kind = cells.cast(kind.value_type), kind.value_type
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
+        per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[kind.unit]
+        ticks = cells.cast(pa.int64())
+        first = next((v for v in (c.as_py() for c in ticks[:1])), None) or 0
+        return _numpy(ticks, first) / per_second
+    if pa.types.is_null(kind):
+        raise FieldLogError(f"{name}: {column!r} is empty in every row; name another column")
+    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
+        raise FieldLogError(f"{name}: {column!r} holds {_described(kind, cells)}")
+    values = _numpy(cells.cast(pa.float64()), 0)
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
+    """A writable copy less `origin`, so that nanoseconds since 1970 keep their digits."""
+    if origin:
+        return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
+    return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
+    """What a column that is no number holds, and what to do."""
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        sample = next((v for v in cells.slice(0, 1000).to_pylist() if v), "")
+        if re.fullmatch(r"[+-]?\d+,\d+", sample):
+            return f"decimal commas ({sample!r}); write them as points, with ; between the columns or not"
+        return f"text ({sample[:20]!r}), not numbers; export it as numbers or name another column"
+    return f"{kind}, not numbers; export one number a row or name another column"
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]

@@ -1,0 +1,243 @@
+"""What the columns of a recording mean: `map.toml`, its schema, and the maps that come with the package.
+
+A map names columns and says their units, signs, offsets and delays; what it maps to is SI, radians, left positive, ENU.
+A delay is the age of the value in a row: how much earlier than the row's time it was true.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.messages import explain
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.scenario.loading import read_toml
+
+Delay = Annotated[float, Field(ge=-5, le=5)]
+"""Age of a value [s]; negative for values that the logger dates too early."""
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
+Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+class TimeColumn(Spec):
+    """Time of a row; its zero may be anywhere."""
+
+    column: Name
+    """Name of the column; a clock's date and time is understood, too."""
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    """Unit of the numbers."""
+
+
+class SteerColumn(Spec):
+    """Angle of the front wheels, as that of the bicycle's one front wheel."""
+
+    column: Name
+    """Name of the column."""
+    unit: Literal["deg", "rad"] = "deg"
+    """Unit of the numbers."""
+    positive: Literal["left", "right"] = "left"
+    """Direction that the numbers count positive."""
+    offset: Factor = 0.0
+    """Reading with the wheels straight ahead [in the column's unit]."""
+    scale: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """True angle over the reading [-]."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+    averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Length of time over which the sensor averages a value [s]; half of it belongs into `delay_s`."""
+
+
+class ValveColumn(Spec):
+    """Voltage of the steering valve, or what stands for it, e.g. a PWM count."""
+
+    column: Name
+    """Name of the column."""
+    volts_per_unit: Factor = 1.0
+    """Volts of the simulator's valve (0-12 V) per unit of the column; negative where the column counts right [V]."""
+    neutral: Factor = 6.0
+    """Reading at which the valve is shut [in the column's unit]."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+
+class SpeedColumn(Spec):
+    """Speed along the heading, negative in reverse."""
+
+    column: Name
+    """Name of the column."""
+    unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
+    """Unit of the numbers."""
+    of: Literal["ground", "wheel"] = "ground"
+    """Over ground (GNSS, radar), or of the driven wheels, which slip."""
+    scale: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """True speed over the reading [-]."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+
+class YawRateColumn(Spec):
+    """Yaw rate from a gyro."""
+
+    column: Name
+    """Name of the column."""
+    unit: Literal["deg/s", "rad/s"] = "deg/s"
+    """Unit of the numbers."""
+    positive: Literal["left", "right"] = "left"
+    """Direction of turning that the numbers count positive."""
+    offset: Factor = 0.0
+    """Reading when not turning [in the column's unit]."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+
+class HeadingColumn(Spec):
+    """Heading of the body: two antennas or an inertial unit, not the course over ground."""
+
+    column: Name
+    """Name of the column."""
+    unit: Literal["deg", "rad"] = "deg"
+    """Unit of the numbers."""
+    convention: Literal["compass", "enu"] = "compass"
+    """From north clockwise, or from east counter-clockwise."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+
+class PositionColumns(Spec):
+    """Position of a point of the tractor: latitude and longitude, or east and north."""
+
+    latitude: Name | None = None
+    """Column of the latitude, north positive [deg]."""
+    longitude: Name | None = None
+    """Column of the longitude, east positive [deg]."""
+    origin_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    """Latitude of x = y = 0; None is the first fix [deg]."""
+    origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    """Longitude of x = y = 0; None is the first fix [deg]."""
+    east: Name | None = None
+    """Column of the way east [m]."""
+    north: Name | None = None
+    """Column of the way north [m]."""
+    origin_east_m: Metres = 0.0
+    """Reading of `east` at x = 0 [m]."""
+    origin_north_m: Metres = 0.0
+    """Reading of `north` at y = 0 [m]."""
+    ahead_m: Metres = 0.0
+    """Distance of the point ahead of the rear axle [m]."""
+    left_m: Metres = 0.0
+    """Distance of the point to the left of the tractor's middle [m]."""
+    up_m: Metres | None = None
+    """Height of the point above level ground; None is the scenario's antenna height [m]."""
+    quality: Name | None = None
+    """Column of the quality of the solution."""
+    accepted: tuple[int, ...] = (4,)
+    """Qualities of rows that count, where there is such a column: 4 is RTK fixed in GGA."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+    @model_validator(mode="after")
+    def _one_pair(self) -> "PositionColumns":
+        geodetic, local = (self.latitude, self.longitude), (self.east, self.north)
+        if (None in geodetic) == (None in local) or (any(geodetic) and any(local)):
+            raise ValueError("latitude: name latitude and longitude, or east and north")
+        if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
+            raise ValueError("origin_lat_deg: give origin_lat_deg and origin_lon_deg, or neither")
+        return self
+
+
+class LogMap(Spec):
+    """Meaning of the columns of a recording."""
+
+    title: str = ""
+    """What was recorded."""
+    time: TimeColumn
+    """Time of a row."""
+    speed: SpeedColumn
+    """Speed along the heading."""
+    steer: SteerColumn | None = None
+    """Wheel angle."""
+    valve: ValveColumn | None = None
+    """Steering valve."""
+    yaw_rate: YawRateColumn | None = None
+    """Gyro; without one the yaw rate is taken from the heading, or from the course."""
+    heading: HeadingColumn | None = None
+    """Heading of the body."""
+    position: PositionColumns | None = None
+    """Position of a point."""
+
+    @model_validator(mode="after")
+    def _says_enough(self) -> "LogMap":
+        if self.steer is None and self.valve is None:
+            raise ValueError("steer: is missing; name the column of the wheel angle here, or of the voltage in [valve]")
+        if self.yaw_rate is None and self.heading is None and self.position is None:
+            raise ValueError("yaw_rate: name what to compare with: [yaw_rate], [heading] or [position]")
+        return self
+
+
+SIGNALS_MAP = LogMap(
+    title="signals of a run, truth left out",
+    time=TimeColumn(column="t"),
+    steer=SteerColumn(column="steer_measured", unit="rad", delay_s=0.025, averaged_s=0.05),
+    valve=ValveColumn(column="valve_voltage"),
+    speed=SpeedColumn(column="speed_hat"),
+    position=PositionColumns(east="gnss_x", north="gnss_y", quality="gnss_quality", accepted=(2,)),
+)
+"""Our own `signals.parquet`: what the sensors said, the estimated speed, and the voltage that the valve got."""
+GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
+"""The same of a run with a gyro."""
+AGOPENGPS_MAP = LogMap(
+    title="CSV in the units and signs of the AgOpenGPS family",
+    time=TimeColumn(column="time_s"),
+    steer=SteerColumn(column="steer_angle_deg", positive="right"),
+    speed=SpeedColumn(column="speed_km_h", unit="km/h"),
+    position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
+)
+"""Columns that docs/replay.md asks for: angles right positive, km/h, quality as in GGA."""
+LINK_MAP = LogMap(
+    title="datagrams of a link",
+    time=TimeColumn(column="t"),
+    steer=SteerColumn(column="steer", unit="rad"),
+    speed=SpeedColumn(column="speed"),
+    position=PositionColumns(latitude="latitude", longitude="longitude", quality="quality"),
+)
+"""What the link's boards told the host, decoded; one antenna without an inertial unit."""
+LINK_HEADING_MAP = LINK_MAP.model_copy(
+    update={"heading": HeadingColumn(column="yaw", unit="rad", convention="enu")},
+)
+"""The same with two antennas or an inertial unit."""
+BUILT_IN = (GYRO_MAP, SIGNALS_MAP, LINK_HEADING_MAP, LINK_MAP, AGOPENGPS_MAP)
+"""Maps that are tried in this order on a log that comes without one."""
+
+
+def read_map(path: Path) -> LogMap:
+    """The map in a TOML file. Raises `ScenarioError` with every fault of the file."""
+    data = read_toml(path)
+    try:
+        # as JSON, because strict validation takes lists for tuples only there
+        return LogMap.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ScenarioError(explain(error, path.name, data, LogMap)) from None
+
+
+def built_in(names: Sequence[str], log: str) -> LogMap:
+    """The first map of `BUILT_IN` whose columns are all there. Raises `ScenarioError` where none fits."""
+    for each in BUILT_IN:
+        if set(named_columns(each)) <= set(names):
+            return each
+    raise ScenarioError(f"{log}: its columns are none that we know; say what they mean with --map map.toml")
+
+
+def named_columns(log_map: LogMap) -> dict[str, str]:
+    """Columns that a map names, with the key that does."""
+    found = {}
+    for part, spec in log_map:
+        if not isinstance(spec, Spec):
+            continue
+        for key in ("column", "latitude", "longitude", "east", "north", "quality"):
+            if column := getattr(spec, key, None):
+                found[column] = f"{part}.{key}"
+    return found

@@ -1,0 +1,155 @@
+"""The model of the fit: a linear bicycle with relaxed slip, driven by recorded steering and speed.
+
+Written for itself, so that a mistake of the plants is none of the fit's. State x = (v, r, a_f, a_r): lateral speed of
+the CG, yaw rate, and the slips that the tyres have built up. With w the lateral speed of a wheel across its own plane
+and V its rolling speed,
+
+    sigma a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
+    sigma a_r' = w_r - |u| a_r,   w_r = v - l_r r,
+    m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r,
+
+which holds at standstill and in reverse, too. For small angles cos d = 1 and sin d = d, as the paper's bicycle has it.
+A step is the L-stable SDIRK2 [Hairer1996], since slips settle within u dt / sigma, however short sigma is.
+The steering goes through play of width b (the wheels follow when it is taken up) and a first-order lag before it acts.
+"""
+
+from math import cos, exp, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+
+STEP_S = 0.01
+"""Longest step of the model [s]: with SDIRK2 the yaw rate is right to 1e-4 of itself at 1 Hz."""
+GAMMA = 1.0 - 0.5 * 2.0**0.5
+"""Coefficient of SDIRK2 that makes it L-stable [-]."""
+SHORTEST_RELAXATION_M = 1e-4
+"""Relaxation length below which a tyre counts as stiff [m]."""
+
+
+class Chassis2(NamedTuple):
+    """What is known of the vehicle, SI."""
+
+    mass: float
+    """Mass [kg]."""
+    inertia: float
+    """Yaw inertia [kg m2]."""
+    l_f: float
+    """Distance of the front axle ahead of the CG [m]."""
+    l_r: float
+    """Distance of the rear axle behind the CG [m]."""
+    small_angles: bool
+    """Whether the steering angle is taken as small, as the paper's bicycle does."""
+
+
+class Lateral(NamedTuple):
+    """What the fit looks for, SI."""
+
+    C_f: float
+    """Cornering stiffness of the front axle [N/rad]."""
+    C_r: float
+    """Cornering stiffness of the rear axle [N/rad]."""
+    sigma: float
+    """Relaxation length of both axles [m]."""
+
+
+class LateralMotion(NamedTuple):
+    """Motion of the model at every step, each of shape (n,)."""
+
+    yaw_rate: Array
+    """Yaw rate [rad/s]."""
+    yaw: Array
+    """Heading from that of the first step [rad]."""
+    rear_x: Array
+    """R along the first heading [m]."""
+    rear_y: Array
+    """R to the left of it [m]."""
+
+
+def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
+    """Angle of the wheels behind play of width `backlash` [rad] and a lag [s], from the steering at steps `dt` [s]."""
+    angle = np.empty_like(steer)
+    take_up(steer, 0.5 * max(backlash, 0.0), exp(-dt / lag) if lag > 1e-4 else 0.0, angle)
+    return angle
+
+
+@kernel
+def take_up(steer: Array, half: float, keep: float, angle: Array) -> None:
+    """Play of half width `half`, then a lag that keeps the share `keep` in a step, into `angle` (n,)."""
+    followed = steer[0]
+    lagged = steer[0]
+    for k in range(steer.shape[0]):
+        followed = min(max(followed, steer[k] - half), steer[k] + half)
+        lagged = followed + keep * (lagged - followed)
+        angle[k] = lagged
+
+
+def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
+    """Motion under speed `u` [m/s] and wheel angle `delta` [rad], both (n,) at steps `dt` [s], from steady rolling."""
+    out = np.zeros((4, len(u)))
+    advance(chassis, tyres, u, delta, dt, out)
+    return LateralMotion(*out)
+
+
+@kernel
+def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
+    """All steps; writes yaw rate, yaw, and R into `out` (4, n)."""
+    m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
+    C_f, C_r, sigma = tyres.C_f, tyres.C_r, max(tyres.sigma, SHORTEST_RELAXATION_M)
+    L = l_f + l_r
+    r = u[0] * delta[0] / L
+    v = l_r * r
+    a_f, a_r = 0.0, 0.0
+    psi, x, y = 0.0, 0.0, 0.0
+    h = GAMMA * dt
+    for k in range(u.shape[0]):
+        out[0, k], out[1, k], out[2, k], out[3, k] = r, psi, x, y
+        if k + 1 == u.shape[0]:
+            break
+        r0, psi0 = r, psi
+        side0 = v - l_r * r
+        kv1, kr1, kf1, kb1 = 0.0, 0.0, 0.0, 0.0
+        vs, rs, fs, bs = v, r, a_f, a_r
+        for stage in range(2):
+            # state so far plus what the first stage adds, and inputs at the stage's time: gamma dt, then dt
+            share = GAMMA if stage == 0 else 1.0
+            U = u[k] + share * (u[k + 1] - u[k])
+            d = delta[k] + share * (delta[k + 1] - delta[k])
+            c, s = (1.0, d) if chassis.small_angles else (cos(d), sin(d))
+            V = abs(U)
+            if stage == 1:
+                w = (1.0 - GAMMA) * dt
+                vs, rs, fs, bs = v + w * kv1, r + w * kr1, a_f + w * kf1, a_r + w * kb1
+            # implicit: a_f = (sigma fs + h w_f) / (sigma + h V_f), linear in v and r; then 2 x 2 for v and r
+            g_f, g_r = 1.0 / (sigma + h * V / c), 1.0 / (sigma + h * V)
+            e_f, e_r = C_f * c * h * g_f, C_r * h * g_r
+            # forces: Y_f = -C_f c a_f = -(p_f + e_f (c (v + l_f r) - U s)), Y_r alike
+            p_f, p_r = C_f * c * sigma * g_f * fs, C_r * sigma * g_r * bs
+            f0, q = -p_f + e_f * U * s, h / m
+            z = h / I_z
+            A11 = 1.0 + q * (e_f * c + e_r)
+            A12 = q * (e_f * c * l_f - e_r * l_r + m * U)
+            A21 = z * (l_f * e_f * c - l_r * e_r)
+            A22 = 1.0 + z * (l_f * l_f * e_f * c + l_r * l_r * e_r)
+            b1, b2 = vs + q * (f0 - p_r), rs + z * (l_f * f0 + l_r * p_r)
+            det = A11 * A22 - A12 * A21
+            vn, rn = (b1 * A22 - A12 * b2) / det, (A11 * b2 - A21 * b1) / det
+            fn = g_f * (sigma * fs + h * ((vn + l_f * rn) * c - U * s))
+            bn = g_r * (sigma * bs + h * (vn - l_r * rn))
+            if stage == 0:
+                kv1, kr1, kf1, kb1 = (vn - vs) / h, (rn - rs) / h, (fn - fs) / h, (bn - bs) / h
+            else:
+                v, r, a_f, a_r = vn, rn, fn, bn
+        psi += 0.5 * dt * (r0 + r)
+        middle = 0.5 * (psi0 + psi)
+        U, side = 0.5 * (u[k] + u[k + 1]), 0.5 * (side0 + v - l_r * r)
+        x += dt * (U * cos(middle) - side * sin(middle))
+        y += dt * (U * sin(middle) + side * cos(middle))
+
+
+def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
+    """Steering angle over lateral acceleration beyond the geometric one, from 1/C_f and 1/C_r [rad s2/m]."""
+    m, L = chassis.mass, chassis.l_f + chassis.l_r
+    return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

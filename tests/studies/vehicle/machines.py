@@ -1,0 +1,114 @@
+"""Machines with hidden parameters, and logs of them with the noise of real sensors.
+
+`log_of` drives the simulator's bicycle; `tyred_log` integrates a bicycle with relaxation that is written here, with
+scipy's solver: the simulator's bicycle has none. `mistold` changes what the log says of the steering.
+"""
+
+from math import pi, radians
+
+import numpy as np
+import pyarrow as pa
+from scipy.integrate import solve_ivp
+
+from agrobot_mj import Simulation
+
+MASS, INERTIA, L_F, L_R = 750.0, 400.0, 0.868, 0.532
+"""The default tractor [kg, kg m2, m, m]."""
+TICK_S = 0.05
+
+
+def excitation(seed):
+    """Steering [rad] and speed [m/s] over time: eight swings of 0.08 to 0.5 Hz, speed between 1.4 and 3.8 m/s."""
+    rng = np.random.default_rng(seed)
+    frequencies, phases = rng.uniform(0.08, 0.5, 8), rng.uniform(0, 2 * pi, 8)
+
+    def steer(t):
+        return radians(1.5) * sum(np.sin(2 * pi * f * t + p) for f, p in zip(frequencies, phases, strict=True))
+
+    return steer, lambda t: 2.6 + 1.2 * np.sin(2 * pi * t / 23)
+
+
+def log_of(seed, duration=60.0, **keys):
+    """Signals of the simulator's bicycle with other stiffnesses, steered by the excitation."""
+    given = {
+        "plant.kind": "bicycle",
+        "sensors.gyro.enabled": True,
+        "path.speed_m_s": 2.6,
+        "duration_s": duration,
+        "seed": seed,
+        **{key.replace("__", "."): value for key, value in keys.items()},
+    }
+    sim = Simulation("straight_line", given)
+    sim.reset()
+    steer, speed = excitation(seed)
+    while not sim.done:
+        t = sim.truth.t
+        sim.step(steer=float(steer(t)), speed=float(speed(t)))
+    return sim.log()
+
+
+def behind_play(steer, backlash, delay, duration):
+    """The wheel angle over time: behind play [rad], and later by a delay [s]."""
+    t = np.arange(-1.0, duration, 1e-3)
+    followed = steer(t)
+    for k in range(1, len(t)):
+        followed[k] = min(max(followed[k - 1], followed[k] - backlash / 2), followed[k] + backlash / 2)
+    return lambda now: np.interp(now - delay, t, followed)
+
+
+def tyred_log(seed, C_f, C_r, sigma, backlash=0.0, offset=0.0, delay=0.0, duration=60.0):
+    """Signals of a bicycle with relaxation length `sigma` [m], linear tyres, small angles.
+
+    Its steering sensor sits before play [rad], reads an offset [rad], and is ahead of the wheels [s].
+    """
+    steer, speed = excitation(seed)
+    wheel = behind_play(steer, backlash, delay, duration)
+
+    def rate(t, s):
+        x, y, psi, v, r, a_f, a_r = s
+        u, d = speed(t), wheel(t)
+        Y_f, Y_r = -C_f * a_f, -C_r * a_r
+        return [
+            u * np.cos(psi) - (v - L_R * r) * np.sin(psi),
+            u * np.sin(psi) + (v - L_R * r) * np.cos(psi),
+            r,
+            (Y_f + Y_r) / MASS - u * r,
+            (L_F * Y_f - L_R * Y_r) / INERTIA,
+            (v + L_F * r - u * d - u * a_f) / sigma,
+            (v - L_R * r - u * a_r) / sigma,
+        ]
+
+    t = TICK_S * np.arange(round(duration / TICK_S))
+    # the simulator's logs start at rest; here the start is off its steady state, which the fit leaves out
+    s = solve_ivp(rate, (0.0, duration), np.zeros(7), t_eval=t, rtol=1e-6, atol=1e-8, max_step=0.05).y
+    rng = np.random.default_rng([seed, 7])
+    n = len(t)
+    within = TICK_S * ((np.arange(10) + 0.5) / 10 - 1)
+    mean = np.mean([steer(t + w) for w in within], axis=0)
+    slow = np.zeros((n, 2))
+    for k in range(1, n):  # correlated over 30 s, as of RTK
+        slow[k] = slow[k - 1] * np.exp(-TICK_S / 30) + 0.01 * np.sqrt(
+            1 - np.exp(-2 * TICK_S / 30)
+        ) * rng.standard_normal(2)
+    fixes = s[:2].T + slow + 0.017 * rng.standard_normal((n, 2))
+    return pa.table(
+        {
+            "t": t,
+            "steer_measured": mean + offset + radians(0.06) * rng.standard_normal(n),
+            "valve_voltage": np.full(n, 6.0),
+            "speed_hat": speed(t) + 0.01 * rng.standard_normal(n),
+            "gyro": s[4] + radians(0.02) + radians(0.1) * rng.standard_normal(n),
+            "gnss_x": fixes[:, 0],
+            "gnss_y": fixes[:, 1],
+            "gnss_quality": np.full(n, 2.0),
+        }
+    )
+
+
+def mistold(table, backlash=0.0, offset=0.0, delay=0.0):
+    """The log as if its steering sensor sat before play [rad], off by an offset [rad] and ahead of the wheels [s]."""
+    t, true = (np.asarray(table[name]) for name in ("t", "steer"))
+    direction = np.sign(np.gradient(np.convolve(true, np.ones(3) / 3, "same"), t))
+    told = np.asarray(table["steer_measured"]) + 0.5 * backlash * direction + offset
+    at = table.column_names.index("steer_measured")
+    return table.set_column(at, "steer_measured", pa.array(np.interp(t + delay, t, told)))
