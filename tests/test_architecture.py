@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import agrobot_mj
-from agrobot_mj.core.kernels import PARTS
+from agrobot_mj.core.kernels import MAKES_KERNELS, PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
@@ -120,8 +120,11 @@ def test_every_module_says_what_it_is():
         assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
 
 
-def test_the_cache_of_kernels_knows_every_folder_that_they_come_from():
+def test_the_cache_of_kernels_knows_all_that_they_come_from():
     compilers = {"agrobot_mj.core.kernels.jit", "agrobot_mj.core.kernels.kernel"}
-    kernels = {part for part in LAYERS if any(compilers & set(imported(file)) for file in files_of(part))}
-    assert kernels
-    assert kernels | {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)
+    makers = {part: [file for file in files_of(part) if compilers & set(imported(file))] for part in LAYERS}
+    assert {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)
+    assert any(makers.values())
+    for part, files in makers.items():
+        for file in files if part not in PARTS else []:
+            assert MAKES_KERNELS in file.read_bytes(), file

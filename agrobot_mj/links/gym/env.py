@@ -63,7 +63,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
     ) -> None:
         """A scenario by name or path, with the kinds of plant and terrain and overrides by dotted key.
 
-        `randomise` gives ranges by dotted key, drawn anew for each episode: (low, high) or a list of values.
+        `randomise` gives ranges by dotted key, drawn again for each episode: (low, high) or a list of values.
         `preview_m` are the distances ahead at which the path's curvature is seen [m]; `image_size` is width and height
         of a picture [pixels]. Raises `ScenarioError` for keys and values that cannot be.
         """
