@@ -1,4 +1,4 @@
-"""A link's record as a log: what its boards told the host, decoded, a row an instant.
+"""A link's record as a log: what its boards told the host, decoded, one row for each instant.
 
 Columns `t` [s]; from position sentences `latitude`, `longitude` [deg], `quality` as in GGA, `speed` [m/s], and where
 there are two antennas or an inertial unit `yaw` [rad, ENU]; from message 253 `steer` [rad, left positive]. Null where

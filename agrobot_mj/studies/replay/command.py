@@ -36,10 +36,10 @@ COLUMNS = (
     Column("e_left", "m", "plant less recording, to the left of the plant's heading"),
     Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
 )
-"""Columns of `replay.parquet`: a row a tick of the plant; null where nothing was recorded within half a tick."""
+"""Columns of `replay.parquet`: one row per tick of the plant; null where nothing was recorded within half a tick."""
 
 
-class Replayed(NamedTuple):
+class ReplayResult(NamedTuple):
     """A replay and its numbers."""
 
     recording: FieldRecording
@@ -54,7 +54,7 @@ def replay(
     by: By | None = None,
     start_s: float = 0.0,
     end_s: float = inf,
-) -> Replayed:
+) -> ReplayResult:
     """Drive the scenario's plant with a log; writes nothing. Raises `FieldLogError`, `ScenarioError`.
 
     Steers by the recorded angle where there is one, unless `by` says otherwise.
@@ -72,7 +72,7 @@ def replay(
         "steered_by": by,
         **metrics(recording, driven, wheelbase),
     }
-    return Replayed(recording, driven, numbers)
+    return ReplayResult(recording, driven, numbers)
 
 
 def replay_command(
@@ -83,7 +83,7 @@ def replay_command(
     by: By | None = None,
     start_s: float = 0.0,
     end_s: float = inf,
-) -> Replayed:
+) -> ReplayResult:
     """As `replay`, and write the numbers, the signals, the figure and the scenario into `folder`."""
     found = replay(source, log_map, scenario, by, start_s, end_s)
     with atomic(folder / "replay.parquet") as part:
@@ -132,7 +132,7 @@ def signals(recording: FieldRecording, driven: Driven) -> pa.Table:
     return pa.table(arrays, schema=pa.schema(fields))
 
 
-def summary(found: Replayed) -> str:
+def summary(found: ReplayResult) -> str:
     """The numbers in a few lines."""
     m = found.metrics
     lines = [f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}"]

@@ -188,7 +188,7 @@ SIGNALS_MAP = LogMap(
 )
 """Our own `signals.parquet`: what the sensors said, the estimated speed, and the voltage that the valve got."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
-"""The same of a run with a gyro."""
+"""Signals of a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
@@ -208,7 +208,7 @@ LINK_MAP = LogMap(
 LINK_HEADING_MAP = LINK_MAP.model_copy(
     update={"heading": HeadingColumn(column="yaw", unit="rad", convention="enu")},
 )
-"""The same with two antennas or an inertial unit."""
+"""Datagrams of a link with two antennas or an inertial unit."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, LINK_HEADING_MAP, LINK_MAP, AGOPENGPS_MAP)
 """Maps that are tried in this order on a log that comes without one."""
 

@@ -39,12 +39,12 @@ LARGEST_FIELD_M = 100e3
 SMOOTHING_S = 1.0
 """Length of the cubic that differentiates headings and courses [s]."""
 COURSE_S = 2.0
-"""The same of the course, which is a second derivative of noisy positions [s]."""
+"""Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 
 
-class Series(NamedTuple):
+class TimeSeries(NamedTuple):
     """Values at their own times."""
 
     t: Array
@@ -58,10 +58,10 @@ class Series(NamedTuple):
         found: Array = Akima1DInterpolator(self.t, self.value)(np.clip(t, self.t[0], self.t[-1]))
         return found
 
-    def between(self, start: float, end: float) -> "Series":
+    def between(self, start: float, end: float) -> "TimeSeries":
         """The part from `start` to `end` [s]."""
         inside = (self.t >= start) & (self.t <= end)
-        return Series(self.t[inside], self.value[inside])
+        return TimeSeries(self.t[inside], self.value[inside])
 
 
 class FieldRecording(NamedTuple):
@@ -72,21 +72,21 @@ class FieldRecording(NamedTuple):
     """First time at which all inputs are known [s]."""
     end: float
     """Last such time [s]."""
-    speed: Series
+    speed: TimeSeries
     """Along the heading [m/s]."""
     wheel_speed: bool
     """Whether that is the speed of the driven wheels."""
-    steer: Series | None
+    steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
-    voltage: Series | None
+    voltage: TimeSeries | None
     """Steering valve [V]."""
-    yaw_rate: Series | None
+    yaw_rate: TimeSeries | None
     """Left positive [rad/s]."""
     yaw_rate_source: str
     """`gyro`, `heading`, `course`, or `none`."""
-    heading: Series | None
+    heading: TimeSeries | None
     """From east, counter-clockwise, unwrapped [rad]."""
-    position: Series | None
+    position: TimeSeries | None
     """East and north of the point, shape (n, 2) [m]."""
     arm: tuple[float, float, float]
     """The point ahead of and to the left of R, and above it [m]."""
@@ -161,37 +161,37 @@ class _Reader(NamedTuple):
     t: Array
     data: dict[str, Array]
 
-    def steer(self, c: SteerColumn) -> Series:
+    def steer(self, c: SteerColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         angle = sign * c.scale * ANGLES[c.unit] * (self.data[c.column] - c.offset)
         series = self._known("steer", c.column, angle, c.delay_s)
         self._bounded("steer", c.column, series.value, LARGEST_STEER, "rad")
-        return Series(series.t, _sharpened(series, c.averaged_s))
+        return TimeSeries(series.t, _sharpened(series, c.averaged_s))
 
-    def voltage(self, c: ValveColumn) -> Series:
+    def voltage(self, c: ValveColumn) -> TimeSeries:
         volts = 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral)
         return self._known("valve", c.column, volts, c.delay_s)
 
-    def speed(self, c: SpeedColumn) -> Series:
+    def speed(self, c: SpeedColumn) -> TimeSeries:
         series = self._known("speed", c.column, c.scale * SPEEDS[c.unit] * self.data[c.column], c.delay_s)
         self._bounded("speed", c.column, series.value, LARGEST_SPEED, "m/s")
         if np.abs(series.value).max() < LEAST_SPEED:
             raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
         return series
 
-    def yaw_rate(self, c: YawRateColumn) -> Series:
+    def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         rate = sign * ANGLES[c.unit] * (self.data[c.column] - c.offset)
         series = self._known("yaw_rate", c.column, rate, c.delay_s)
         self._bounded("yaw_rate", c.column, series.value, LARGEST_YAW_RATE, "rad/s")
         return series
 
-    def heading(self, c: HeadingColumn) -> Series:
+    def heading(self, c: HeadingColumn) -> TimeSeries:
         angle = ANGLES[c.unit] * self.data[c.column]
         series = self._known("heading", c.column, pi / 2 - angle if c.convention == "compass" else angle, c.delay_s)
-        return Series(series.t, np.unwrap(series.value))
+        return TimeSeries(series.t, np.unwrap(series.value))
 
-    def position(self, c: PositionColumns) -> Series:
+    def position(self, c: PositionColumns) -> TimeSeries:
         first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
         a, b = self.data[first or ""], self.data[second or ""]
         good = np.isfinite(a) & np.isfinite(b)
@@ -216,20 +216,20 @@ class _Reader(NamedTuple):
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.0f} km; name the "
                 "quality's column (position.quality), so that rows without a fix are left out"
             )
-        return Series(self.t[good] - c.delay_s, places)
+        return TimeSeries(self.t[good] - c.delay_s, places)
 
-    def _known(self, part: str, column: str, values: Array, delay: float) -> Series:
+    def _known(self, part: str, column: str, values: Array, delay: float) -> TimeSeries:
         good = np.isfinite(values)
         if good.sum() < 4:
             raise FieldLogError(f"{self.name}: {column!r} has {good.sum()} values; leave [{part}] out of the map")
-        return Series(self.t[good] - delay, values[good])
+        return TimeSeries(self.t[good] - delay, values[good])
 
     def _bounded(self, part: str, column: str, values: Array, bound: float, unit: str) -> None:
         if (worst := float(np.abs(values).max())) > bound:
             raise FieldLogError(f"{self.name}: {column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?")
 
 
-def _sharpened(series: Series, length: float) -> Array:
+def _sharpened(series: TimeSeries, length: float) -> Array:
     """Values without the averaging of their sensor over `length` [s], to second order in it."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
@@ -248,7 +248,9 @@ def _plane(origin: Origin, latitude: Array, longitude: Array) -> Array:
     return np.column_stack([east, (latitude - origin.latitude) * metres_per_latitude(origin.latitude)])
 
 
-def _derived(heading: Series | None, position: Series | None, speed: Series) -> tuple[Series | None, str]:
+def _derived(
+    heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
+) -> tuple[TimeSeries | None, str]:
     """Yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway distort."""
     if heading is not None:
         return _slope(heading), "heading"
@@ -258,7 +260,7 @@ def _derived(heading: Series | None, position: Series | None, speed: Series) -> 
     return found, "course" if found is not None else "none"
 
 
-def _curving(position: Series, speed: Series) -> Series | None:
+def _curving(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
     """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
     spacing = float(np.median(np.diff(position.t)))
     length = max(7, 2 * round(COURSE_S / spacing / 2) + 1)
@@ -272,7 +274,7 @@ def _curving(position: Series, speed: Series) -> Series | None:
     kept = fast & _known_around(position.t, even)
     if kept.sum() < 8:
         return None
-    return Series(even[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
+    return TimeSeries(even[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
 
 
 def _known_around(t: Array, even: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
@@ -284,7 +286,7 @@ def _known_around(t: Array, even: Array) -> np.ndarray[tuple[int, ...], np.dtype
     return known
 
 
-def _slope(series: Series) -> Series | None:
+def _slope(series: TimeSeries) -> TimeSeries | None:
     """Derivative by a cubic over `SMOOTHING_S`, on an even grid, left out where the series has gaps."""
     spacing = float(np.median(np.diff(series.t)))
     length = max(5, 2 * round(SMOOTHING_S / spacing / 2) + 1)
@@ -293,4 +295,4 @@ def _slope(series: Series) -> Series | None:
         return None
     slope = savgol_filter(np.interp(even, series.t, series.value), length, 3, deriv=1, delta=spacing)
     whole = _known_around(series.t, even)
-    return Series(even[whole], slope[whole])
+    return TimeSeries(even[whole], slope[whole])

@@ -13,7 +13,7 @@ import numpy as np
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Array
 from agrobot_mj.studies.replay.driving import Driven, Pose
-from agrobot_mj.studies.replay.recording import LEAST_SPEED, FieldRecording, Series
+from agrobot_mj.studies.replay.recording import LEAST_SPEED, FieldRecording, TimeSeries
 
 START_M = 10.0
 """Length of the recorded way to which the start's pose is fitted [m]."""
@@ -63,7 +63,7 @@ def first_metres_end(recording: FieldRecording) -> float:
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
-def _first_metres(recording: FieldRecording) -> Series | None:
+def _first_metres(recording: FieldRecording) -> TimeSeries | None:
     """Positions on the first `START_M` of the way, by the recorded speed; None without positions."""
     if recording.position is None:
         return None
@@ -72,7 +72,7 @@ def _first_metres(recording: FieldRecording) -> Series | None:
     way = np.cumsum(np.abs(np.interp(t, recording.speed.t, recording.speed.value))) * 0.05
     first = np.interp(fixes.t, t, way) <= START_M
     first[:4] = True
-    return Series(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
+    return TimeSeries(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
@@ -147,13 +147,13 @@ def _yaw_rate(recording: FieldRecording, driven: Driven, wheelbase: float) -> di
     }
 
 
-def moving(recording: FieldRecording, series: Series) -> Series:
+def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
     """The part of a series in which the tractor moves faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
-    return Series(series.t[fast], series.value[fast])
+    return TimeSeries(series.t[fast], series.value[fast])
 
 
-def _lag(seen: Series, driven: Driven) -> float:
+def _lag(seen: TimeSeries, driven: Driven) -> float:
     """Time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     spread = np.array([np.var(np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value) for lag in lags])

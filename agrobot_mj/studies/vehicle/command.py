@@ -45,7 +45,7 @@ class NothingExplainedError(ScenarioError):
     """The fit explains nothing: no result."""
 
 
-class Found(NamedTuple):
+class FoundQuantity(NamedTuple):
     """A quantity with its interval, in the unit of its key; None where there is none."""
 
     value: float | None
@@ -57,7 +57,7 @@ class Found(NamedTuple):
 class IdentifiedVehicle(NamedTuple):
     """A vehicle as identified from a recording."""
 
-    found: dict[str, Found]
+    found: dict[str, FoundQuantity]
     """Quantities by their keys, with the unit at the end."""
     windows: int
     """Windows of the fit."""
@@ -66,7 +66,7 @@ class IdentifiedVehicle(NamedTuple):
     residual_deg_s: float
     """Rms of what is left there [deg/s]."""
     kinematic_deg_s: float
-    """The same of wheels that do not slip, straight from the recorded angle [deg/s]."""
+    """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
     geometry: str
     """`small angles` or `tangent`."""
 
@@ -163,16 +163,16 @@ def _judged(result: VehicleFit, data: VehicleData, channel: str) -> tuple[float,
     return explained, scale * float(np.sqrt((off**2).mean())), scale * float(np.sqrt((bare**2).mean()))
 
 
-def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, Found]:
+def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
     """Quantities in the units of their keys, with intervals by Student's t."""
     t = float(stdtrit(max(result.freedom, 1), 0.5 + LEVEL / 2))
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     error = np.sqrt(np.diag(result.covariance))
-    found: dict[str, Found] = {}
+    found: dict[str, FoundQuantity] = {}
     for axle in ("front", "rear"):
         c, half = value[f"{axle}_compliance"], t * float(error[index[f"{axle}_compliance"]])
         low, high = 1.0 / (c + half), 1.0 / (c - half) if c > half else None
-        found[f"{axle}_cornering_stiffness_n_rad"] = Found(
+        found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(
             1.0 / c if c > 1e-9 else None, low, high, half < SEPARABLE * c
         )
     l_f, l_r, m, L = chassis.l_f, chassis.l_r, chassis.mass, chassis.l_f + chassis.l_r
@@ -180,7 +180,7 @@ def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, Found]:
     gradient[index["front_compliance"]], gradient[index["rear_compliance"]] = m * l_r / L, -m * l_f / L
     K = understeer_gradient(chassis, value["front_compliance"], value["rear_compliance"])
     half = t * float(np.sqrt(gradient @ result.covariance @ gradient))
-    found["understeer_gradient_rad_s2_m"] = Found(K, K - half, K + half, abs(K) > half)
+    found["understeer_gradient_rad_s2_m"] = FoundQuantity(K, K - half, K + half, abs(K) > half)
     keys = {
         "relaxation_m": ("relaxation_length_m", 1.0, 0.0),
         "steer_offset": ("steer_offset_deg", 180 / np.pi, -inf),
@@ -191,7 +191,7 @@ def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, Found]:
     for name, (key, scale, least) in keys.items():
         if name in index:
             x, half = value[name] * scale, t * float(error[index[name]]) * scale
-            found[key] = Found(x, max(x - half, least), x + half, least < x - half or least == -inf)
+            found[key] = FoundQuantity(x, max(x - half, least), x + half, least < x - half or least == -inf)
     return found
 
 

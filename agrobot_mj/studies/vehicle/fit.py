@@ -4,7 +4,7 @@ Residuals are those of the yaw rate and of the position, in windows of some seco
 recording by a shift and a turn, so that the drift of an open loop counts no more than the shape of the way. Both are
 whitened by an autoregression of their own residuals (generalised least squares, three rounds), since errors of RTK and
 of the recorded inputs are correlated over many samples; the shift and the turn are projected out after that. The
-covariance is that of a bootstrap of whole windows, and of noise drawn anew on the recorded steering angle.
+covariance is that of a bootstrap of whole windows, and of noise added to the recorded steering angle.
 
 Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and an axle too stiff to be seen
 is a compliance whose interval reaches zero.
@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
-from agrobot_mj.studies.replay.recording import FieldRecording, Series
+from agrobot_mj.studies.replay.recording import FieldRecording, TimeSeries
 from agrobot_mj.studies.replay.residuals import moving, rigid
 from agrobot_mj.studies.vehicle.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
 
@@ -69,7 +69,7 @@ NUISANCE = ("gyro_offset", "speed_error")
 """Fitted along where the recording can tell, and not reported as the vehicle's."""
 
 
-class Channel(NamedTuple):
+class WindowedChannel(NamedTuple):
     """A measured quantity in windows."""
 
     t: Array
@@ -89,17 +89,17 @@ class VehicleData(NamedTuple):
     """Recorded wheel angle at them, without what is faster than `CUT_OFF_HZ` [rad]."""
     u: Array
     """Recorded speed at them, alike [m/s]."""
-    channels: dict[str, Channel]
+    channels: dict[str, WindowedChannel]
     """`yaw_rate` and `position`, those that there are."""
     steer_noise: float
     """White noise of the recorded angle [rad]."""
 
 
-class Noise(NamedTuple):
+class Autoregression(NamedTuple):
     """Model of a channel's residuals."""
 
     coefficients: Array
-    """Of the autoregression, shape (p,)."""
+    """Coefficients for the last p values, shape (p,)."""
     sigma: float
     """Standard deviation of what drives it."""
 
@@ -132,7 +132,7 @@ def prepare(recording: FieldRecording, chassis: Chassis2) -> VehicleData:
     windows = {name: _windows(recording, series) for name, series in measured.items() if series is not None}
     common = set.intersection(*map(set, windows.values())) if windows else set()
     channels = {
-        name: Channel(*(np.array(each) for each in zip(*(found[k] for k in sorted(common)), strict=True)))
+        name: WindowedChannel(*(np.array(each) for each in zip(*(found[k] for k in sorted(common)), strict=True)))
         for name, found in windows.items()
         if common
     }
@@ -147,7 +147,7 @@ def _smoothed(values: Array, cut_off: float) -> Array:
     return smooth
 
 
-def _white_noise(recorded: Series | None) -> float:
+def _white_noise(recorded: TimeSeries | None) -> float:
     """Noise of the recorded angle, from third differences, blind to slow steering; by the median, deaf to jumps."""
     if recorded is None or len(recorded.t) < 4:
         return 0.0
@@ -155,7 +155,7 @@ def _white_noise(recorded: Series | None) -> float:
     return 1.4826 * float(np.median(off)) / sqrt(20.0)  # of a normal distribution; 1 + 9 + 9 + 1 variances
 
 
-def _windows(recording: FieldRecording, series: Series) -> dict[int, Series]:
+def _windows(recording: FieldRecording, series: TimeSeries) -> dict[int, TimeSeries]:
     """Complete windows by their number, of equally many samples, at speed all the time."""
     start, end = recording.start + SETTLE_S, recording.end
     inside = series.between(start, end)
@@ -165,7 +165,7 @@ def _windows(recording: FieldRecording, series: Series) -> dict[int, Series]:
     for k in range(int((end - start) / WINDOW_S)):
         part = fast.between(start + k * WINDOW_S, start + (k + 1) * WINDOW_S)
         if n >= LEAST_SAMPLES and len(part.t) >= n - 1 and np.diff(part.t).max() < 2.5 * spacing:
-            found[k] = Series(part.t[: n - 1], part.value[: n - 1])
+            found[k] = TimeSeries(part.t[: n - 1], part.value[: n - 1])
     return found
 
 
@@ -197,7 +197,7 @@ def predictions(p: dict[str, float], data: VehicleData) -> dict[str, Array]:
     return found
 
 
-def whitened(series: Array, noise: Noise) -> Array:
+def whitened(series: Array, noise: Autoregression) -> Array:
     """Series (windows, n, ...) without its autoregression, over its sigma; the first p samples go."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
@@ -208,7 +208,7 @@ def whitened(series: Array, noise: Noise) -> Array:
     return scaled
 
 
-def noise_of(residuals: Array) -> Noise:
+def noise_of(residuals: Array) -> Autoregression:
     """Autoregression of residuals (windows, n, ...), by least squares over all windows."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
@@ -216,13 +216,13 @@ def noise_of(residuals: Array) -> Noise:
     past = np.stack([residuals[:, ORDER - 1 - k : n - 1 - k].ravel() for k in range(ORDER)], axis=1)
     now = residuals[:, ORDER:].ravel()
     coefficients = np.linalg.lstsq(past, now, rcond=None)[0].astype(np.float64)
-    return Noise(coefficients, max(float(np.std(now - past @ coefficients)), 1e-12))
+    return Autoregression(coefficients, max(float(np.std(now - past @ coefficients)), 1e-12))
 
 
 class Problem:
     """Least-squares problem under a model of the noise: `residuals` of a parameter vector."""
 
-    def __init__(self, data: VehicleData, names: Sequence[str], noise: dict[str, Noise]) -> None:
+    def __init__(self, data: VehicleData, names: Sequence[str], noise: dict[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
         self.bases = [self._basis(window) for window in data.channels["position"].value] if "position" in noise else []
 
@@ -258,7 +258,7 @@ def fit(data: VehicleData, names: Sequence[str]) -> VehicleFit:
     factor = np.array([ratio if "compliance" in n else 1.0 for n in names])
     low, high = (factor * np.array([getattr(s, key) for s in specs]) for key in ("low", "high"))
     scale, x = factor * np.array([s.scale for s in specs]), factor * np.array([s.start for s in specs])
-    noise = {k: Noise(np.zeros(ORDER), 0.01) for k in data.channels}
+    noise = {k: Autoregression(np.zeros(ORDER), 0.01) for k in data.channels}
     result: OptimizeResult | None = None
     for _ in range(ROUNDS):
         problem = Problem(data, names, noise)
@@ -303,7 +303,7 @@ def _jacobian(problem: Problem, x: Array, scale: Array, low: Array, high: Array)
 def _bootstrap(J: Array, r: Array, information: Array) -> Array:
     """Covariance of the parameters by a bootstrap of blocks in closed form.
 
-    The residuals of whole windows, all channels together, are drawn anew for each window, with replacement, so that
+    The residuals of whole windows, all channels together, are drawn again for each window, with replacement, so that
     what the autoregression misses and what channels share counts. A window's residuals are those of a fit without it:
     few windows leave little that their own fit has not taken. With g = sum of J_w' r_v over the windows w, each with a
     window v of its own, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'.

@@ -98,18 +98,15 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
     """All steps; writes yaw rate, yaw, and R into `out` (4, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r, sigma = tyres.C_f, tyres.C_r, max(tyres.sigma, SHORTEST_RELAXATION_M)
-    L = l_f + l_r
-    r = u[0] * delta[0] / L
-    v = l_r * r
-    a_f, a_r = 0.0, 0.0
+    r = u[0] * delta[0] / (l_f + l_r)
+    v, a_f, a_r = l_r * r, 0.0, 0.0
     psi, x, y = 0.0, 0.0, 0.0
     h = GAMMA * dt
     for k in range(u.shape[0]):
         out[0, k], out[1, k], out[2, k], out[3, k] = r, psi, x, y
         if k + 1 == u.shape[0]:
             break
-        r0, psi0 = r, psi
-        side0 = v - l_r * r
+        r0, psi0, side0 = r, psi, v - l_r * r
         kv1, kr1, kf1, kb1 = 0.0, 0.0, 0.0, 0.0
         vs, rs, fs, bs = v, r, a_f, a_r
         for stage in range(2):
