@@ -42,7 +42,7 @@ def replay(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Drive a plant with the steering and speed of a recording.
+    """Drive a plant by the steering and speed of a recording.
 
     Tells how far its yaw rate and position are from the recorded ones; writes replay.json, .parquet and .png.
     """
@@ -78,7 +78,7 @@ def identify(
     end: To = inf,
     out: Out = None,
 ) -> None:
-    """Fit the steering valve to a run's signals, or a vehicle to any log.
+    """Fit the steering valve to a run, or a vehicle to a log.
 
     Prints dead band, gains, rate limit, lag and delay with their uncertainty. With --vehicle: cornering stiffness,
     understeer gradient, relaxation length, steering offset, delay and backlash with 95 % intervals.
