@@ -35,7 +35,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
         key = ".".join(tables)
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
     if last == "kind" and table.get("kind", _default_kind(data, tables, default)) != value:
-        known = _fields_of([name for name in tables if not name.isdecimal()], str(value), type(default))
+        kind = value if isinstance(value, str) else ""
+        known = _fields_of([name for name in tables if not name.isdecimal()], kind, type(default))
         for key in [key for key in table if key not in known]:
             del table[key]
     if isinstance(value, Mapping) and isinstance(table.get(last), dict):

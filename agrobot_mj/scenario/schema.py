@@ -38,8 +38,17 @@ LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 MOST_ASIDE_M_S2 = 8.0
 """Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
+SHORTEST_S = 0.001
+"""Shortest duration; less than a tick is one [s]."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
 """Numbers of steps in a tick that make a step with few decimals."""
+
+
+def long_enough(seconds: float) -> float:
+    """Return `seconds` unchanged. Raises ValueError where nobody can mean so short a run."""
+    if seconds < SHORTEST_S:
+        raise ValueError(f"must be at least {SHORTEST_S:g}, got {seconds:g}")
+    return seconds
 
 
 class Steering(Spec):
@@ -66,7 +75,7 @@ class Scenario(Spec):
     """Outcome that the run should have; any other makes the exit status 1."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
-    duration_s: Annotated[float, Field(ge=TICK_S, le=LONGEST_S)] | None = None
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
     """Simulated time; the path's own when left out [s]."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
     """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""

@@ -31,11 +31,16 @@ class Watch:
             return found
         if not distance < LOST_M:
             return "diverged"
-        return "stuck" if self._stuck(truth, max(abs(truth.pedal), abs(asked))) else None
+        return "stuck" if self._stuck(truth, asked) else None
 
-    def _stuck(self, truth: Truth, pedal: float) -> bool:
+    def _stuck(self, truth: Truth, asked: float) -> bool:
+        """Whether it has not moved for long; behind a pedal that is asked for in vain the time counts backwards."""
         away = hypot(truth.x - self.place[0], truth.y - self.place[1])
-        if pedal < STUCK_PEDAL or away > STUCK_M:
+        pressed = abs(truth.pedal) >= STUCK_PEDAL
+        dead = not pressed and abs(asked) >= STUCK_PEDAL
+        if away > STUCK_M or not (pressed or dead):
             self.place, self.still_s = (truth.x, truth.y), 0.0
-        self.still_s += TICK_S
-        return self.still_s > STUCK_S
+        if dead != (self.still_s < 0.0):
+            self.still_s = 0.0 if dead else max(self.still_s, TICK_S)
+        self.still_s += -TICK_S if dead else TICK_S
+        return abs(self.still_s) > STUCK_S

@@ -36,7 +36,7 @@ def refused(source="straight_line", **overrides):
         ("tractor.hitch_behind_m", 1e9, "must be at most 10, got 1000000000.0"),
         ("tractor.antenna_height_m", 1e9, "must be at most 20, got 1000000000.0"),
         ("tractor.wheelbase_m", 0.05, "must be at least 0.5, got 0.05"),
-        ("duration_s", 1e-300, "must be at least 0.05, got 1e-300"),
+        ("duration_s", 1e-300, "must be at least 0.001, got 1e-300"),
     ],
 )
 def test_it_is_refused_with_key_value_and_limit(key, value, said):

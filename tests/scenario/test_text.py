@@ -34,6 +34,10 @@ def test_more_than_one_value_in_an_override():
     assert "holds more than one value" in refused(overrides, ["seed=1\nv2=3"])
 
 
+def test_a_kind_of_thousands_of_digits():
+    assert "thousands of digits" in refused(load_scenario, "circle", {"path.kind": int(HEX, 16)})
+
+
 def test_an_item_with_a_number_of_thousands_of_digits():
     assert "fault" in refused(load_scenario, "gusts", {f"fault.{DIGITS}.start_s": 1})
 
