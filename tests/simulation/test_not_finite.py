@@ -1,14 +1,15 @@
 """A number that is not finite ends the run where it comes from, by name; a bad reading counts as missing."""
 
 import json
+import subprocess
+import sys
 from math import inf, nan
-from typing import Literal
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
-from agrobot_mj import Simulation, load_scenario, register, run
-from agrobot_mj.control.base import YawCommand, YawController
+from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.signals import Drive
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
@@ -19,9 +20,15 @@ from agrobot_mj.simulation.storage import write_log
 SHORT = {"duration_s": 1.5, "plant.kind": "bicycle", "supervisor.enabled": False}
 
 
-class NanSteer(YawController):
-    """A controller that loses its mind in tick 10."""
+PLUGIN = """
+from math import nan
+from typing import Literal
+from agrobot_mj import register
+from agrobot_mj.control.base import YawCommand, YawController
 
+@register
+class NanSteer(YawController):
+    \"\"\"A controller that loses its mind in tick 10.\"\"\"
     kind: Literal["nan_steer"] = "nan_steer"
 
     def init(self):
@@ -29,9 +36,7 @@ class NanSteer(YawController):
 
     def update(self, state, t, yaw_rate_error, dt, steer_limit):
         return state + 1, YawCommand(nan if state == 10 else 0.0)
-
-
-register(NanSteer)
+"""
 
 
 def spoiled(monkeypatch, owner, method, change, at=10):
@@ -98,11 +103,19 @@ def test_a_law_that_commands_no_number_is_named(monkeypatch, guidance):
     assert run(scenario).metrics["stop_reason"] == f"command.steer is nan, made by the guidance law ({guidance})"
 
 
-def test_a_controller_from_outside_that_commands_no_number_is_named():
-    log = run(load_scenario("figure_eight", {**SHORT, "controller.kind": "nan_steer"}))
-    assert (log.outcome, log.rows.filled) == ("diverged", 10)
-    assert "steer nan rad" in log.metrics["stop_reason"]
-    assert "made by the controller (nan_steer)" in log.metrics["stop_reason"]
+def test_a_controller_from_outside_that_commands_no_number_is_named(tmp_path):
+    """In a process of its own, since a registration lasts as long as the process."""
+    (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
+    sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
+    command = ["run", "figure_eight", "--plugin", "nan_steer.py", "--no-rrd", "--quiet", "--out", "out"]
+    command += [word for text in sets for word in ("--set", text)]
+    done = subprocess.run([sys.executable, "-m", "agrobot_mj", *command], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text("utf-8"))
+    assert metrics["outcome"] == "diverged"
+    assert "steer nan rad" in metrics["stop_reason"]
+    assert "made by the controller (nan_steer)" in metrics["stop_reason"]
+    assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 
 def test_a_voltage_that_is_no_number_is_named(monkeypatch):
