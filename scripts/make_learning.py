@@ -41,12 +41,12 @@ SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "figure eight": ("figure_eight", BICYCLE),
     # The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
     "swaths": ("one_hectare", {**BICYCLE, "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}),
-    "figure eight, MuJoCo": ("figure_eight", {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}),
+    "figure eight on MuJoCo": ("figure_eight", {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}),
 }
 MEASURES = {
     "figure eight": {"xte_1": "turn 1", "xte_2": "turn 2"},
     "swaths": {"pass_rms": "passes", "headland_rms": "headlands"},
-    "figure eight, MuJoCo": {"xte_1": "turn 1", "xte_2": "turn 2"},
+    "figure eight on MuJoCo": {"xte_1": "turn 1", "xte_2": "turn 2"},
 }
 YAW_LAWS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
 RADII = {6: {"path.straight_m": 17, "path.run_in_m": 8}, 15: {"path.straight_m": 42}}
