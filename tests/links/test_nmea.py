@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi, read
-from agrobot_mj.links.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.links.nmea import Solution, checksum, degrees_of, fields_of, gga, rmc, vtg
 
 LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.links.agopengps.command import Arguments, link
-from agrobot_mj.links.geodesy import Origin, to_local
 from agrobot_mj.links.nmea import START
 
 SECONDS = 4.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj import Simulation, load_scenario
-from agrobot_mj.links.geodesy import to_local
+from agrobot_mj.core.geodesy import to_local
 from agrobot_mj.links.ros2.bag import recorded
 from agrobot_mj.links.ros2.content import EPOCH_NS, fix, imu, messages, path, quaternion, site_of, stamp, true
 from agrobot_mj.links.ros2.definitions import DEFINITIONS, RECORDED, TOPICS, full_definition, full_name

@@ -10,11 +10,11 @@ import time
 
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.links.agopengps.guide import Guide, GuideSettings, GuideState, line_of
 from agrobot_mj.links.agopengps.host_laws import LawSettings
 from agrobot_mj.links.agopengps.messages import SteerSettings
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
-from agrobot_mj.links.geodesy import Origin
 
 IDLE_S = 5.0
 """A host without positions for this long ends [s]."""

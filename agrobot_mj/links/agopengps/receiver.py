@@ -12,11 +12,11 @@ from typing import NamedTuple
 from numpy.random import Generator
 
 from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Measurement, Quality, Truth
 from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi
-from agrobot_mj.links.geodesy import Origin, to_geodetic
 from agrobot_mj.links.nmea import NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
 
 QUALITIES = {Quality.NONE: NO_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}

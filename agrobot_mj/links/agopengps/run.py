@@ -16,6 +16,7 @@ from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.report import link_metrics
 from agrobot_mj.links.agopengps.session import Options, Session
 from agrobot_mj.links.agopengps.traffic import Datagram
+from agrobot_mj.links.running import linked_outcome, warm_up
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher, followed
@@ -88,24 +89,10 @@ def run_link(
 
     def finish(log: Log) -> Log:
         (session,) = sessions
-        outcome = _outcome(log.outcome, session)
+        outcome = linked_outcome(log.outcome, session.ended)
         block = link_metrics(session, session.traffic.kept if record is None else record)
         return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "link": block})
 
-    _warm_up(scenario)
+    warm_up(scenario)
     log = followed(Simulation(scenario), watchers, drive, finish)
     return LinkRun(log, sessions[0])
-
-
-def _outcome(own: str, session: Session) -> str:
-    """The link's word where the run itself ended as planned or was cut short by the link."""
-    if session.ended is not None and own in ("completed", "aborted"):
-        return session.ended
-    return own
-
-
-def _warm_up(scenario: Scenario) -> None:
-    """One tick of a simulation of its own: what is compiled on first use must not make the first turns late."""
-    sim = Simulation(scenario)
-    sim.reset()
-    sim.step()

@@ -14,6 +14,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.ros2.node import RosNode
 from agrobot_mj.links.ros2.profile import loopback_only
 from agrobot_mj.links.ros2.session import Port, RosOptions, RosSession
+from agrobot_mj.links.running import linked_outcome, warm_up
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher, followed
@@ -85,10 +86,10 @@ def run_session(
 
     def finish(log: Log) -> Log:
         (session,) = sessions
-        outcome = session.ended if session.ended and log.outcome in ("completed", "aborted") else log.outcome
+        outcome = linked_outcome(log.outcome, session.ended)
         return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "ros2": report(session)})
 
-    _warm_up(scenario)
+    warm_up(scenario)
     return followed(Simulation(scenario), watchers, drive, finish)
 
 
@@ -105,10 +106,3 @@ def report(session: RosSession) -> dict[str, Any]:
         "worst_delay_s": session.pace.worst if real_time else 0.0,
         "waited_s": max(session.started, 0) * TICK_S,
     }
-
-
-def _warm_up(scenario: Scenario) -> None:
-    """One tick of a simulation of its own: what is compiled on first use must not make the first turns late."""
-    sim = Simulation(scenario)
-    sim.reset()
-    sim.step()
