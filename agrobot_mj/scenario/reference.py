@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from difflib import SequenceMatcher
+from functools import cache
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
@@ -113,7 +114,14 @@ def document(place: TableClass, name: str) -> Doc:
 
 
 def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
-    found: dict[str, Any] = owner.model_json_schema()["properties"][name]
+    found: dict[str, Any] = _properties(owner, owner.__pydantic_validator__)[name]
+    return found
+
+
+@cache
+def _properties(owner: type[Spec], built: object) -> dict[str, Any]:
+    """JSON schemas of a class's keys as it is built now: a kind that is registered later builds it again."""
+    found: dict[str, Any] = owner.model_json_schema()["properties"]
     return found
 
 

@@ -1,7 +1,7 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 import sys
-from math import cos, hypot, isfinite, radians
+from math import cos, hypot, isfinite, nan, radians
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -124,7 +124,7 @@ class MujocoPlant:
             self.ticks = 0
             truth = self.truth()
             off_x, off_y, turned = truth.x - start.x, truth.y - start.y, wrap(truth.yaw - start.yaw)
-            if not self.settle_ticks or speed > REST_M_S or hypot(off_x, off_y) < OFFSET_M:
+            if not self.settle_ticks or not speed <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
         if self.settle_ticks and speed > REST_M_S and not self._fallen:
@@ -145,13 +145,18 @@ class MujocoPlant:
         mujoco.mj_kinematics(self.model, self.data)
 
     def _settle(self) -> float:
-        """Hold the tractor in neutral until it rests, or falls, or time is up; its greatest speed of late [m/s]."""
+        """Hold the tractor in neutral until it rests, or falls, or time is up; its greatest speed of late [m/s].
+
+        NaN as soon as the motion is no number.
+        """
         late = [0.0] * max(1, round(REST_S / self.tick_s))
         limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
             self._observe(self.views, *self.sites, self.motion)
             late[tick % len(late)] = max(float(np.linalg.norm(self.motion[6:9])), abs(float(self.motion[17])))
+            if not isfinite(late[tick % len(late)]):
+                return nan
             if self._fallen or (tick + 1 >= self.settle_ticks and max(late) < REST_M_S):
                 break
         return max(late)
