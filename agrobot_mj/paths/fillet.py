@@ -11,9 +11,9 @@ from math import cos, degrees, inf, isinf, pi, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.roots import root
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import STEP_M, Course, Piece, chain
@@ -116,5 +116,5 @@ def _corner(angle: float, room: float, speed: float, how: Rounding) -> Corner:
     found = bend(turned, radius, sharpness)
     if isinf(sharpness) or found.tangent <= room:
         return Corner(found, left, speed)
-    sharpness = brentq(lambda c: bend(turned, radius, c).tangent - room, sharpness, BRISKEST, rtol=1e-12)
+    sharpness = root(lambda c: bend(turned, radius, c).tangent - room, sharpness, BRISKEST, rtol=1e-12)
     return Corner(bend(turned, radius, sharpness), left, min(speed, how.transitions.speed_for(sharpness)))

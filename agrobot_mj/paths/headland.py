@@ -18,8 +18,7 @@ with clothoids the angle is found numerically.
 from functools import lru_cache
 from math import acos, isinf, pi
 
-from scipy.optimize import brentq
-
+from agrobot_mj.core.roots import root
 from agrobot_mj.paths.arc import Pose, advance
 from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
@@ -55,7 +54,7 @@ def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
     """A half turn so wide that it joins passes `away` metres apart; its radius is at least `radius` [m]."""
     if half_turn_width(radius, sharpness) >= away:
         return bend(pi, radius, sharpness)
-    wide: float = brentq(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
+    wide = root(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
     return bend(pi, wide, sharpness)
 
 
@@ -82,5 +81,4 @@ def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
             pose = advance(pose, piece.curvature, d * piece.length, d * piece.sharpness)
         return pose.y - away
 
-    found: float = brentq(too_far, 1e-6, pi / 2 - 1e-6, xtol=1e-13)
-    return found
+    return root(too_far, 1e-6, pi / 2 - 1e-6, xtol=1e-13)

@@ -20,7 +20,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr
-from scipy.interpolate import splev, splprep
 
 from agrobot_mj.core.datafile import Stamp, stamp
 from agrobot_mj.core.signals import Array
@@ -106,6 +105,8 @@ class Waypoints(Transitions, Timed):
 
 def _smooth(points: Array, smoothing: float, closed: bool) -> Course:
     """One lap along the spline through `points`, shape (n, 2 or 3)."""
+    from scipy.interpolate import splev, splprep  # here, since it takes a tenth of a second of every start
+
     x, y = points[:, 0], points[:, 1]
     ways = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     with warnings.catch_warnings():

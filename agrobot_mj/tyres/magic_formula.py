@@ -15,9 +15,9 @@ from math import atan, pi, sin, sqrt, tan
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
-from scipy.optimize import brentq
 
 from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.roots import root
 from agrobot_mj.core.spec import CarcassShare, Fraction, NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction
@@ -118,7 +118,7 @@ class Curve(Spec):
         if C <= 1.0:
             return 10.0
         goal = tan(pi / (2 * C))
-        return C * float(brentq(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4))
+        return C * root(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4)
 
     def law(self) -> CurveLaw:
         """The curve as the law takes it."""
