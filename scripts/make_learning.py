@@ -26,6 +26,8 @@ from agrobot_mj.studies.style import STYLE, save
 ROOT = Path(__file__).parent.parent
 RUNS, PAGE, IMAGES = ROOT / "runs" / "learning", ROOT / "docs" / "learning.md", ROOT / "docs" / "images"
 BICYCLE = {"plant.kind": "bicycle"}
+MUJOCO = {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}
+HEADING = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 P = {"controller.kind": "pd"}
 LEARNER = {"guidance.kind": "learned_feedforward", **P}
 LAWS: dict[str, dict[str, Any]] = {
@@ -41,12 +43,14 @@ SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "figure eight": ("figure_eight", BICYCLE),
     # The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
     "swaths": ("one_hectare", {**BICYCLE, "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}),
-    "figure eight on MuJoCo": ("figure_eight", {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}),
+    "figure eight on MuJoCo": ("figure_eight", MUJOCO),
+    "figure eight on MuJoCo with a heading": ("figure_eight", {**MUJOCO, **HEADING}),
 }
 MEASURES = {
     "figure eight": {"xte_1": "turn 1", "xte_2": "turn 2"},
     "swaths": {"pass_rms": "passes", "headland_rms": "headlands"},
     "figure eight on MuJoCo": {"xte_1": "turn 1", "xte_2": "turn 2"},
+    "figure eight on MuJoCo with a heading": {"xte_1": "turn 1", "xte_2": "turn 2"},
 }
 YAW_LAWS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
 RADII = {6: {"path.straight_m": 17, "path.run_in_m": 8}, 15: {"path.straight_m": 42}}

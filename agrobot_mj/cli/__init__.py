@@ -5,6 +5,7 @@ input, told in one message without a traceback; 130 broken off by Ctrl-C or SIGT
 when it is called, so that `--help` and `list` answer at once.
 """
 
+import atexit
 import errno
 import gc
 import io
@@ -30,6 +31,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 def main() -> None:
     """Entry point: bad input ends with status 2 and one message."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
+    atexit.register(gc.freeze)  # else a process that ends looks for cycles among all modules once more, for 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
@@ -44,7 +46,6 @@ def main() -> None:
         status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"
     if message:
         print(message, file=sys.stderr)
-    gc.freeze()  # the process ends: looking for cycles among all modules once more would take 0.4 s
     raise SystemExit(_flushed(status))
 
 
