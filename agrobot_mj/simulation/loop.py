@@ -13,6 +13,7 @@ from typing import Any
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.supervisor import Supervisor, SupervisorState
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
 from agrobot_mj.faults import Script, loadings
@@ -52,6 +53,8 @@ class Stages:
     speed: Any
     screen: Screen
     """What of the measurements was rejected."""
+    heading: tuple[float, float]
+    """Estimated yaw and yaw rate of the last tick [rad, rad/s]."""
 
 
 class Loop:
@@ -63,6 +66,7 @@ class Loop:
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
+        self.receiver_behind = s.implement.receiver_behind(s.tractor)
         self.script = Script(s.fault, s.seed)
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(s.path.at(0.0), conditions)
@@ -76,6 +80,7 @@ class Loop:
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
             screen=Screen(),
+            heading=(truth.yaw, 0.0),
         )
 
     def tick(self) -> Tick:
@@ -90,10 +95,12 @@ class Loop:
         state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
         try:
-            state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
+            used = ahead_of_receiver(measured, self.receiver_behind, *state.heading)
+            state.estimator, estimate = s.estimator.update(state.estimator, used, TICK_S)
         except ARITHMETIC as error:
             blame(f"the estimator ({s.estimator.kind})", error)
         check_estimate(estimate, s.estimator.kind)
+        state.heading = estimate.yaw, estimate.yaw_rate
         reference = s.path.at(truth.t)
         check_reference(reference, s.path.kind)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
@@ -154,9 +161,10 @@ class Loop:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that the stages report in addition to those of every log."""
+        """Signals that the stages and the plant report in addition to those of every log."""
         s = self.scenario
-        return (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
+        stages = (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
+        return (*stages, *self.plant.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
@@ -166,7 +174,22 @@ class Loop:
             *self.supervisor.report(state.supervisor),
             *s.estimator.report(state.estimator),
             *s.sensors.report(state.sensors),
+            *self.plant.report(),
         )
+
+
+def ahead_of_receiver(measured: Measurement, behind: float, yaw: float, yaw_rate: float) -> Measurement:
+    """The measurement with its fix moved to the rear axle from a receiver that far `behind` it [m], on an implement.
+
+    As a terminal does it that knows the place of the receiver but not the angle at the hitch: along the heading
+    estimated last.
+    """
+    fix = measured.fix
+    if behind == 0.0 or fix is None:
+        return measured
+    dx, dy = from_heading(yaw, behind, 0.0)
+    vx, vy = from_heading(yaw, 0.0, yaw_rate * behind)
+    return measured._replace(fix=fix._replace(x=fix.x + dx, y=fix.y + dy, vx=fix.vx + vx, vy=fix.vy + vy))
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
@@ -175,12 +198,12 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     Raises `ScenarioError` if its parameters describe no possible tractor.
     """
     s = scenario
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.implement)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, machine, ground, clock)
-        plant = MujocoPlant(s.plant, machine, ground, clock)
+        plant = MujocoPlant(s.plant, machine, ground, clock, s.seed)
         for k, payload in loadings(s.fault):
             plant.weigh(payload, f"fault[{k}]")
         return plant
