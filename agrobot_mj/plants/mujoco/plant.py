@@ -20,6 +20,7 @@ from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement_stability import check_implement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
@@ -101,6 +102,8 @@ class MujocoPlant:
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
         self.attached = attached(rig, self.model, spec.tyre, machine.tractor, seed)
         self.implement = rig and RunningImplement(rig, self.model, self.data, self.attached)
+        if rig is not None:
+            check_implement(self.model, machine.implement, rig, self.attached)
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
         self.oil = oil_of(machine)
