@@ -13,7 +13,7 @@ def implement(view: RunView) -> dict[str, Any]:
     """
     try:
         x, y = view.column("implement_x"), view.column("implement_y")
-    except ValueError:  # no such column
+    except (KeyError, ValueError):  # no such column
         return {}
     offset = cross_track(view.path, view.column("t"), x, y)
     return {

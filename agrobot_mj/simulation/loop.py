@@ -13,7 +13,6 @@ from typing import Any
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.supervisor import Supervisor, SupervisorState
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
 from agrobot_mj.faults import Script, loadings
@@ -32,6 +31,7 @@ from agrobot_mj.simulation.checks import (
     check_truth,
 )
 from agrobot_mj.simulation.columns import Tick
+from agrobot_mj.simulation.receiver import Receiver
 from agrobot_mj.terrain import height_and_gradient
 
 SATURATION_MARGIN = radians(0.01)
@@ -53,8 +53,8 @@ class Stages:
     speed: Any
     screen: Screen
     """What of the measurements was rejected."""
-    heading: tuple[float, float]
-    """Estimated yaw and yaw rate of the last tick [rad, rad/s]."""
+    receiver: Receiver
+    """Place of the GNSS antenna, as the tractor's computer knows it."""
 
 
 class Loop:
@@ -66,7 +66,6 @@ class Loop:
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
-        self.receiver_behind = s.implement.receiver_behind(s.tractor)
         self.script = Script(s.fault, s.seed)
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(s.path.at(0.0), conditions)
@@ -80,7 +79,7 @@ class Loop:
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
             screen=Screen(),
-            heading=(truth.yaw, 0.0),
+            receiver=Receiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
         )
 
     def tick(self) -> Tick:
@@ -95,12 +94,12 @@ class Loop:
         state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
         try:
-            used = ahead_of_receiver(measured, self.receiver_behind, *state.heading)
+            used = state.receiver.reduced(measured)
             state.estimator, estimate = s.estimator.update(state.estimator, used, TICK_S)
         except ARITHMETIC as error:
             blame(f"the estimator ({s.estimator.kind})", error)
         check_estimate(estimate, s.estimator.kind)
-        state.heading = estimate.yaw, estimate.yaw_rate
+        state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = s.path.at(truth.t)
         check_reference(reference, s.path.kind)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
@@ -176,20 +175,6 @@ class Loop:
             *s.sensors.report(state.sensors),
             *self.plant.report(),
         )
-
-
-def ahead_of_receiver(measured: Measurement, behind: float, yaw: float, yaw_rate: float) -> Measurement:
-    """The measurement with its fix moved to the rear axle from a receiver that far `behind` it [m], on an implement.
-
-    As a terminal does it that knows the place of the receiver but not the angle at the hitch: along the heading
-    estimated last.
-    """
-    fix = measured.fix
-    if behind == 0.0 or fix is None:
-        return measured
-    dx, dy = from_heading(yaw, behind, 0.0)
-    vx, vy = from_heading(yaw, 0.0, yaw_rate * behind)
-    return measured._replace(fix=fix._replace(x=fix.x + dx, y=fix.y + dy, vx=fix.vx + vx, vy=fix.vy + vy))
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:

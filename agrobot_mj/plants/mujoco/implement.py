@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import exp, log1p, nan, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -54,7 +54,9 @@ def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> 
     wheels = {f"{end}_wheel_{name}": value for end in ("front", "rear") for name, value in sizes.items()}
     tyres = {f"{end}_tyre_{name}": value for end in ("front", "rear") for name, value in springs.items()}
     whole = tyre_set(tyre, tractor.model_copy(update=wheels | tyres))
-    arrays = {name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)}
+    arrays: dict[str, Any] = {
+        name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)
+    }
     two = whole._replace(front=whole.rear, **arrays)
     two.carcass[:] = axle.slip_stiffness, axle.rolling
     return two
