@@ -306,22 +306,11 @@ def test_metrics_say_where_the_implement_works_and_only_where_there_is_one():
     log = run(load_scenario("straight_line", {"duration_s": 10.0, "implement.kind": "drawn"}))
     assert log.metrics["implement_xte_rms"] < 0.1
     assert log.metrics["hitch_pull_mean"] > 50.0
-    offset = np.hypot(
-        log.column("implement_x") - log.column("rear_x"), log.column("implement_y") - log.column("rear_y")
-    )
-    assert offset[-1] == pytest.approx(B + Drawn().axle_behind_m, abs=0.01)
+    x, y = (log.column(f"implement_{axis}") - log.column(f"rear_{axis}") for axis in "xy")
+    assert np.hypot(x, y)[-1] == pytest.approx(B + Drawn().axle_behind_m, abs=0.01)
 
 
 def test_a_trailer_that_falls_over_ends_the_run():
-    log = run(
-        load_scenario(
-            "side_slope",
-            {
-                "terrain.grade_deg": 22,
-                "implement.kind": "drawn",
-                "implement.cg_height_m": 1.8,
-                "implement.mass_kg": 300,
-            },
-        )
-    )
+    tall = {"implement.kind": "drawn", "implement.cg_height_m": 1.8, "implement.mass_kg": 300}
+    log = run(load_scenario("side_slope", {"terrain.grade_deg": 22, **tall}))
     assert log.outcome == "rolled_over"

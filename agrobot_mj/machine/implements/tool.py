@@ -27,8 +27,8 @@ class Tool(Spec):
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
     """Correlation length of the draught along the way [m]. Estimate (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
-    """Lateral force per degree of slip angle at the intended depth [N/deg]. Estimate: 450-3400 published for the
-    implements of a tractor of 10 t [PearsonBevly2008], less by a compact tractor's width and depth."""
+    """Lateral force per degree of slip angle at the intended depth [N/deg]. Estimate: 450-3400 published for
+    implements of a tractor of 10 t (Pearson and Bevly, 2008), less by a compact tractor's width and depth."""
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
     """Way over which the lateral force builds up [m]. Estimate (0.2-1)."""
     side_limit_n: Positive = 2500.0
