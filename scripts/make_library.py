@@ -163,8 +163,8 @@ def implements(logs: dict[str, Log]) -> list[str]:
     return [
         f"\n{name_of(kind)}: the implement works {m['implement_xte_rms']:.3f} m (rms) beside the path, 95 % within "
         f"{m['implement_xte_abs_p95']:.3f} m, on average {100 * m['implement_xte_mean']:+.1f} cm to the left; "
-        f"the pull at the hitch is {m['hitch_pull_mean'] / 1e3:.2f} kN, 95 % of the angles there lie within "
-        f"{np.degrees(m['hitch_angle_abs_p95']):.1f} deg."
+        f"the pull at the hitch is {m['hitch_pull_mean'] / 1e3:.2f} kN"
+        + (f", its angle within {np.degrees(m['hitch_angle_abs_p95']):.1f} deg." if m["hitch_angle_abs_p95"] else ".")
         for kind, m in ((kind, log.metrics) for kind, log in logs.items())
         if m.get("implement_xte_rms") is not None
     ]

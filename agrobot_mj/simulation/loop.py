@@ -31,7 +31,7 @@ from agrobot_mj.simulation.checks import (
     check_truth,
 )
 from agrobot_mj.simulation.columns import Tick
-from agrobot_mj.simulation.receiver import Receiver
+from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.terrain import height_and_gradient
 
 SATURATION_MARGIN = radians(0.01)
@@ -53,7 +53,7 @@ class Stages:
     speed: Any
     screen: Screen
     """What of the measurements was rejected."""
-    receiver: Receiver
+    receiver: ImplementReceiver
     """Place of the GNSS antenna, as the tractor's computer knows it."""
 
 
@@ -79,7 +79,7 @@ class Loop:
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
             screen=Screen(),
-            receiver=Receiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
+            receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
         )
 
     def tick(self) -> Tick:

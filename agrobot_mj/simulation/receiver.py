@@ -17,7 +17,7 @@ SLOWLY_S = 3.0
 """Time constant with which the heading follows the estimate [s]. Estimate: a gyro's bias against the filter's own."""
 
 
-class Receiver(NamedTuple):
+class ImplementReceiver(NamedTuple):
     """An antenna behind the rear axle, and the heading along which it is taken to be."""
 
     behind: float
@@ -42,7 +42,7 @@ class Receiver(NamedTuple):
         vx, vy = from_heading(self.yaw, 0.0, self.behind * self.yaw_rate(measured))
         return measured._replace(fix=fix._replace(x=fix.x + dx, y=fix.y + dy, vx=fix.vx + vx, vy=fix.vy + vy))
 
-    def after(self, measured: Measurement, estimate: Estimate, dt: float) -> "Receiver":
+    def after(self, measured: Measurement, estimate: Estimate, dt: float) -> "ImplementReceiver":
         """With the heading of the next tick, `dt` later [s]."""
         if self.behind == 0.0:
             return self

@@ -4,6 +4,8 @@ from math import atan2, degrees, radians
 
 import numpy as np
 import pytest
+from numba import config
+from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
@@ -20,7 +22,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.validation import implements
 from agrobot_mj.studies.validation.driver import Driver
-from agrobot_mj.terrain import Flat, Slope
+from agrobot_mj.terrain import Flat, Rough, Slope
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil
 from agrobot_mj.tyres.patch import LOAD
 
@@ -237,6 +239,20 @@ def test_native_contact_carries_a_trailer_too():
     Driver(plant, truth, 1.0).go(4.0)
     assert plant.implement.motion((-2.0, 0.0, -0.35)).place[2] == pytest.approx(0.0, abs=0.03)
     assert plant.warnings() == 0
+
+
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+@pytest.mark.parametrize("implement", [Mounted(linkage="float"), Drawn(lowered=True)], ids=["floating", "drawn tool"])
+def test_kernels_with_an_implement_make_no_arrays(implement):
+    plant, _ = plant_with(implement, terrain=Rough(half_size_m=20.0))
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats().alloc
+        for _ in range(20):
+            plant.advance(Drive(7.0, 8.0))
+        assert rtsys.get_allocation_stats().alloc == before
+    finally:
+        _nrt_python.memsys_disable_stats()
 
 
 # --- the receiver ---------------------------------------------------------------------------------------------------

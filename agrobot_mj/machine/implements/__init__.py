@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.machine.implements.base import ImplementBase, Rig
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
 from agrobot_mj.machine.implements.drawn import Drawn
 from agrobot_mj.machine.implements.mounted import Mounted
 from agrobot_mj.machine.implements.none import NoImplement
@@ -17,4 +17,4 @@ Implement = Annotated[
     Field(discriminator="kind"),
 ]  # fmt: skip
 
-__all__ = ["Drawn", "Implement", "ImplementBase", "Mounted", "NoImplement", "Rig", "Tool"]
+__all__ = ["Drawn", "HitchedBody", "Implement", "ImplementBase", "Mounted", "NoImplement", "Tool"]

@@ -1,6 +1,6 @@
 """The contract of an implement: a kind says what hangs at the hitch, as data that a plant can build.
 
-An implement is an `ImplementBase` whose `rig` gives mass, joints, wheels, tool and shapes; kinds differ by that alone.
+An implement is an `ImplementBase` whose `hitched` gives mass, joints, wheels, tool and shapes; kinds differ by that alone.
 Places are relative to the hitch of the tractor, x ahead, y left, z up, while tractor and implement stand in line on
 level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
 """
@@ -84,7 +84,7 @@ class Shape(NamedTuple):
     """Material of `models/tractor.xml`."""
 
 
-class Rig(NamedTuple):
+class HitchedBody(NamedTuple):
     """What hangs at the hitch."""
 
     mass: float
@@ -109,7 +109,7 @@ class Rig(NamedTuple):
 
 
 class ImplementBase(Spec):
-    """Base of every implement; a kind overrides `rig`."""
+    """Base of every implement; a kind overrides `hitched`."""
 
     machine: ClassVar[bool] = True
     """Whether it needs a plant with a body, which the bicycle does not have."""
@@ -118,14 +118,14 @@ class ImplementBase(Spec):
     receiver: bool = False
     """Whether the GNSS antenna stands on the implement, above the point that does the work, instead of the tractor."""
 
-    def rig(self, tractor: TractorParameters) -> Rig | None:
+    def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
         """What hangs at the hitch of this tractor; None for nothing. Raises ValueError where it cannot be."""
         raise NotImplementedError
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
         """Distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor [m]."""
-        rig = self.rig(tractor)
-        return 0.0 if rig is None or rig.antenna is None else tractor.hitch_behind_m - rig.antenna[0]
+        hitched = self.hitched(tractor)
+        return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 
 
 def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:

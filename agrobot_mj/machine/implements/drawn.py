@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.machine.implements.base import Axle, ImplementBase, Joint, Rig, Shape, Unevenness, box_inertia
+from agrobot_mj.machine.implements.base import Axle, HitchedBody, ImplementBase, Joint, Shape, Unevenness, box_inertia
 from agrobot_mj.machine.implements.tool import Tool
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
@@ -69,7 +69,7 @@ class Drawn(ImplementBase):
     antenna_height_m: Length = 2.0
     """Height of the GNSS antenna above level ground, if `receiver` [m]. Estimate: that on the tractor."""
 
-    def rig(self, tractor: TractorParameters) -> Rig:
+    def hitched(self, tractor: TractorParameters) -> HitchedBody:
         """A body on the pin and two wheels."""
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
@@ -80,7 +80,7 @@ class Drawn(ImplementBase):
         at = self.tool_behind_m if self.lowered else self.axle_behind_m
         height = (self.mass_kg * (self.cg_height_m + ground) - wheels * axle_at[2]) / body
         centre = (-(self.mass_kg * self.cg_behind_m - wheels * self.axle_behind_m) / body, 0.0, height)
-        return Rig(
+        return HitchedBody(
             mass=body,
             centre=centre,
             inertia=box_inertia(body, (self.length_m, self.width_m, self.height_m)),
@@ -91,7 +91,7 @@ class Drawn(ImplementBase):
             tool=self.tool.law() if self.lowered else None,
             tool_at=(-self.tool_behind_m, 0.0, ground - self.tool.depth_m),
             unevenness=Unevenness(self.tool.noise_share, self.tool.noise_length_m),
-            shapes=self._shapes(axle_at, centre),
+            shapes=(*self._shapes(axle_at, centre), *self._toolbar(ground)),
         )
 
     @property
@@ -110,6 +110,17 @@ class Drawn(ImplementBase):
             damping=self.tyre_damping_n_s_m,
             slip_stiffness=self.slip_stiffness_scale,
             rolling=self.rolling_scale,
+        )
+
+    def _toolbar(self, ground: float) -> tuple[Shape, ...]:
+        """Bar and shares across, where a tool works."""
+        if not self.lowered:
+            return ()
+        x, wide = -self.tool_behind_m, self.width_m / 2
+        bar = Shape("toolbar", (0.04, wide, 0.04), (x, 0.0, ground + 0.3), "iron")
+        places = (-0.8 * wide, 0.0, 0.8 * wide)
+        return bar, *(
+            Shape(f"leg_{i}", (0.04, 0.02, 0.15), (x, y, ground + 0.15), "iron") for i, y in enumerate(places)
         )
 
     def _shapes(self, axle: tuple[float, float, float], centre: tuple[float, float, float]) -> tuple[Shape, ...]:

@@ -14,9 +14,9 @@ from pydantic import Field
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.implements.base import (
     DepthWheel,
+    HitchedBody,
     ImplementBase,
     Joint,
-    Rig,
     Shape,
     Unevenness,
     box_inertia,
@@ -69,7 +69,7 @@ class Mounted(ImplementBase):
     depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Rolling resistance of the depth wheel over its load [-]. Estimate (0.05-0.2)."""
 
-    def rig(self, tractor: TractorParameters) -> Rig:
+    def hitched(self, tractor: TractorParameters) -> HitchedBody:
         """One body: rigid with the tractor, or on one hinge across."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
@@ -85,7 +85,7 @@ class Mounted(ImplementBase):
             self.depth_wheel_rolling,
         )
         across = Joint("hitch_pitch", (0.0, 1.0, 0.0), (self.virtual_hitch_ahead_m, 0.0, 0.0), TRAVEL)
-        return Rig(
+        return HitchedBody(
             mass=self.mass_kg,
             centre=(-self.cg_behind_m, 0.0, self.cg_height_m - tractor.hitch_height_m),
             inertia=box_inertia(self.mass_kg, (self.length_m, self.width_m, self.height_m)),

@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from agrobot_mj.machine.implements.base import ImplementBase, Rig
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
 from agrobot_mj.machine.tractor import TractorParameters
 
 
@@ -13,6 +13,6 @@ class NoImplement(ImplementBase):
 
     kind: Literal["none"] = "none"
 
-    def rig(self, tractor: TractorParameters) -> Rig | None:
+    def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
         """Nothing."""
         return None

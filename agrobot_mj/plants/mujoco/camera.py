@@ -39,8 +39,8 @@ class Camera:
     ) -> None:
         """Pictures of `size`, width and height [pixels]. Raises `NoDisplayError` where MuJoCo has no OpenGL."""
         spec = tractor_spec(tractor, Cylinder(), Driveline())
-        if (rig := implement.rig(tractor)) is not None:
-            add_implement(spec, rig, tractor, native=False)
+        if (hitched := implement.hitched(tractor)) is not None:
+            add_implement(spec, hitched, tractor, native=False)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = size
         _light(spec)
         self.model = simulation_model(spec, ground, 0.002, None)

@@ -10,7 +10,7 @@ import numpy as np
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.randomness import gauss_markov, stream
 from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.machine.implements.base import Axle, DepthWheel, Rig, Unevenness
+from agrobot_mj.machine.implements.base import Axle, DepthWheel, HitchedBody, Unevenness
 from agrobot_mj.machine.implements.draught import ToolLaw
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.implement_model import IMPLEMENT_WHEELS
@@ -74,18 +74,20 @@ def uneven_ground(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
     return np.array(found), unevenness.length / STEPS_A_LENGTH
 
 
-def attached(rig: Rig | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int) -> Attached:
+def attached(
+    hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
+) -> Attached:
     """What the compiled loop needs of an implement, or of none."""
-    axle = rig.axle if rig else None
+    axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
-    uneven, step = uneven_ground(rig.unevenness if rig else Unevenness(), seed)
+    uneven, step = uneven_ground(hitched.unevenness if hitched else Unevenness(), seed)
     return Attached(
-        body=model.body(IMPLEMENT).id if rig else 0,
+        body=model.body(IMPLEMENT).id if hitched else 0,
         native=tyre.native is not None,
-        working=rig is not None and rig.tool is not None,
-        tool=(rig.tool if rig else None) or NO_TOOL,
-        tip=rig.tool_at if rig else (0.0, 0.0, 0.0),
-        depth_wheel=rig.depth_wheel if rig else DepthWheel(),
+        working=hitched is not None and hitched.tool is not None,
+        tool=(hitched.tool if hitched else None) or NO_TOOL,
+        tip=hitched.tool_at if hitched else (0.0, 0.0, 0.0),
+        depth_wheel=hitched.depth_wheel if hitched else DepthWheel(),
         uneven=uneven,
         uneven_step=step,
         wheels=np.array([model.body(f"wheel_{name}").id for name in names], dtype=np.int64),
@@ -109,8 +111,8 @@ class Motion(NamedTuple):
 class RunningImplement:
     """An implement in one MjModel and MjData."""
 
-    def __init__(self, rig: Rig, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
-        self.rig, self.model, self.data, self.parts = rig, model, data, parts
+    def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
+        self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
         self.body, self.pull = parts.body, np.zeros(3)
 
     def finish_tick(self) -> None:
@@ -132,7 +134,7 @@ class RunningImplement:
     @property
     def antenna(self) -> Motion | None:
         """Motion of the GNSS antenna; None where it stands on the tractor."""
-        return None if self.rig.antenna is None else self.motion(self.rig.antenna)
+        return None if self.hitched.antenna is None else self.motion(self.hitched.antenna)
 
     @property
     def lean_cosine(self) -> float:
@@ -156,13 +158,13 @@ class RunningImplement:
 
     def report(self) -> Sequence[float]:
         """Values of `COLUMNS`."""
-        parts, rig = self.parts, self.rig
+        parts, hitched = self.parts, self.hitched
         yaw, ahead = self._yaw(self.body), self._yaw(CHASSIS)
-        x, y, _ = self.motion(rig.point).place
+        x, y, _ = self.motion(hitched.point).place
         fx, fy, fz = self.pull.tolist()
-        soil = [nan] * 3 if rig.tool is None else [float(parts.report[i]) for i in (DRAUGHT, SIDE, DEPTH)]
-        carried = float(parts.report[WHEEL_LOAD]) if rig.depth_wheel.stiffness > 0.0 else nan
-        wheels = parts.wheel_report[:, (LOAD, FORCE_Y)].T.ravel().tolist() if rig.axle else [nan] * 4
+        soil = [nan] * 3 if hitched.tool is None else [float(parts.report[i]) for i in (DRAUGHT, SIDE, DEPTH)]
+        carried = float(parts.report[WHEEL_LOAD]) if hitched.depth_wheel.stiffness > 0.0 else nan
+        wheels = parts.wheel_report[:, (LOAD, FORCE_Y)].T.ravel().tolist() if hitched.axle else [nan] * 4
         return (x, y, yaw, wrap(yaw - ahead), *to_heading(ahead, fx, fy), fz, *soil, carried, *wheels)
 
     def _yaw(self, body: int) -> float:

@@ -5,7 +5,7 @@ from math import degrees
 import mujoco
 import numpy as np
 
-from agrobot_mj.machine.implements.base import Axle, Rig, Shape
+from agrobot_mj.machine.implements.base import Axle, HitchedBody, Shape
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.model import DIAMETER_GYRATION_2, SPIN_GYRATION_2, add_lugs
 from agrobot_mj.plants.mujoco.views import IMPLEMENT
@@ -14,21 +14,31 @@ IMPLEMENT_WHEELS = ("il", "ir")
 """Names of its wheels, left and right."""
 
 
-def add_implement(spec: mujoco.MjSpec, rig: Rig, tractor: TractorParameters, native: bool) -> None:
-    """Hang `rig` to the tractor of `spec`; with `native` contact its tyres collide."""
+def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
+    """Hang `hitched` to the tractor of `spec`; with `native` contact its tyres collide."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True
-    body.mass, body.ipos, body.inertia = rig.mass, list(rig.centre), list(rig.inertia)
-    for joint in rig.joints:
+    body.mass, body.ipos, body.inertia = hitched.mass, list(hitched.centre), list(hitched.inertia)
+    for joint in hitched.joints:
         limit = degrees(joint.limit)  # the file's own unit
         kind = mujoco.mjtJoint.mjJNT_HINGE
         body.add_joint(name=joint.name, type=kind, axis=list(joint.axis), pos=list(joint.at), range=[-limit, limit])
-    for shape in rig.shapes:
+    for shape in (*hitched.shapes, *_antenna(hitched)):
         _draw(body, shape)
-    if rig.axle is not None:
+    if hitched.axle is not None:
         for wheel, side in zip(IMPLEMENT_WHEELS, (1, -1), strict=True):
-            _add_wheel(body, rig.axle, wheel, side, native)
+            _add_wheel(body, hitched.axle, wheel, side, native)
+
+
+def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
+    """Mast and antenna, where they stand on the implement."""
+    if hitched.antenna is None:
+        return ()
+    x, y, z = hitched.antenna
+    half = (z - hitched.centre[2]) / 2
+    mast = Shape("mast", (0.015, 0.015, max(half, 0.01)), (x, y, z - half), "iron")
+    return mast, Shape("antenna", (0.08, 0.08, 0.03), (x, y, z), "signal")
 
 
 def _draw(body: mujoco.MjsBody, shape: Shape) -> None:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.machine.implements.base import ImplementBase, Rig
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
 from agrobot_mj.machine.implements.draught import DEEPEST, draught
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants.mujoco.stability import LIMIT, SMALL_SLIP, largest
@@ -36,14 +36,14 @@ class Sprung(NamedTuple):
     """Damping of one [N s/m]."""
 
 
-def check_implement(model: mujoco.MjModel, spec: ImplementBase, rig: Rig, parts: Attached) -> None:
+def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> None:
     """Raise ValueError, naming key and limit, where the implement blows up at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     dt = float(model.opt.timestep)
-    for sprung in (*_soil(rig, parts), *_wheels(rig, parts)):
+    for sprung in (*_soil(hitched, parts), *_wheels(hitched, parts)):
         motion, jacobian = np.zeros((len(sprung.bodies), model.nv)), np.zeros((3, model.nv))
         for i, (body, place) in enumerate(zip(sprung.bodies, sprung.places, strict=True)):
             mujoco.mj_jac(model, data, jacobian, None, data.xpos[body] + place, body)
@@ -68,30 +68,30 @@ def _refusal(sprung: Sprung, spec: ImplementBase, share: float, dt: float) -> st
     return f"{key}: {limit}, to be stable with this implement at physics_dt_s = {dt:g}"
 
 
-def _soil(rig: Rig, parts: Attached) -> list[Sprung]:
+def _soil(hitched: HitchedBody, parts: Attached) -> list[Sprung]:
     """Soil on the tool, and the depth wheel."""
     found, body = [], (parts.body,)
-    if rig.tool is not None:
-        law, at = rig.tool, np.array([rig.tool_at])
+    if hitched.tool is not None:
+        law, at = hitched.tool, np.array([hitched.tool_at])
         along = draught(law, FASTEST_M_S, law.depth) / GIVE
         found.append(Sprung("tool.draught_scale", True, 0, body, at, along, 0.0))
         across = DEEPEST * law.cornering / law.relaxation
         found.append(Sprung("tool.relaxation_m", False, 1, body, at, across, 0.0))
-    if rig.depth_wheel.stiffness > 0.0:
-        wheel = rig.depth_wheel
+    if hitched.depth_wheel.stiffness > 0.0:
+        wheel = hitched.depth_wheel
         at = np.array([wheel.at])
         found.append(Sprung("depth_wheel_stiffness_n_m", True, 2, body, at, wheel.stiffness, 0.0))
         found.append(Sprung("depth_wheel_damping_n_s_m", True, 2, body, at, wheel.stiffness, wheel.damping))
     return found
 
 
-def _wheels(rig: Rig, parts: Attached) -> list[Sprung]:
+def _wheels(hitched: HitchedBody, parts: Attached) -> list[Sprung]:
     """Its own tyres: vertical, and the slip stiffness over the relaxation length to the side."""
-    axle, tyres = rig.axle, parts.tyres
+    axle, tyres = hitched.axle, parts.tyres
     if axle is None or parts.native:
         return []
     bodies, at = tuple(parts.wheels.tolist()), np.array([[0.0, 0.0, -axle.radius]] * 2)
-    load = GRAVITY * (rig.mass / 2 + axle.mass)
+    load = GRAVITY * (hitched.mass / 2 + axle.mass)
     slip = Slip(0.0, SMALL_SLIP, load, load / axle.stiffness, 0.0, Footing(1.0, tyres.cone_index))
     lateral = -tyres.rear.force(slip).y / SMALL_SLIP / tyres.relaxation[0, 1] * axle.slip_stiffness
     return [

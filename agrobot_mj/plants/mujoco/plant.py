@@ -91,19 +91,19 @@ class MujocoPlant:
         self.spec, self.tractor, self.ground = spec, machine.tractor, ground
         native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
         parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline)
-        rig = machine.implement.rig(machine.tractor)
-        if rig is not None:
-            add_implement(parts, rig, machine.tractor, native is not None)
+        hitched = machine.implement.hitched(machine.tractor)
+        if hitched is not None:
+            add_implement(parts, hitched, machine.tractor, native is not None)
         self.model = simulation_model(parts, ground, clock.dt, native)
         if native is None:
             check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
-        self.attached = attached(rig, self.model, spec.tyre, machine.tractor, seed)
-        self.implement = rig and RunningImplement(rig, self.model, self.data, self.attached)
-        if rig is not None:
-            check_implement(self.model, machine.implement, rig, self.attached)
+        self.attached = attached(hitched, self.model, spec.tyre, machine.tractor, seed)
+        self.implement = hitched and RunningImplement(hitched, self.model, self.data, self.attached)
+        if hitched is not None:
+            check_implement(self.model, machine.implement, hitched, self.attached)
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
         self.oil = oil_of(machine)
