@@ -123,7 +123,7 @@ class RunningImplement:
         mujoco.mj_comVel(self.model, self.data)
 
     def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Of a point given relative to the hitch, in the implement's frame [m]."""
+        """Motion of a point given relative to the hitch, in the implement's frame [m]."""
         data, body = self.data, self.body
         place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
         velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
@@ -148,7 +148,7 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Forget all forces, as when it is set down anew; the way worked too."""
+        """Forget all forces and the way worked, as where it is set down."""
         for array in self.arrays:
             array[:] = 0.0
 
