@@ -1,8 +1,8 @@
 """The contract of an implement: a kind says what hangs at the hitch, as data that a plant can build.
 
 An implement is an `ImplementBase` whose `hitched` gives mass, joints, wheels, tool and shapes; kinds differ by that
-alone. Places are relative to the hitch of the tractor, x ahead, y left, z up, while tractor and implement stand in line on
-level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
+alone. Places are relative to the hitch of the tractor, x ahead, y left, z up, while tractor and implement stand in line
+on level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
 """
 
 from typing import ClassVar, NamedTuple
