@@ -28,6 +28,7 @@ from agrobot_mj.core.signals import Drive
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
+from agrobot_mj.machine.implements import Drawn, Implement, ImplementBase, NoImplement
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.recording import Recording
 from agrobot_mj.scenario.schema import Scenario
@@ -185,20 +186,30 @@ def rough_ground() -> Ground:
 
 def tyre_costs(repeats: int) -> dict[str, float]:
     """Physics steps with each tyre's kernel over as many bare steps of the same model, on a 200 x 200 grid [-]."""
-    found = {}
-    for tyre in (tyre() for tyre in every(Tyre)):
-        if tyre.native:
-            continue  # no kernel
-        s = load_scenario("straight_line")
-        machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
-        plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
-        plant.reset(s.path.at(0.0))
-        for _ in range(20):
-            plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid
-        start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        found[tyre.kind] = median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
-    return found
+    tyres = [tyre() for tyre in every(Tyre)]
+    return {tyre.kind: physics_over_bare(tyre, NoImplement(), repeats) for tyre in tyres if not tyre.native}
+
+
+def implement_costs(repeats: int) -> dict[str, float]:
+    """Physics steps with each kind of implement, tool in the soil, over as many bare steps of the same model [-]."""
+    kinds: list[Any] = [kind() for kind in every(Implement) if kind is not NoImplement]
+    return {
+        **{f"{kind.kind} implement": physics_over_bare(Mujoco().tyre, kind, repeats) for kind in kinds},
+        "drawn implement with a tool": physics_over_bare(Mujoco().tyre, Drawn(lowered=True), repeats),
+    }
+
+
+def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
+    """Physics steps of a tractor over as many bare steps of its model, on a 200 x 200 grid [-]."""
+    s = load_scenario("straight_line")
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, implement)
+    plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
+    plant.reset(s.path.at(0.0))
+    for _ in range(20):
+        plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid
+    start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:
@@ -275,7 +286,8 @@ def main() -> None:
         return
     cost = compare_costs(scenario, arguments.repeats)
     parts = tick_parts(scenario, min(3, arguments.repeats))
-    print(report(scenario, cost, parts, tyre_costs(arguments.repeats)))
+    physics = tyre_costs(arguments.repeats) | implement_costs(arguments.repeats)
+    print(report(scenario, cost, parts, physics))
     print(start_up_report(start_up_times(arguments.repeats)))
 
 

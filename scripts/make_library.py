@@ -141,6 +141,7 @@ def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
             "|---" * len(HEADS) + "|",
             *(row(kind, log) for kind, log in logs.items()),
             *passes(logs),
+            *implements(logs),
             "",
         ]
     )
@@ -154,6 +155,18 @@ def passes(logs: dict[str, Log]) -> list[str]:
         f"from pass to pass, and below {m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
         for kind, m in found.items()
         if m is not None
+    ]
+
+
+def implements(logs: dict[str, Log]) -> list[str]:
+    """Where the implement worked, relative to the path."""
+    return [
+        f"\n{name_of(kind)}: the implement works {m['implement_xte_rms']:.3f} m (rms) beside the path, 95 % within "
+        f"{m['implement_xte_abs_p95']:.3f} m, on average {100 * m['implement_xte_mean']:+.1f} cm to the left; "
+        f"the pull at the hitch is {m['hitch_pull_mean'] / 1e3:.2f} kN"
+        + (f", its angle within {np.degrees(m['hitch_angle_abs_p95']):.1f} deg." if m["hitch_angle_abs_p95"] else ".")
+        for kind, m in ((kind, log.metrics) for kind, log in logs.items())
+        if m.get("implement_xte_rms") is not None
     ]
 
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.implements import ImplementBase, NoImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
 
@@ -18,6 +19,8 @@ class Machine(NamedTuple):
     """Steering cylinder."""
     driveline: Driveline = Driveline()
     """Driveline, from the pedal to the rear wheels."""
+    implement: ImplementBase = NoImplement()
+    """What hangs at the hitch."""
 
 
 __all__ = ["Cylinder", "Driveline", "Machine", "TractorParameters", "Valve"]

@@ -4,6 +4,7 @@ from typing import Any
 
 from agrobot_mj.metrics.base import LogLike, RunView
 from agrobot_mj.metrics.consistency import consistency, saturation
+from agrobot_mj.metrics.implement import implement
 from agrobot_mj.metrics.network import nn_share
 from agrobot_mj.metrics.passes import passes
 from agrobot_mj.metrics.tracking import errors, tracking
@@ -14,6 +15,7 @@ METRICS = (
     consistency,
     saturation,
     passes,
+    implement,
 )
 """Every metric, in the order of metrics.json."""
 

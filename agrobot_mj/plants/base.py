@@ -1,8 +1,9 @@
 """The contract of a running plant, and the clock that it keeps."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
-from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.scene import Scene
 
 
@@ -50,6 +51,13 @@ class RunningPlant(Protocol):
 
     def wheels(self) -> Array:
         """What the four wheels report, or an empty array."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Further signals that the plant reports."""
+
+    def report(self) -> Sequence[float]:
+        """Values of `columns`."""
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.signals import NOMINAL, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_law, drive_step, reset_drive
@@ -286,6 +286,15 @@ class BicyclePlant:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         x, y, yaw, _, _, delta, travelled = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """None beside those of every log."""
+        return ()
+
+    def report(self) -> tuple[float, ...]:
+        """Values of `columns`."""
+        return ()
 
     def configuration(self) -> Array:
         """Generalised positions of the tractor that is drawn in its place, shape (nq,)."""

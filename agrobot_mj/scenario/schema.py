@@ -27,6 +27,7 @@ from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault, clashes
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
@@ -80,6 +81,8 @@ class Scenario(Spec):
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] = 0.002
     """Physics step; must divide the 0.05 s tick; the tyres are stable up to 5 ms [s]."""
     tractor: TractorParameters = TractorParameters()
+    implement: Implement = NoImplement()
+    """Implement at the hitch, on the MuJoCo plant."""
     plant: Plant = Mujoco()
     terrain: Terrain = Flat()
     path: Path = FigureEight()
@@ -155,6 +158,8 @@ def _misfits(s: Scenario) -> list[str]:
     if s.plant.kind == "bicycle":
         found += _beyond_the_bicycle(s)
     found += clashes(s.fault)
+    if s.implement.receiver and s.implement.kind == "none":
+        found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')
     found += [
         f"estimator.{why} needs sensors.{name}.enabled = true"
         for name, why in s.estimator.needs.items()
@@ -173,6 +178,11 @@ def _beyond_the_bicycle(s: Scenario) -> list[str]:
         )
     elif s.terrain.patch:
         found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+    if s.implement.machine:
+        found.append(
+            f"implement.kind: the bicycle plant has no body for an implement, got {s.implement.kind!r}; "
+            'set implement.kind = "none" or plant.kind = "mujoco"'
+        )
     found += [
         f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
         for k, fault in enumerate(s.fault)

@@ -31,6 +31,7 @@ from agrobot_mj.simulation.checks import (
     check_truth,
 )
 from agrobot_mj.simulation.columns import Tick
+from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.terrain import height_and_gradient
 
 SATURATION_MARGIN = radians(0.01)
@@ -52,6 +53,8 @@ class Stages:
     speed: Any
     screen: Screen
     """What of the measurements was rejected."""
+    receiver: ImplementReceiver
+    """Place of the GNSS antenna, as the tractor's computer knows it."""
 
 
 class Loop:
@@ -76,6 +79,7 @@ class Loop:
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
             screen=Screen(),
+            receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
         )
 
     def tick(self) -> Tick:
@@ -90,10 +94,12 @@ class Loop:
         state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
         try:
-            state.estimator, estimate = s.estimator.update(state.estimator, measured, TICK_S)
+            used = state.receiver.reduced(measured)
+            state.estimator, estimate = s.estimator.update(state.estimator, used, TICK_S)
         except ARITHMETIC as error:
             blame(f"the estimator ({s.estimator.kind})", error)
         check_estimate(estimate, s.estimator.kind)
+        state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = s.path.at(truth.t)
         check_reference(reference, s.path.kind)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
@@ -154,9 +160,10 @@ class Loop:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that the stages report in addition to those of every log."""
+        """Signals that the stages and the plant report in addition to those of every log."""
         s = self.scenario
-        return (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
+        stages = (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
+        return (*stages, *self.plant.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
@@ -166,6 +173,7 @@ class Loop:
             *self.supervisor.report(state.supervisor),
             *s.estimator.report(state.estimator),
             *s.sensors.report(state.sensors),
+            *self.plant.report(),
         )
 
 
@@ -175,12 +183,12 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     Raises `ScenarioError` if its parameters describe no possible tractor.
     """
     s = scenario
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.implement)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, machine, ground, clock)
-        plant = MujocoPlant(s.plant, machine, ground, clock)
+        plant = MujocoPlant(s.plant, machine, ground, clock, s.seed)
         for k, payload in loadings(s.fault):
             plant.weigh(payload, f"fault[{k}]")
         return plant

@@ -9,6 +9,7 @@ from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import every
 from agrobot_mj.estimation import Estimator
+from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
@@ -26,6 +27,7 @@ def reference() -> str:
     own = {column.name for column in YAW_COLUMNS}
     parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
+    parts.append(_section("MuJoCo plant with an implement", IMPLEMENT_COLUMNS))
     parts.append(_section("Supervisor", Supervisor().columns))
     for title, union in (("Guidance", Guidance), ("Yaw controller", Controller), ("Estimator", Estimator)):
         for spec in every(union):

@@ -19,6 +19,7 @@ MEMBERS = {
     "guidance": ("agrobot_mj.control", "Kinematic"),
     "estimator": ("agrobot_mj.estimation", "Ekf"),
     "plant.tyre": ("agrobot_mj.tyres", "Linear"),
+    "implement": ("agrobot_mj.machine.implements", "Drawn"),
 }
 
 

@@ -38,6 +38,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "faults": ("circle", {"fault": FAULTS}),
     "learning": ("figure_eight", {"guidance.kind": "learned_feedforward"}),
     "planning": ("circle", {"plant.kind": "bicycle", "guidance.kind": "nmpc"}),
+    "mounted tool": ("trailer_s_bend", {"implement.kind": "mounted", "implement.linkage": "float"}),
+    "drawn tool, receiver on it": ("seeder_receiver", {}),
     "no fixes": ("straight_line", {"fault": [{"kind": "gnss_loss", "start_s": 0.5}], "supervisor.max_fix_age_s": 0.5}),
 }  # fmt: skip
 

@@ -161,7 +161,8 @@ class FollowPath(gymnasium.Env[Any, Any]):
             from agrobot_mj.plants.mujoco.camera import Camera
 
             self.close()
-            self._camera, self._drawn = Camera(sim.scenario.tractor, sim.loop.ground, self.image_size), sim
+            s = sim.scenario
+            self._camera, self._drawn = Camera(s.tractor, sim.loop.ground, self.image_size, s.implement), sim
         ahead = [sim.path.ahead(self._moment.beside.s + distance) for distance in DRAWN_M]
         path = [(p.x, p.y, sim.loop.height(sim.loop.ground, p.x, p.y)[0]) for p in ahead]
         return self._camera.picture(sim.loop.plant.configuration(), np.array(path))

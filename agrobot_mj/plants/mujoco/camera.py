@@ -12,11 +12,14 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.implements import ImplementBase, NoImplement
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.terrain import Ground
 
+NONE = NoImplement()
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
 """Half width and colour of the drawn path."""
@@ -31,9 +34,13 @@ class NoDisplayError(RuntimeError):
 class Camera:
     """Draws one tractor on its ground, wherever it is."""
 
-    def __init__(self, tractor: TractorParameters, ground: Ground, size: tuple[int, int]) -> None:
+    def __init__(
+        self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
+    ) -> None:
         """Pictures of `size`, width and height [pixels]. Raises `NoDisplayError` where MuJoCo has no OpenGL."""
         spec = tractor_spec(tractor, Cylinder(), Driveline())
+        if (hitched := implement.hitched(tractor)) is not None:
+            add_implement(spec, hitched, tractor, native=False)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = size
         _light(spec)
         self.model = simulation_model(spec, ground, 0.002, None)

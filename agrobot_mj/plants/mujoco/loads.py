@@ -25,14 +25,16 @@ GIVE = 0.03
 EASE = 10.0
 """At rest the resistance eases off over this time [s]. Estimate; it lets a stuck tractor creep by 3 mm/s at most."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
-"""Entries of the loads, shape (9,): pull and side force (left positive) [N]; place of the hitch behind the rear axle
-and above the ground [m]; z above, ahead and to the left in the chassis frame [m]; from there on the chassis' own centre
-of mass in its frame [m]. All in one array, since each argument of the compiled loop costs time."""
+HUNG = CENTRE + 3
+"""Entries of the loads, shape (10,): pull and side force (left positive) [N]; place of the hitch behind the rear axle
+and above the ground [m]; z above, ahead and to the left in the chassis frame [m]; three of the chassis' own centre of
+mass in its frame [m]; the mass of an implement over the tractor's own [-]. All in one array, since each argument of the
+compiled loop costs time."""
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """Loads (9,) without any disturbance, with the hitch `behind` the rear axle and `height` above the ground [m]."""
-    loads = np.zeros(9)
+    """Loads (10,) without any disturbance, with the hitch `behind` the rear axle and `height` above the ground [m]."""
+    loads = np.zeros(10)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads
 
@@ -53,6 +55,13 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
         level = loads[SIDE] / hypot(R[0], R[3])
         # on the whole tractor's centre of mass, so that the force alone does not turn it
         place = (v.root_com[0] - v.qpos[0], v.root_com[1] - v.qpos[1], v.root_com[2] - v.qpos[2])
+        if loads[HUNG] > 0.0:  # that of the tractor without its implement
+            k, hung = loads[HUNG], v.implement_com
+            place = (
+                place[0] + k * (v.root_com[0] - hung[0]),
+                place[1] + k * (v.root_com[1] - hung[1]),
+                place[2] + k * (v.root_com[2] - hung[2]),
+            )
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
 

@@ -81,10 +81,10 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
             body.pos = [0, side * half, rear[0] - sink_rear]
         spec.geom(f"tyre_{wheel}").size = [r, width / 2, 0]
         spec.geom(f"rim_{wheel}").size = [0.6 * r, width / 2 + 0.003, 0]
-        _add_lugs(body, wheel, r, width)
+        add_lugs(body, wheel, r, width)
 
 
-def _add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
+def add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
     """Bars across the tread, alternately left and right, so that one sees the wheel spin."""
     count = 18 if wheel[0] == "r" else 14
     for k in range(count):

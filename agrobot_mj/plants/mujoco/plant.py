@@ -1,6 +1,7 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 import sys
+from collections.abc import Sequence
 from math import cos, hypot, isfinite, nan, radians
 from typing import Annotated, Any, Literal
 
@@ -10,14 +11,17 @@ from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Conditions, Drive, PointMass, Reference, Truth
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Conditions, Drive, PointMass, Reference, Truth
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, static_flow, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
-from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, LEFT, PULL, SIDE, no_loads
+from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
+from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement_stability import check_implement
+from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
@@ -82,17 +86,24 @@ def oil_of(machine: Machine) -> Oil:
 class MujocoPlant:
     """The running tractor."""
 
-    def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
+    def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
+        """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
         self.spec, self.tractor, self.ground = spec, machine.tractor, ground
         native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
-        self.model = simulation_model(
-            tractor_spec(machine.tractor, machine.cylinder, machine.driveline), ground, clock.dt, native
-        )
+        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline)
+        hitched = machine.implement.hitched(machine.tractor)
+        if hitched is not None:
+            add_implement(parts, hitched, machine.tractor, native is not None)
+        self.model = simulation_model(parts, ground, clock.dt, native)
         if native is None:
             check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
+        self.attached = attached(hitched, self.model, spec.tyre, machine.tractor, seed)
+        self.implement = hitched and RunningImplement(hitched, self.model, self.data, self.attached)
+        if hitched is not None:
+            check_implement(self.model, machine.implement, hitched, self.attached)
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
         self.oil = oil_of(machine)
@@ -138,6 +149,8 @@ class MujocoPlant:
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
         self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        if self.implement:
+            self.implement.forget()
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
         roll = self.model.joint("axle_roll").qposadr[0]
@@ -174,11 +187,13 @@ class MujocoPlant:
         if self.contacts:
             self.contacts.set_friction()
         self._run(*self._arguments((drive.steer_voltage, drive.pedal_voltage)))
+        if self.implement:
+            self.implement.finish_tick()
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """Arguments of `run_steps`."""
         actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory)
-        return self.views, self.tyred, self.loads, actuators, voltages, self.samples
+        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -198,7 +213,11 @@ class MujocoPlant:
         tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
         tyres.stiffness[:] = self.vertical * tyres.carcass[:, 0]
         self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
-        self.loads[CENTRE:] = self.model.body_ipos[CHASSIS]
+        self.loads[CENTRE:HUNG] = self.model.body_ipos[CHASSIS]
+        if self.implement:
+            self.implement.apply_grip(conditions.grip)
+            hung = self.model.body_subtreemass[self.attached.body]
+            self.loads[HUNG] = hung / (self.model.body_subtreemass[CHASSIS] - hung)
         if not conditions.drawbar:
             self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         self.data.xfrc_applied[CHASSIS] = 0.0
@@ -207,7 +226,8 @@ class MujocoPlant:
     def _memories(self) -> tuple[AnyArray, ...]:
         """What a tick writes in place, outside of MjData."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
-        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive
+        hung = self.implement.arrays if self.implement else ()
+        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
         """State between two ticks, some kilobytes."""
@@ -233,6 +253,7 @@ class MujocoPlant:
         """The state as the sensors may see it."""
         self._observe(self.views, *self.sites, self.motion)
         motion, q = self.motion.tolist(), self.data.qpos
+        antenna = self.implement.antenna if self.implement else None
         return Truth(
             t=self.ticks * self.tick_s,
             x=motion[0],
@@ -248,8 +269,8 @@ class MujocoPlant:
             pedal=float(self.drive_memory.pedal[0]),
             rear_x=float(q[0]),
             rear_y=float(q[1]),
-            antenna=(motion[3], motion[4], motion[5]),
-            antenna_velocity=(motion[9], motion[10], motion[11]),
+            antenna=antenna.place if antenna else (motion[3], motion[4], motion[5]),
+            antenna_velocity=antenna.velocity if antenna else (motion[9], motion[10], motion[11]),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
             wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
@@ -268,6 +289,15 @@ class MujocoPlant:
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the implement, where there is one."""
+        return COLUMNS if self.implement else ()
+
+    def report(self) -> Sequence[float]:
+        """Values of `columns`."""
+        return self.implement.report() if self.implement else ()
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
@@ -290,4 +320,5 @@ class MujocoPlant:
 
     @property
     def _fallen(self) -> bool:
-        return bool(self.data.xmat[CHASSIS, 8] < ROLLOVER_COSINE)
+        lean = float(self.data.xmat[CHASSIS, 8])
+        return min(lean, self.implement.lean_cosine if self.implement else lean) < ROLLOVER_COSINE

@@ -47,10 +47,10 @@ def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParam
         motion = _patch_motion(model, data, tyres, carried.axis)
         mobility = motion @ np.linalg.solve(inertia, motion.T)
         parts = dt * dt * carried.stiffness, 2.0 * dt * carried.damping
-        whole = _largest(mobility, parts[0] + parts[1])
+        whole = largest(mobility, parts[0] + parts[1])
         if not whole < LIMIT:
             alone = {
-                key: _largest(mobility, part * on)
+                key: largest(mobility, part * on)
                 for part, keys in zip(parts, carried.keys, strict=True)
                 for key, on in zip(keys, ((1, 1, 0, 0), (0, 0, 1, 1)), strict=True)
             }
@@ -110,7 +110,7 @@ def _patch_motion(model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, ax
     return found
 
 
-def _largest(mobility: Array, weights: Array) -> float:
+def largest(mobility: Array, weights: Array) -> float:
     """Largest eigenvalue of mobility times diagonal weights."""
     root = np.sqrt(weights)
     return float(np.linalg.eigvalsh(root[:, None] * mobility * root).max())

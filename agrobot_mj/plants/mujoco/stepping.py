@@ -10,7 +10,8 @@ from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
-from agrobot_mj.plants.mujoco.views import CHASSIS, Views
+from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
+from agrobot_mj.plants.mujoco.views import CHASSIS, Index, Views
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
@@ -66,11 +67,11 @@ class Tyred(NamedTuple):
 
 
 @kernel
-def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
-    """Read each wheel's motion, step its tyre, and write the wrench into `xfrc_applied`."""
+def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float) -> None:
+    """Read the motion of each of the bodies `wheels`, step its tyre, and write the wrench into `xfrc_applied`."""
     c = v.root_com
-    for i in range(4):
-        b = v.wheels[i]
+    for i in range(wheels.size):
+        b = wheels[i]
         centre = (v.xpos[b, 0], v.xpos[b, 1], v.xpos[b, 2])
         axle = (v.xmat[b, 1], v.xmat[b, 4], v.xmat[b, 7])
         w = (v.cvel[b, 0], v.cvel[b, 1], v.cvel[b, 2])
@@ -83,6 +84,14 @@ def apply_tyres(v: Views, tyred: Tyred, dt: float) -> None:
         )
         motion = WheelMotion(centre, axle, velocity, w)
         wheel_step(tyred.tyres, i, tyred.ground, motion, dt, tyred.bristles[i], v.xfrc[b], tyred.report[i])
+
+
+@kernel
+def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+    """Write the wrenches on the implement's body and wheels into `xfrc_applied`."""
+    apply_tools(v, a, ground, dt)
+    if not a.native:
+        apply_tyres(v, a.wheels, Tyred(False, a.tyres, ground, a.bristles, a.wheel_report), dt)
 
 
 @kernel
@@ -102,7 +111,13 @@ def relieve(v: Views, oil: Oil) -> None:
 
 @kernel
 def run_steps(
-    v: Views, tyred: Tyred, loads: Array, actuators: Actuators, voltages: tuple[float, float], samples: Array
+    v: Views,
+    tyred: Tyred,
+    attached: Attached,
+    loads: Array,
+    actuators: Actuators,
+    voltages: tuple[float, float],
+    samples: Array,
 ) -> None:
     """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
     oil, valve, valve_memory, drive, drive_memory = actuators
@@ -115,7 +130,9 @@ def run_steps(
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
-            apply_tyres(v, tyred, drive.dt)
+            apply_tyres(v, v.wheels, tyred, drive.dt)
+        if attached.body > 0:
+            apply_implement(v, attached, tyred.ground, drive.dt)
         step2(v.model, v.data)
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]

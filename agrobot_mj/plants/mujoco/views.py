@@ -10,6 +10,8 @@ from agrobot_mj.core.signals import WHEELS, Array
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 CHASSIS = 1
 """Body id of the chassis, the first after the world."""
+IMPLEMENT = "implement"
+"""Name of the body at the hitch, where there is one."""
 
 
 class Views(NamedTuple):
@@ -25,9 +27,12 @@ class Views(NamedTuple):
     qvel: Array
     xpos: Array
     xmat: Array
+    xipos: Array
     cvel: Array
     root_com: Array
     """Centre of mass of the tractor, the point to which `cvel` refers, shape (3,)."""
+    implement_com: Array
+    """Centre of mass of the implement with its wheels, shape (3,); that of the tractor without one."""
     xfrc: Array
     wheels: Index
     """Body ids, shape (4,)."""
@@ -43,6 +48,8 @@ class Views(NamedTuple):
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
     """The views of a tractor's model and data; both must outlive them."""
+    found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, IMPLEMENT)
+    hung = CHASSIS if found < 0 else found
     return Views(
         model=model._address,
         data=data._address,
@@ -52,8 +59,10 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         qvel=data.qvel,
         xpos=data.xpos,
         xmat=data.xmat,
+        xipos=data.xipos,
         cvel=data.cvel,
         root_com=data.subtree_com[CHASSIS],
+        implement_com=data.subtree_com[hung],
         xfrc=data.xfrc_applied,
         wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
         steer_q=int(model.joint("steer").qposadr[0]),

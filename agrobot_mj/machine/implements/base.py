@@ -1,0 +1,145 @@
+"""The contract of an implement: a kind says what hangs at the hitch, as data that a plant can build.
+
+An implement is an `ImplementBase` whose `hitched` gives mass, joints, wheels, tool and shapes; kinds differ by that
+alone. Places are relative to the hitch of the tractor, x ahead, y left, z up, while tractor and implement stand in line
+on level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
+"""
+
+from typing import ClassVar, NamedTuple
+
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.machine.implements.draught import ToolLaw
+from agrobot_mj.machine.tractor import TractorParameters
+
+Place = tuple[float, float, float]
+"""x ahead, y left, z up from the hitch [m]."""
+
+
+class Joint(NamedTuple):
+    """Hinge between tractor and implement."""
+
+    name: str
+    axis: Place
+    """Unit vector of its axis."""
+    at: Place
+    """A point of the axis."""
+    limit: float
+    """Stops, either way [rad]."""
+
+
+class Axle(NamedTuple):
+    """Two wheels with tyres."""
+
+    at: Place
+    """Middle of the axle; its height is that of the wheels' centres at static load."""
+    track: float
+    """Distance between the wheels' centre planes [m]."""
+    radius: float
+    """Free radius [m]."""
+    width: float
+    """Section width [m]."""
+    mass: float
+    """Mass of one wheel [kg]."""
+    stiffness: float
+    """Vertical stiffness of one tyre [N/m]."""
+    damping: float
+    """Vertical damping of one tyre [N s/m]."""
+    slip_stiffness: float
+    """Slip stiffness over that of the plant's law [-]."""
+    rolling: float
+    """Rolling resistance over that of the plant's law [-]."""
+
+
+class DepthWheel(NamedTuple):
+    """Wheel that carries the frame of a floating implement."""
+
+    at: Place = (0.0, 0.0, 0.0)
+    """Its lowest point when it just touches the ground."""
+    stiffness: float = 0.0
+    """Vertical stiffness; 0 for none [N/m]."""
+    damping: float = 0.0
+    """Vertical damping [N s/m]."""
+    rolling: float = 0.0
+    """Rolling resistance over load [-]."""
+
+
+class Unevenness(NamedTuple):
+    """Spread of the draught along the way."""
+
+    share: float = 0.0
+    """Standard deviation over the mean [-]."""
+    length: float = 1.0
+    """Correlation length [m]."""
+
+
+class Shape(NamedTuple):
+    """A box to be drawn."""
+
+    name: str
+    half: Place
+    """Half sizes [m]."""
+    at: Place
+    """Centre."""
+    paint: str
+    """Material of `models/tractor.xml`."""
+
+
+class HitchedBody(NamedTuple):
+    """What hangs at the hitch."""
+
+    mass: float
+    """Mass without its wheels [kg]."""
+    centre: Place
+    """Centre of that mass."""
+    inertia: tuple[float, float, float]
+    """Moments of inertia about it, roll, pitch and yaw [kg m2]."""
+    joints: tuple[Joint, ...]
+    """Hinges, none for an implement that is rigid with the tractor."""
+    point: Place
+    """Point on the ground that does the work and whose cross-track error counts."""
+    antenna: Place | None
+    """Place of the GNSS antenna; None where it stands on the tractor."""
+    axle: Axle | None = None
+    depth_wheel: DepthWheel = DepthWheel()
+    tool: ToolLaw | None = None
+    tool_at: Place = (0.0, 0.0, 0.0)
+    """Tip of the tool."""
+    unevenness: Unevenness = Unevenness()
+    shapes: tuple[Shape, ...] = ()
+
+
+class ImplementBase(Spec):
+    """Base of every implement; a kind overrides `hitched`."""
+
+    machine: ClassVar[bool] = True
+    """Whether it needs a plant with a body, which the bicycle does not have."""
+
+    kind: str
+    receiver: bool = False
+    """Whether the GNSS antenna stands on the implement, above the point that does the work, instead of the tractor."""
+
+    def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
+        """What hangs at the hitch of this tractor; None for nothing. Raises ValueError where it cannot be."""
+        raise NotImplementedError
+
+    def receiver_behind(self, tractor: TractorParameters) -> float:
+        """Distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor [m]."""
+        hitched = self.hitched(tractor)
+        return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
+
+
+def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
+    """Roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its centre."""
+    l, w, h = size  # noqa: E741
+    return mass / 12 * (w * w + h * h), mass / 12 * (l * l + h * h), mass / 12 * (l * l + w * w)
+
+
+def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
+    """How far a point `at` behind the rear axle sinks when a `load` [N] is put on `behind` it [m].
+
+    Rigid with the tractor, by the tyres' vertical stiffness.
+    """
+    L = tractor.wheelbase_m
+    rear = load * (L + behind) / L / (2 * tractor.rear_tyre_stiffness_n_m)
+    front = -load * behind / L / (2 * tractor.front_tyre_stiffness_n_m)
+    return rear + (rear - front) * at / L

@@ -1,0 +1,136 @@
+"""Implement behind the drawbar, on an axle of its own: trailer, grain cart, drawn seeder.
+
+The pin of the drawbar lets it yaw, pitch and roll between stops. Its two tyres have the law of the tractor's rear
+tyres, with the size and the stiffness given here.
+"""
+
+from math import radians
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.implements.base import Axle, HitchedBody, ImplementBase, Joint, Shape, Unevenness, box_inertia
+from agrobot_mj.machine.implements.tool import Tool
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+
+Length = Annotated[float, Field(gt=0, le=20)]
+YAW, SWING = radians(85.0), radians(25.0)
+"""Free travel of the pin in yaw, and in pitch and roll, either way [rad]. Estimate."""
+MIDDLE = (0.0, 0.0, 0.0)
+PIN = (
+    Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
+    Joint("hitch_pitch", (0.0, 1.0, 0.0), MIDDLE, SWING),
+    Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
+)
+"""The pin at the drawbar."""
+
+
+class Drawn(ImplementBase):
+    """Implement with one axle behind the drawbar."""
+
+    kind: Literal["drawn"] = "drawn"
+    lowered: bool = False
+    """Whether a tool works in the soil."""
+    mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
+    """Mass of the implement with its wheels and load [kg]. Estimate (300-1000 for the class)."""
+    cg_behind_m: Length = 1.75
+    """Distance of its centre of mass behind the hitch [m]. Estimate: an eighth of the weight on the drawbar."""
+    cg_height_m: Length = 0.65
+    """Height of its centre of mass above level ground [m]. Estimate."""
+    length_m: Length = 1.8
+    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Estimate."""
+    width_m: Length = 1.1
+    """Width of its body [m]. Estimate."""
+    height_m: Length = 0.6
+    """Height of its body [m]. Estimate."""
+    axle_behind_m: Length = 2.0
+    """Distance of its axle behind the hitch [m]. Estimate."""
+    track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
+    """Track width [m]. Estimate."""
+    wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
+    """Free radius of a wheel [m]. Estimate, size 10.0/75-15 or so."""
+    wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
+    """Section width of a tyre [m]. Estimate."""
+    wheel_mass_kg: Positive = 20.0
+    """Mass of one wheel [kg]. Estimate."""
+    tyre_stiffness_n_m: Positive = 1.8e5
+    """Vertical stiffness of one tyre [N/m]. Estimate (1e5-3e5)."""
+    tyre_damping_n_s_m: NonNegative = 1800.0
+    """Vertical damping of one tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
+    slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
+    """Slip stiffness of its tyres over that of the law of `plant.tyre` at the rear [-]."""
+    rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
+    """Rolling resistance of its tyres over that of the law of `plant.tyre` [-]."""
+    tool: Tool = Tool()
+    """Tool in the soil, if `lowered`."""
+    tool_behind_m: Length = 2.0
+    """Distance of the tool's centre behind the hitch [m]. Estimate: at the axle."""
+    antenna_height_m: Length = 2.0
+    """Height of the GNSS antenna above level ground, if `receiver` [m]. Estimate: that on the tractor."""
+
+    def hitched(self, tractor: TractorParameters) -> HitchedBody:
+        """A body on the pin and two wheels."""
+        ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
+        body = self.mass_kg - wheels
+        if body <= 0:
+            raise ValueError(f"implement.mass_kg: its wheels alone weigh {wheels:g} kg; raise it, got {self.mass_kg:g}")
+        sink = self.axle_load / 2 / self.tyre_stiffness_n_m
+        axle_at = (-self.axle_behind_m, 0.0, ground + self.wheel_radius_m - sink)
+        at = self.tool_behind_m if self.lowered else self.axle_behind_m
+        height = (self.mass_kg * (self.cg_height_m + ground) - wheels * axle_at[2]) / body
+        centre = (-(self.mass_kg * self.cg_behind_m - wheels * self.axle_behind_m) / body, 0.0, height)
+        return HitchedBody(
+            mass=body,
+            centre=centre,
+            inertia=box_inertia(body, (self.length_m, self.width_m, self.height_m)),
+            joints=PIN,
+            point=(-at, 0.0, ground),
+            antenna=(-at, 0.0, self.antenna_height_m - tractor.hitch_height_m) if self.receiver else None,
+            axle=self._axle(axle_at),
+            tool=self.tool.law() if self.lowered else None,
+            tool_at=(-self.tool_behind_m, 0.0, ground - self.tool.depth_m),
+            unevenness=Unevenness(self.tool.noise_share, self.tool.noise_length_m),
+            shapes=(*self._shapes(axle_at, centre), *self._toolbar(ground)),
+        )
+
+    @property
+    def axle_load(self) -> float:
+        """Static load of the axle, both wheels, level ground [N]."""
+        return self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m
+
+    def _axle(self, at: tuple[float, float, float]) -> Axle:
+        return Axle(
+            at=at,
+            track=self.track_m,
+            radius=self.wheel_radius_m,
+            width=self.wheel_width_m,
+            mass=self.wheel_mass_kg,
+            stiffness=self.tyre_stiffness_n_m,
+            damping=self.tyre_damping_n_s_m,
+            slip_stiffness=self.slip_stiffness_scale,
+            rolling=self.rolling_scale,
+        )
+
+    def _toolbar(self, ground: float) -> tuple[Shape, ...]:
+        """Bar and shares across, where a tool works."""
+        if not self.lowered:
+            return ()
+        x, wide = -self.tool_behind_m, self.width_m / 2
+        bar = Shape("toolbar", (0.04, wide, 0.04), (x, 0.0, ground + 0.3), "iron")
+        places = (-0.8 * wide, 0.0, 0.8 * wide)
+        return bar, *(
+            Shape(f"leg_{i}", (0.04, 0.02, 0.15), (x, y, ground + 0.15), "iron") for i, y in enumerate(places)
+        )
+
+    def _shapes(self, axle: tuple[float, float, float], centre: tuple[float, float, float]) -> tuple[Shape, ...]:
+        """Drawbar, axle beam and body, for the drawing."""
+        l, w, h = self.length_m / 2, self.width_m / 2, self.height_m / 2  # noqa: E741
+        front = max(-centre[0] - l, 0.2)
+        above = max(axle[2] + self.wheel_radius_m + 0.05 + h, centre[2])
+        return (
+            Shape("drawbar", (front / 2 + 0.1, 0.04, 0.04), (-front / 2 - 0.1, 0.0, 0.0), "iron"),
+            Shape("axle_beam_i", (0.05, self.track_m / 2, 0.05), axle, "iron"),
+            Shape("frame", (l, 0.06, 0.05), (centre[0], 0.0, 0.02), "iron"),
+            Shape("body", (l, w, h), (centre[0], 0.0, above), "signal"),
+        )

@@ -1,0 +1,122 @@
+"""Implement on the three-point hitch, rigid with the tractor or floating on a depth wheel.
+
+The check chains of the lower links are tight, so that it follows every yaw of the tractor. Held in position
+(`rigid`), it follows its pitch, roll and heave too, and its weight, the soil's suction and draught load the tractor.
+Floating (`float`), it turns in pitch about the point where the lines of the upper and the lower links meet, ahead of
+the hitch in side view, and a depth wheel carries what the links do not.
+"""
+
+from math import radians
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.implements.base import (
+    DepthWheel,
+    HitchedBody,
+    ImplementBase,
+    Joint,
+    Shape,
+    Unevenness,
+    box_inertia,
+    sinking,
+)
+from agrobot_mj.machine.implements.tool import Tool
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+
+Length = Annotated[float, Field(gt=0, le=20)]
+TRAVEL = radians(15.0)
+"""Free travel of the floating links, either way [rad]. Estimate."""
+
+
+class Mounted(ImplementBase):
+    """Implement on the three-point hitch."""
+
+    kind: Literal["mounted"] = "mounted"
+    linkage: Literal["rigid", "float"] = "rigid"
+    """Lift: `rigid` holds its position, `float` leaves the depth to the depth wheel."""
+    lowered: bool = True
+    """Whether the tool works in the soil."""
+    mass_kg: Annotated[float, Field(ge=5, le=20000)] = 110.0
+    """Mass of the implement [kg]. Estimate (80-250 for the class)."""
+    cg_behind_m: Length = 0.55
+    """Distance of its centre of mass behind the hitch [m]. Estimate."""
+    cg_height_m: Length = 0.45
+    """Height of its centre of mass above level ground [m]. Estimate."""
+    length_m: Length = 0.9
+    """Length of its frame; with width and height it gives the inertia, as of a uniform box [m]. Estimate."""
+    width_m: Length = 0.7
+    """Width of its frame [m]. Estimate."""
+    height_m: Length = 0.5
+    """Height of its frame [m]. Estimate."""
+    tool: Tool = Tool()
+    """Tool in the soil."""
+    tool_behind_m: Length = 0.7
+    """Distance of the tool's centre behind the hitch [m]. Estimate."""
+    tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    """Distance of the tool's centre to the left of the tractor's middle; its draught then turns the tractor [m]."""
+    antenna_height_m: Length = 2.0
+    """Height of the GNSS antenna above level ground, if `receiver` [m]. Estimate: that on the tractor."""
+    virtual_hitch_ahead_m: Length = 1.0
+    """Distance ahead of the hitch of the point about which a floating implement turns [m]. Estimate (0.5-2)."""
+    depth_wheel_behind_m: Length = 0.6
+    """Distance of the depth wheel behind the hitch [m]. Estimate."""
+    depth_wheel_stiffness_n_m: Positive = 8e4
+    """Vertical stiffness of the depth wheel on its soil [N/m]. Estimate (5e4-2e5)."""
+    depth_wheel_damping_n_s_m: NonNegative = 1500.0
+    """Vertical damping of the depth wheel [N s/m]. Estimate: a quarter of critical."""
+    depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Rolling resistance of the depth wheel over its load [-]. Estimate (0.05-0.2)."""
+
+    def hitched(self, tractor: TractorParameters) -> HitchedBody:
+        """One body: rigid with the tractor, or on one hinge across."""
+        floating, ground = self.linkage == "float", -tractor.hitch_height_m
+        x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
+        # position control is set for the depth in work: the tractor's tyres give way under the weight
+        behind = tractor.hitch_behind_m
+        sunk = 0.0 if floating else sinking(tractor, weight, behind + self.cg_behind_m, behind + self.tool_behind_m)
+        tip = ground + sunk - self.tool.depth_m
+        carried = self._carried(weight) if floating else 0.0
+        wheel = DepthWheel(
+            (-self.depth_wheel_behind_m, 0.0, ground - carried / self.depth_wheel_stiffness_n_m),
+            self.depth_wheel_stiffness_n_m,
+            self.depth_wheel_damping_n_s_m,
+            self.depth_wheel_rolling,
+        )
+        across = Joint("hitch_pitch", (0.0, 1.0, 0.0), (self.virtual_hitch_ahead_m, 0.0, 0.0), TRAVEL)
+        return HitchedBody(
+            mass=self.mass_kg,
+            centre=(-self.cg_behind_m, 0.0, self.cg_height_m - tractor.hitch_height_m),
+            inertia=box_inertia(self.mass_kg, (self.length_m, self.width_m, self.height_m)),
+            joints=(across,) if floating else (),
+            point=(x, 0.0, ground),
+            antenna=(x, 0.0, self.antenna_height_m - tractor.hitch_height_m) if self.receiver else None,
+            depth_wheel=wheel if floating else DepthWheel(),
+            tool=self.tool.law() if self.lowered else None,
+            tool_at=(x, y, tip),
+            unevenness=Unevenness(self.tool.noise_share, self.tool.noise_length_m),
+            shapes=self._shapes(tractor, ground),
+        )
+
+    def _carried(self, weight: float) -> float:
+        """Static load of the depth wheel: the weight by its lever about the virtual hitch [N]."""
+        ahead = self.virtual_hitch_ahead_m
+        return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
+
+    def _shapes(self, tractor: TractorParameters, ground: float) -> tuple[Shape, ...]:
+        """Headstock, beam, toolbar and a leg, for the drawing."""
+        bar = self.cg_height_m - tractor.hitch_height_m
+        x, y, leg = -self.tool_behind_m, self.tool_left_m, (bar - ground) / 2
+        wide = self.width_m / 2
+        found = [
+            Shape("headstock", (0.03, min(0.3, wide), 0.22), (-0.05, 0.0, bar + 0.1), "iron"),
+            Shape("beam", (self.length_m / 2, 0.05, 0.05), (-self.length_m / 2, 0.0, bar), "signal"),
+            Shape("toolbar", (0.04, wide, 0.04), (x, 0.0, bar), "signal"),
+            Shape("leg", (0.05, 0.025, leg), (x, y, bar - leg), "iron"),
+            Shape("share", (0.16, 0.08, 0.05), (x, y, ground + 0.05), "rim"),
+        ]
+        if self.linkage == "float":
+            at = (-self.depth_wheel_behind_m, wide, ground + 0.16)
+            found.append(Shape("depth_wheel", (0.16, 0.04, 0.16), at, "rubber"))
+        return tuple(found)

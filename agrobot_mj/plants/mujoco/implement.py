@@ -1,0 +1,172 @@
+"""The implement of a running tractor: what the compiled loop needs of it, what it reports, where its antenna is."""
+
+from collections.abc import Sequence
+from math import exp, log1p, nan, sqrt
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.machine.implements.base import Axle, DepthWheel, HitchedBody, Unevenness
+from agrobot_mj.machine.implements.draught import ToolLaw
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.implement_model import IMPLEMENT_WHEELS
+from agrobot_mj.plants.mujoco.tools import DEPTH, DRAUGHT, SIDE, WHEEL_LOAD, Attached
+from agrobot_mj.plants.mujoco.views import CHASSIS, IMPLEMENT
+from agrobot_mj.tyres.base import TyreBase
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.patch import FORCE_Y, LOAD, TyreSet
+
+STEPS_A_LENGTH, LENGTHS = 5, 2000
+"""Entries of the unevenness in a correlation length, and correlation lengths until it repeats [-]."""
+NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
+
+COLUMNS = (
+    Column("implement_x", "m", "true place where the implement works, tool or axle, east"),
+    Column("implement_y", "m", "true place where the implement works, north"),
+    Column("implement_yaw", "rad", "true heading of the implement, from east, counter-clockwise, wrapped"),
+    Column("hitch_angle", "rad", "heading of the implement less that of the tractor, left positive"),
+    Column("hitch_pull", "N", "force of the tractor on the implement, ahead in the tractor's heading"),
+    Column("hitch_side", "N", "force of the tractor on the implement, to the left of the tractor's heading"),
+    Column("hitch_lift", "N", "force of the tractor on the implement, upwards"),
+    Column("draught", "N", "force of the soil on the tool, backwards along the implement; null without a tool"),
+    Column("tool_side", "N", "force of the soil on the tool, to the left; null without a tool"),
+    Column("tool_depth", "m", "depth of the tool; null without a tool"),
+    Column("depth_wheel_load", "N", "load of the depth wheel; null without one"),
+    *(
+        Column(f"{quantity}_{wheel}", "N", f"{text}, the implement's wheel {wheel}; null without wheels")
+        for quantity, text in (("load", "vertical load"), ("fy", "force on the wheel, left in the ground plane"))
+        for wheel in IMPLEMENT_WHEELS
+    ),
+)
+"""Columns of a plant with an implement."""
+
+
+def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
+    """The two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no axle."""
+    if axle is None:
+        return tyre_set(tyre, tractor)
+    sizes = {"radius_m": axle.radius, "width_m": axle.width, "mass_kg": axle.mass}
+    springs = {"stiffness_n_m": axle.stiffness, "damping_n_s_m": axle.damping}
+    wheels = {f"{end}_wheel_{name}": value for end in ("front", "rear") for name, value in sizes.items()}
+    tyres = {f"{end}_tyre_{name}": value for end in ("front", "rear") for name, value in springs.items()}
+    whole = tyre_set(tyre, tractor.model_copy(update=wheels | tyres))
+    arrays: dict[str, Any] = {
+        name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)
+    }
+    two = whole._replace(front=whole.rear, **arrays)
+    two.carcass[:] = axle.slip_stiffness, axle.rolling
+    return two
+
+
+def uneven_ground(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
+    """Draught over its mean along the way, log-normal of mean 1, shape (n,) [-], and the way between entries [m]."""
+    if unevenness.share <= 0.0:
+        return np.ones(1), 1.0
+    whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
+    spread, value, found = log1p(unevenness.share**2), whites[0], []
+    for white in whites:
+        found.append(exp(sqrt(spread) * value - spread / 2))
+        value = gauss_markov(value, white, 1.0, STEPS_A_LENGTH)
+    return np.array(found), unevenness.length / STEPS_A_LENGTH
+
+
+def attached(
+    hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
+) -> Attached:
+    """What the compiled loop needs of an implement, or of none."""
+    axle = hitched.axle if hitched else None
+    names = IMPLEMENT_WHEELS if axle else ()
+    uneven, step = uneven_ground(hitched.unevenness if hitched else Unevenness(), seed)
+    return Attached(
+        body=model.body(IMPLEMENT).id if hitched else 0,
+        native=tyre.native is not None,
+        working=hitched is not None and hitched.tool is not None,
+        tool=(hitched.tool if hitched else None) or NO_TOOL,
+        tip=hitched.tool_at if hitched else (0.0, 0.0, 0.0),
+        depth_wheel=hitched.depth_wheel if hitched else DepthWheel(),
+        uneven=uneven,
+        uneven_step=step,
+        wheels=np.array([model.body(f"wheel_{name}").id for name in names], dtype=np.int64),
+        tyres=wheels_of(axle, tyre, tractor),
+        bristles=np.zeros((len(names), 3)),
+        wheel_report=np.zeros((len(names), 6)),
+        memory=np.zeros(3),
+        report=np.zeros(4),
+    )
+
+
+class Motion(NamedTuple):
+    """Place and velocity of a point of the implement, ENU."""
+
+    place: tuple[float, float, float]
+    """Place [m]."""
+    velocity: tuple[float, float, float]
+    """Velocity [m/s]."""
+
+
+class RunningImplement:
+    """An implement in one MjModel and MjData."""
+
+    def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
+        self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
+        self.body, self.pull = parts.body, np.zeros(3)
+
+    def finish_tick(self) -> None:
+        """Compute what a tick leaves open: the force at the hitch, and the bodies' velocities after the last step."""
+        mujoco.mj_rnePostConstraint(self.model, self.data)
+        self.pull[:] = self.data.cfrc_int[self.body, 3:]
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_comVel(self.model, self.data)
+
+    def motion(self, at: tuple[float, float, float]) -> Motion:
+        """Motion of a point given relative to the hitch, in the implement's frame [m]."""
+        data, body = self.data, self.body
+        place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
+        velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
+        x, y, z = place.tolist()
+        vx, vy, vz = velocity.tolist()
+        return Motion((x, y, z), (vx, vy, vz))
+
+    @property
+    def antenna(self) -> Motion | None:
+        """Motion of the GNSS antenna; None where it stands on the tractor."""
+        return None if self.hitched.antenna is None else self.motion(self.hitched.antenna)
+
+    @property
+    def lean_cosine(self) -> float:
+        """Cosine of the angle between its upward axis and the vertical [-]."""
+        return float(self.data.xmat[self.body, 8])
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """What a tick writes in place, outside of MjData."""
+        parts = self.parts
+        return parts.bristles, parts.wheel_report, parts.memory, parts.report, self.pull
+
+    def forget(self) -> None:
+        """Forget all forces and the way worked, as where it is set down."""
+        for array in self.arrays:
+            array[:] = 0.0
+
+    def apply_grip(self, grip: float) -> None:
+        """Scale the friction of its tyres."""
+        self.parts.tyres.grip[:] = grip
+
+    def report(self) -> Sequence[float]:
+        """Values of `COLUMNS`."""
+        parts, hitched = self.parts, self.hitched
+        yaw, ahead = self._yaw(self.body), self._yaw(CHASSIS)
+        x, y, _ = self.motion(hitched.point).place
+        fx, fy, fz = self.pull.tolist()
+        soil = [nan] * 3 if hitched.tool is None else [float(parts.report[i]) for i in (DRAUGHT, SIDE, DEPTH)]
+        carried = float(parts.report[WHEEL_LOAD]) if hitched.depth_wheel.stiffness > 0.0 else nan
+        wheels = parts.wheel_report[:, (LOAD, FORCE_Y)].T.ravel().tolist() if hitched.axle else [nan] * 4
+        return (x, y, yaw, wrap(yaw - ahead), *to_heading(ahead, fx, fy), fz, *soil, carried, *wheels)
+
+    def _yaw(self, body: int) -> float:
+        R = self.data.xmat[body]
+        return float(np.arctan2(R[3], R[0]))

@@ -1,0 +1,67 @@
+"""The implement's part of the MuJoCo model: a body at the hitch, its hinges, its wheels and what is drawn of it."""
+
+from math import degrees
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.machine.implements.base import Axle, HitchedBody, Shape
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.model import DIAMETER_GYRATION_2, SPIN_GYRATION_2, add_lugs
+from agrobot_mj.plants.mujoco.views import IMPLEMENT
+
+IMPLEMENT_WHEELS = ("il", "ir")
+"""Names of its wheels, left and right."""
+
+
+def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
+    """Hang `hitched` to the tractor of `spec`; with `native` contact its tyres collide."""
+    hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
+    body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.inertia = hitched.mass, list(hitched.centre), list(hitched.inertia)
+    for joint in hitched.joints:
+        limit = degrees(joint.limit)  # the file's own unit
+        kind = mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=joint.name, type=kind, axis=list(joint.axis), pos=list(joint.at), range=[-limit, limit])
+    for shape in (*hitched.shapes, *_antenna(hitched)):
+        _draw(body, shape)
+    if hitched.axle is not None:
+        for wheel, side in zip(IMPLEMENT_WHEELS, (1, -1), strict=True):
+            _add_wheel(body, hitched.axle, wheel, side, native)
+
+
+def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
+    """Mast and antenna, where they stand on the implement."""
+    if hitched.antenna is None:
+        return ()
+    x, y, z = hitched.antenna
+    half = (z - hitched.centre[2]) / 2
+    mast = Shape("mast", (0.015, 0.015, max(half, 0.01)), (x, y, z - half), "iron")
+    return mast, Shape("antenna", (0.08, 0.08, 0.03), (x, y, z), "signal")
+
+
+def _draw(body: mujoco.MjsBody, shape: Shape) -> None:
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    look = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0, "material": shape.paint}
+    body.add_geom(name=f"implement_{shape.name}", type=box, size=list(shape.half), pos=list(shape.at), **look)
+
+
+def _add_wheel(body: mujoco.MjsBody, axle: Axle, wheel: str, side: int, native: bool) -> None:
+    x, _, z = axle.at
+    part = body.add_body(name=f"wheel_{wheel}", pos=[x, side * axle.track / 2, z])
+    part.explicitinertial = True
+    part.mass, part.ipos = axle.mass, [0.0, 0.0, 0.0]
+    part.inertia = axle.mass * axle.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
+    part.add_joint(name=f"spin_{wheel}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], armature=0.05)
+    cylinder, across = mujoco.mjtGeom.mjGEOM_CYLINDER, [1, 1, 0, 0]
+    tyre = part.add_geom(name=f"tyre_{wheel}", type=cylinder, size=[axle.radius, axle.width / 2, 0], quat=across)
+    tyre.contype = tyre.conaffinity = int(native)
+    tyre.condim, tyre.priority = 3, 1
+    rim = part.add_geom(
+        name=f"rim_{wheel}", type=cylinder, size=[0.6 * axle.radius, axle.width / 2 + 0.003, 0], quat=across
+    )
+    rim.contype = rim.conaffinity = 0
+    for geom, paint in ((tyre, "rubber"), (rim, "rim")):
+        geom.material, geom.mass, geom.group = paint, 0, 1
+    add_lugs(part, wheel, axle.radius, axle.width)

@@ -1,0 +1,159 @@
+"""Implements in the physics step: soil on a tool, a depth wheel, and the implement's own tyres.
+
+A tool of the depth T has forces of the soil along its frame and across it, each over a bristle as a tyre's
+(`tyres.patch.relax`): along, it reaches the draught within `GIVE` of way, against the motion; across,
+
+    dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
+
+so that F_y = -C tan(alpha) in steady travel, and a spring at rest. Stiffness and limit are proportional to T over the
+intended depth. The suction pulls down with a share of the forward draught. All of it acts at half depth.
+"""
+
+from math import floor
+from typing import NamedTuple
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import Vector, cross
+from agrobot_mj.machine.implements.base import DepthWheel
+from agrobot_mj.machine.implements.draught import ToolLaw, draught, engaged
+from agrobot_mj.plants.mujoco.views import Index, Views
+from agrobot_mj.terrain.grid import Ground, height_and_gradient
+from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
+
+GIVE = 0.03
+"""Way over which the soil before a tool builds up its resistance [m]. Estimate."""
+AHEAD, LEFT, TRAVELLED = range(3)
+"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]."""
+DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
+"""Report of an implement: draught and lateral force of the soil [N], depth [m], load of the depth wheel [N]."""
+
+
+class Attached(NamedTuple):
+    """An implement as the compiled loop takes it; arrays are written in place."""
+
+    body: int
+    """Body id; 0 for no implement."""
+    native: bool
+    """True when MuJoCo's own contact carries the wheels."""
+    working: bool
+    """Whether a tool is in the soil."""
+    tool: ToolLaw
+    tip: Vector
+    """Tip of the tool in the body's frame [m]."""
+    depth_wheel: DepthWheel
+    uneven: Array
+    """Draught over its mean along the way, shape (n,) [-]."""
+    uneven_step: float
+    """Way between its entries [m]."""
+    wheels: Index
+    """Body ids of its wheels, shape (0,) or (2,)."""
+    tyres: TyreSet
+    """Their tyres, in that order."""
+    bristles: Array
+    """Bristles of the tyres, shape (2, 3), see `stepping.Tyred`."""
+    wheel_report: Array
+    """Report of the tyres, shape (2, 6)."""
+    memory: Array
+    """Shape (3,)."""
+    report: Array
+    """Shape (4,)."""
+
+
+@kernel
+def unevenness(uneven: Array, step: float, travelled: float) -> float:
+    """Draught over its mean after a way [m]; the pattern repeats at its end [-]."""
+    place = travelled / step
+    k = floor(place)
+    share, i = place - k, int(k) % uneven.size
+    return float((1.0 - share) * uneven[i] + share * uneven[(i + 1) % uneven.size])
+
+
+@kernel
+def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
+    """Force on a tool ahead, to the left and up [N], at velocities ahead and to the left [m/s] and a depth [m]."""
+    if depth <= 0.0:
+        memory[AHEAD], memory[LEFT] = 0.0, 0.0
+        return 0.0, 0.0, 0.0
+    speed = abs(v_x)
+    memory[TRAVELLED] += speed * dt
+    D, share = uneven * draught(law, speed, depth), engaged(law, depth)
+    memory[AHEAD] = min(max(relax(memory[AHEAD], v_x, speed, GIVE, dt), -GIVE), GIVE)
+    z, limit = relax(memory[LEFT], v_y, speed, law.relaxation, dt), 0.0
+    if law.cornering > 0.0:
+        limit = law.side_limit * law.relaxation / law.cornering
+    memory[LEFT] = min(max(z, -limit), limit)
+    F_y = -law.cornering * share * memory[LEFT] / law.relaxation
+    F_x = -D * memory[AHEAD] / GIVE
+    return F_x, F_y, -law.suction * max(-F_x, 0.0)
+
+
+@kernel
+def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
+    """Place relative to the body's origin and velocity of a point in the body's frame, world [m, m/s]."""
+    R, o, c = v.xmat[body], v.xpos[body], v.root_com
+    arm = (
+        R[0] * at[0] + R[1] * at[1] + R[2] * at[2],
+        R[3] * at[0] + R[4] * at[1] + R[5] * at[2],
+        R[6] * at[0] + R[7] * at[1] + R[8] * at[2],
+    )
+    w = (v.cvel[body, 0], v.cvel[body, 1], v.cvel[body, 2])
+    swing = cross(w, (o[0] + arm[0] - c[0], o[1] + arm[1] - c[1], o[2] + arm[2] - c[2]))
+    return arm, (v.cvel[body, 3] + swing[0], v.cvel[body, 4] + swing[1], v.cvel[body, 5] + swing[2])
+
+
+@kernel
+def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
+    """Add a force at a place, world [m, N], to the wrench about the body's centre of mass."""
+    c, wrench = v.xipos[body], v.xfrc[body]
+    torque = cross((place[0] - c[0], place[1] - c[1], place[2] - c[2]), force)
+    for k in range(3):
+        wrench[k] += force[k]
+        wrench[3 + k] += torque[k]
+
+
+@kernel
+def work(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+    """Add the soil's force on the tool to the wrench of the body."""
+    R, o = v.xmat[a.body], v.xpos[a.body]
+    arm, velocity = carry_point(v, a.body, a.tip)
+    x, y, z = o[0] + arm[0], o[1] + arm[1], o[2] + arm[2]
+    depth = height_and_gradient(ground, x, y)[0] - z
+    v_x = R[0] * velocity[0] + R[3] * velocity[1] + R[6] * velocity[2]
+    v_y = R[1] * velocity[0] + R[4] * velocity[1] + R[7] * velocity[2]
+    uneven = unevenness(a.uneven, a.uneven_step, a.memory[TRAVELLED])
+    f = soil_on_tool(a.tool, uneven, v_x, v_y, depth, dt, a.memory)
+    force = (
+        R[0] * f[0] + R[1] * f[1] + R[2] * f[2],
+        R[3] * f[0] + R[4] * f[1] + R[5] * f[2],
+        R[6] * f[0] + R[7] * f[1] + R[8] * f[2],
+    )
+    push_at(v, a.body, (x, y, z + 0.5 * max(depth, 0.0)), force)
+    a.report[DRAUGHT], a.report[SIDE], a.report[DEPTH] = -f[0], f[1], max(depth, 0.0)
+
+
+@kernel
+def roll_on(v: Views, a: Attached, ground: Ground) -> None:
+    """Add the ground's force on the depth wheel to the wrench of the body."""
+    wheel, R, o = a.depth_wheel, v.xmat[a.body], v.xpos[a.body]
+    arm, velocity = carry_point(v, a.body, wheel.at)
+    x, y, z = o[0] + arm[0], o[1] + arm[1], o[2] + arm[2]
+    height, dx, dy = height_and_gradient(ground, x, y)
+    rate = dx * velocity[0] + dy * velocity[1] - velocity[2]
+    # the soil pushes and never pulls
+    load = max(wheel.stiffness * (height - z) + wheel.damping * rate, 0.0) if height > z else 0.0
+    ahead = R[0] * velocity[0] + R[3] * velocity[1] + R[6] * velocity[2]
+    drag = -wheel.rolling * load * soft_sign(ahead, CREEP_SPEED)
+    # normal to a gentle ground, to first order in its slope
+    push_at(v, a.body, (x, y, z), (drag * R[0] - dx * load, drag * R[3] - dy * load, drag * R[6] + load))
+    a.report[WHEEL_LOAD] = load
+
+
+@kernel
+def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+    """Write the soil's wrench on the implement's body, wheels with tyres left out, into `xfrc_applied`."""
+    v.xfrc[a.body, :] = 0.0
+    if a.working:
+        work(v, a, ground, dt)
+    if a.depth_wheel.stiffness > 0.0:
+        roll_on(v, a, ground)
