@@ -24,6 +24,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector, cross, dot, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.tyres.base import Footing, TyreLaw
+from agrobot_mj.tyres.bearing import Bearing, Tread
 from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
@@ -59,6 +60,10 @@ class TyreSet(NamedTuple):
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index: float
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
+    bearing: Bearing
+    """Soil that sinks below the wheels."""
+    treads: tuple[Tread, Tread]
+    """A front and a rear tyre as that soil sees them."""
     grip: Array
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
@@ -142,6 +147,15 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
     w = cross(carrier, arm)
     v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
     return ContactPatch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
+
+
+@kernel
+def lowered(patch: ContactPatch, share: float) -> ContactPatch:
+    """The patch with its arm `share` times as long: it lies below the untouched ground where the wheel has sunk."""
+    arm = (share * patch.arm[0], share * patch.arm[1], share * patch.arm[2])
+    return ContactPatch(
+        patch.penetration, patch.rate, patch.n, patch.f, patch.l, arm, patch.v_x, patch.v_y, patch.spin, patch.turn
+    )
 
 
 @kernel
