@@ -311,7 +311,6 @@ class BicyclePlant:
 
     def ruts(self) -> None:
         """None: the bicycle leaves no ruts."""
-        return None
 
     def warnings(self) -> int:
         """None: there is nothing that warns."""

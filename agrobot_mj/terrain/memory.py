@@ -15,11 +15,12 @@ from agrobot_mj.core.signals import Array
 TILE = 32
 """Cells along the side of a tile."""
 MOST_TILES = 8192
-"""Tiles in the store: 1.6 m wide at 5 cm, enough for 2 ha driven all over; 200 MB if all are used."""
+"""Tiles in the store: 1.6 m wide at 5 cm, enough for 2 ha driven all over; 270 MB if all are used."""
 MOST_PLACES = 16_000_000
 """Largest number of tiles that the field may have places for: 64 MB."""
-SINKAGE, YIELD, LEVEL = range(3)
-"""Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], present pressure over that [-]."""
+SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
+"""Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], sinkage of untouched soil at that
+pressure [m], present pressure over it [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 
@@ -35,13 +36,13 @@ class SoilMemory(NamedTuple):
     tiles: AnyArray
     """Number of each tile in `cells`, -1 for untouched ground, int32 of shape (rows, columns)."""
     cells: AnyArray
-    """Values of the cells of every tile, float64 of shape (tiles, TILE, TILE, 3), see `SINKAGE`."""
+    """Values of the cells of every tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`."""
     used: AnyArray
     """Number of tiles in use, int64 of shape (1,)."""
 
 
 FORGETS = SoilMemory(
-    0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, 3), np.float64), np.zeros(1, np.int64)
+    0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
 """Memory of firm ground: none."""
 
@@ -52,7 +53,7 @@ class SavedSoil(NamedTuple):
     places: AnyArray
     """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
     cells: AnyArray
-    """Their cells, float64 of shape (n, TILE, TILE, 3)."""
+    """Their cells, float64 of shape (n, TILE, TILE, VALUES)."""
 
 
 class RutMap(NamedTuple):
@@ -81,7 +82,7 @@ def virgin(extent: tuple[float, float, float, float], cell: float) -> SoilMemory
         y_min,
         cell,
         np.full((rows, columns), -1, np.int32),
-        np.zeros((store, TILE, TILE, 3), np.float64),  # the system gives pages as they are written to
+        np.zeros((store, TILE, TILE, VALUES), np.float64),  # the system gives pages as they are written to
         np.zeros(1, np.int64),
     )
 

@@ -24,10 +24,13 @@ from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.vectors import Vector
-from agrobot_mj.terrain.memory import LEVEL, SINKAGE, TILE, YIELD, SoilMemory, tile_of
+from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, SoilMemory, tile_of
 
-ITERATIONS = 4
-"""Newton steps for the pressure on yielding soil; in each physics step it moves by little [-]."""
+ITERATIONS = 8
+"""Most Newton steps for the pressure where soil yields [-]."""
+NEAR = 0.05
+"""Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next physical
+step, since yield pressure and sinkage stay on their curve) and a cubic stands for the power (within 2e-6) [-]."""
 MOST_SLIP = 0.8
 """Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
 there."""
@@ -78,6 +81,8 @@ class Cell(NamedTuple):
     """Plastic sinkage z [m]."""
     yielded: float
     """Yield pressure q [Pa]."""
+    hardened: float
+    """Sinkage z_q that untouched soil would have at this yield pressure [m]."""
     level: float
     """Pressure over yield pressure [-]."""
 
@@ -100,54 +105,79 @@ class Pressed(NamedTuple):
 
 
 @kernel
-def load_cell(soil: Bearing, k: float, E: float, slip_factor: float, D: float, before: Cell) -> Cell:
-    """A cell under a depth `D` [m] of wheel, from its state in the step before; `k` [Pa/m^n], `E` [Pa/m]."""
-    z, q, level = before.sinkage, before.yielded, before.level
+def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: Cell) -> Cell:
+    """A cell under a depth `D` [m] of wheel, from its state in the step before.
+
+    `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
+    """
+    _, z, q, z_q, level = before
     trial = E * (D - z)
     if trial <= 0.0:
-        return Cell(0.0, z, q, 0.0)
+        return Cell(0.0, z, q, z_q, 0.0)
     if trial <= level * q:
-        return Cell(trial, z, q, trial / q)
-    z_q = 0.0
-    if q > 0.0:
-        z_q = (q / k) ** (1.0 / soil.n)
-        # linear in the level, so that the implicit step has a closed form
-        c = slip_factor * z_q * (max(z, z_q) / z_q) ** (1.0 - soil.multipass) / soil.multipass
+        return Cell(trial, z, q, z_q, trial / q)
+    if level < 1.0 and q > 0.0:
+        c = factor * z_q / soil.multipass
+        if z > z_q:
+            c *= (z / z_q) ** (1.0 - soil.multipass)
+        # the sinkage is linear in the level, so that the implicit step has a closed form
         reached = (trial + E * c * level) / (q + E * c)
         if reached <= 1.0:
-            return Cell(reached * q, z + c * (reached - level), q, reached)
+            return Cell(reached * q, z + c * (reached - level), q, z_q, reached)
         z += c * (1.0 - level)
         trial = E * (D - z)
-    # g(p) = p + E f ((p/k)^(1/n) - z_q) - trial = 0 between q and trial
-    p, m = (trial if soil.n <= 1.0 or q <= 0.0 else q), 1.0 / soil.n
-    for _ in range(ITERATIONS):
-        sunk = (p / k) ** m
-        g = p + E * slip_factor * (sunk - z_q) - trial
-        p = min(max(p - g / (1.0 + E * slip_factor * m * sunk / p), q, 1e-3 * trial), trial)
-    return Cell(p, D - p / E, p, 1.0)
+    p, sunk = harden(soil.n, k, E * factor, trial, q, z_q)
+    return Cell(p, z + factor * (sunk - z_q), p, sunk, 1.0)
 
 
 @kernel
-def read_cell(memory: SoilMemory, row: int, column: int) -> Cell:
-    """State of a cell of the grid; untouched where the store of tiles is used up."""
+def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
+    """Yield pressure p [Pa] and its sinkage (p / k)^(1/n) [m] where p + E ((p / k)^(1/n) - z_q) = `trial` [Pa]."""
+    m, p = 1.0 / n, max(q, 1e-3 * trial)
+    sunk = z_q if q > 0.0 else (p / k) ** m
+    for _ in range(ITERATIONS):
+        step = (trial - p - E * (sunk - z_q)) / (1.0 + E * m * sunk / p)
+        p = min(max(p + step, q, 1e-3 * trial), trial)
+        x = p / q - 1.0 if q > 0.0 else 1.0
+        # most steps move the pressure by so little that no power is needed
+        sunk = (
+            z_q * (1.0 + m * x * (1.0 + 0.5 * (m - 1.0) * x * (1.0 + (m - 2.0) / 3.0 * x)))
+            if x < NEAR
+            else (p / k) ** m
+        )
+        if abs(step) < NEAR * p:
+            break
+    return p, sunk
+
+
+@kernel
+def yield_cell(
+    soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
+) -> float:
+    """Pressure [Pa] on a cell of the grid, which remembers it; one beyond the store of tiles is always untouched."""
     tile = tile_of(memory, row // TILE, column // TILE)
     if tile < 0:
-        return Cell(0.0, 0.0, 0.0, 0.0)
+        return load_cell(soil, k, E, factor, D, Cell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
     y, x, cells = row % TILE, column % TILE, memory.cells
-    return Cell(
-        0.0, cells[tile, y, x, SINKAGE], cells[tile, y, x, YIELD], cells[tile, y, x, LEVEL]
+    before = Cell(
+        0.0,
+        cells[tile, y, x, SINKAGE],
+        cells[tile, y, x, YIELD],
+        cells[tile, y, x, HARDENING],
+        cells[tile, y, x, LEVEL],
     )
+    after = load_cell(soil, k, E, factor, D, before)
+    cells[tile, y, x, LEVEL] = after.level
+    if after.sinkage != before.sinkage:
+        cells[tile, y, x, SINKAGE] = after.sinkage
+        cells[tile, y, x, YIELD], cells[tile, y, x, HARDENING] = after.yielded, after.hardened
+    return after.pressure
 
 
 @kernel
-def write_cell(memory: SoilMemory, row: int, column: int, cell: Cell) -> None:
-    """Let the soil remember a cell."""
-    tile = memory.tiles[row // TILE, column // TILE]
-    if tile >= 0:
-        y, x, cells = row % TILE, column % TILE, memory.cells
-        cells[tile, y, x, SINKAGE] = cell.sinkage
-        cells[tile, y, x, YIELD] = cell.yielded
-        cells[tile, y, x, LEVEL] = cell.level
+def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
+    """First of the cells of a row whose middles lie within `reach` of a place, and the one after the last; in cells."""
+    return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 
 @kernel
@@ -166,44 +196,36 @@ def press(
     left, in the world's axes; `slip` is that of the faster of rim and ground [-].
     """
     n, f, left = frame
-    R, r_c, c = tread.radius, tread.crown, memory.cell
-    k = soil.k_c / tread.width + soil.k_phi
-    E = 1.0 / (1.0 / tread.stiffness + 1.0 / soil.rebound)
-    i = min(slip, MOST_SLIP)
-    slip_factor = (1.0 + i) / (1.0 - 0.5 * i)
+    c, half, i = memory.cell, 0.5 * tread.width, min(slip, MOST_SLIP)
+    k, E = soil.k_c / tread.width + soil.k_phi, 1.0 / (1.0 / tread.stiffness + 1.0 / soil.rebound)
+    factor = (1.0 + i) / (1.0 - 0.5 * i)
     # distances along the ground's plane from those on the map
     s_x, s_y = f[0] - f[2] * n[0] / n[2], f[1] - f[2] * n[1] / n[2]
     l_x, l_y = left[0] - left[2] * n[0] / n[2], left[1] - left[2] * n[1] / n[2]
-    half = 0.5 * tread.width
-    a, b = sqrt(2.0 * R * d), min(sqrt(2.0 * r_c * d), half + c)
-    reach_x, reach_y = abs(f[0]) * a + abs(left[0]) * b, abs(f[1]) * a + abs(left[1]) * b
+    a, b = sqrt(2.0 * tread.radius * d), min(sqrt(2.0 * tread.crown * d), half + c)
     u, v = (place[0] - memory.x0) / c, (place[1] - memory.y0) / c
-    first_i = max(int(ceil(u - reach_x / c - 0.5)), 0)
-    last_i = min(int(floor(u + reach_x / c - 0.5)), memory.tiles.shape[1] * TILE - 1)
-    first_j = max(int(ceil(v - reach_y / c - 0.5)), 0)
-    last_j = min(int(floor(v + reach_y / c - 0.5)), memory.tiles.shape[0] * TILE - 1)
-    cell_area = c * c / n[2]
+    columns = window(u, (abs(f[0]) * a + abs(left[0]) * b) / c, memory.tiles.shape[1] * TILE)
+    rows = window(v, (abs(f[1]) * a + abs(left[1]) * b) / c, memory.tiles.shape[0] * TILE)
+    bend_s, bend_l, per_cell = 1.0 / tread.radius, 1.0 / tread.crown, 1.0 / c
     load, push, edge, area, most = 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(first_j, last_j + 1):
-        dy = (j + 0.5 - v) * c
-        for column in range(first_i, last_i + 1):
+    for row in range(rows[0], rows[1]):
+        dy = (row + 0.5 - v) * c
+        for column in range(columns[0], columns[1]):
             dx = (column + 0.5 - u) * c
             s, l = s_x * dx + s_y * dy, l_x * dx + l_y * dy  # noqa: E741
-            D = d - 0.5 * s * s / R - 0.5 * l * l / r_c
+            D = d - 0.5 * (bend_s * s * s + bend_l * l * l)
             # a cell at the edge of the tread counts with the part of it that is covered
-            cover = min(0.5 + (half - abs(l)) / c, 1.0)
+            cover = min(0.5 + (half - abs(l)) * per_cell, 1.0)
             if D <= 0.0 or cover <= 0.0:
                 continue
-            cell = load_cell(soil, k, E, slip_factor, D, read_cell(memory, j, column))
-            write_cell(memory, j, column, cell)
-            if cell.pressure <= 0.0:
-                continue
-            covered = cover * cell_area
-            force = cell.pressure * covered
-            load += force
-            push -= force * s / R
-            edge -= force * l / r_c
-            area += covered
-            most = max(most, cell.pressure)
-    deflection = most / tread.stiffness
-    return Pressed(load, push, edge, area, area / min(2.0 * b, tread.width), deflection)
+            pressure = yield_cell(soil, k, E, factor, D, memory, row, column)
+            if pressure > 0.0:
+                force = pressure * cover
+                load += force
+                push -= force * s * bend_s
+                edge -= force * l * bend_l
+                area += cover
+                most = max(most, pressure)
+    cell = c * c / n[2]
+    length = area * cell / min(2.0 * b, tread.width)
+    return Pressed(load * cell, push * cell, edge * cell, area * cell, length, most / tread.stiffness)

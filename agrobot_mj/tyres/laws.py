@@ -212,7 +212,13 @@ def wheel_step(
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
     moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + way * aligning(tyres, slip_y, force.y)
     f_y = force.y + soil.edge
-    add_wrench(wrench, lowered(patch, loaded / (tyres.radius[i] - patch.penetration)), wheel.axle, (force.x, f_y, load), (push, axle_torque, moment))
+    add_wrench(
+        wrench,
+        lowered(patch, loaded / (tyres.radius[i] - patch.penetration)),
+        wheel.axle,
+        (force.x, f_y, load),
+        (push, axle_torque, moment),
+    )
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, f_y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
     report[SLIP_RATIO] = -z_x / sigma_x * (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)

@@ -95,7 +95,7 @@ class Ruts(TyreBase):
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
     """Side of the cells of soil [m]. Estimate: four across a front tyre."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of a sliding tyre's force, as for `soil` [-]. Estimate; the strength is that of the soil, not of lugs."""
+    """Direction of a sliding tyre's force, as for `soil` [-]. Estimate: the soil's strength."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     bristle_damping_s: NonNegative = 0.02
