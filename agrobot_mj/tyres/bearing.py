@@ -29,8 +29,8 @@ from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, So
 ITERATIONS = 8
 """Most Newton steps for the pressure where soil yields [-]."""
 NEAR = 0.05
-"""Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next physical
-step, since yield pressure and sinkage stay on their curve) and a cubic stands for the power (within 2e-6) [-]."""
+"""Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next step
+of the physics) and a cubic stands for the power (within 2e-6) [-]."""
 MOST_SLIP = 0.8
 """Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
 there."""
