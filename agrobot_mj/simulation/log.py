@@ -111,7 +111,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """The ruts as a table, one row a cell that has sunk, or None; the side of a cell is metadata [m]."""
+        """The ruts as a table, one row per cell that has sunk, or None; the side of a cell is metadata [m]."""
         if self.ruts is None:
             return None
         columns = {

@@ -57,7 +57,7 @@ class SavedSoil(NamedTuple):
 
 
 class RutMap(NamedTuple):
-    """The ruts on a field, one entry a cell that has sunk."""
+    """The ruts on a field, one entry per cell that has sunk."""
 
     cell: float
     """Side of a cell [m]."""

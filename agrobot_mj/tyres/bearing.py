@@ -72,7 +72,7 @@ class Tread(NamedTuple):
     """Stiffness of the carcass per area kappa [Pa/m]."""
 
 
-class Cell(NamedTuple):
+class SoilCell(NamedTuple):
     """State of one cell of soil under a pressure."""
 
     pressure: float
@@ -105,7 +105,7 @@ class Pressed(NamedTuple):
 
 
 @kernel
-def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: Cell) -> Cell:
+def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
     """A cell under a depth `D` [m] of wheel, from its state in the step before.
 
     `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
@@ -113,9 +113,9 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
     _, z, q, z_q, level = before
     trial = E * (D - z)
     if trial <= 0.0:
-        return Cell(0.0, z, q, z_q, 0.0)
+        return SoilCell(0.0, z, q, z_q, 0.0)
     if trial <= level * q:
-        return Cell(trial, z, q, z_q, trial / q)
+        return SoilCell(trial, z, q, z_q, trial / q)
     if level < 1.0 and q > 0.0:
         c = factor * z_q / soil.multipass
         if z > z_q:
@@ -123,11 +123,11 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
         # the sinkage is linear in the level, so that the implicit step has a closed form
         reached = (trial + E * c * level) / (q + E * c)
         if reached <= 1.0:
-            return Cell(reached * q, z + c * (reached - level), q, z_q, reached)
+            return SoilCell(reached * q, z + c * (reached - level), q, z_q, reached)
         z += c * (1.0 - level)
         trial = E * (D - z)
     p, sunk = harden(soil.n, k, E * factor, trial, q, z_q)
-    return Cell(p, z + factor * (sunk - z_q), p, sunk, 1.0)
+    return SoilCell(p, z + factor * (sunk - z_q), p, sunk, 1.0)
 
 
 @kernel
@@ -157,9 +157,9 @@ def yield_cell(
     """Pressure [Pa] on a cell of the grid, which remembers it; one beyond the store of tiles is always untouched."""
     tile = tile_of(memory, row // TILE, column // TILE)
     if tile < 0:
-        return load_cell(soil, k, E, factor, D, Cell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
+        return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
     y, x, cells = row % TILE, column % TILE, memory.cells
-    before = Cell(
+    before = SoilCell(
         0.0,
         cells[tile, y, x, SINKAGE],
         cells[tile, y, x, YIELD],

@@ -14,7 +14,7 @@ from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, saved, virgin
 from agrobot_mj.tyres import Ruts, Soil
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.bearing import Cell, load_cell, press
+from agrobot_mj.tyres.bearing import SoilCell, load_cell, press
 from agrobot_mj.tyres.laws import remembering, treads
 
 SOIL = Ruts().structure().bearing
@@ -59,7 +59,7 @@ def test_slip_digs_as_lyasko_has_it():
     k = SOIL.k_phi
     depths = []
     for factor in (1.0, 1.3 / 0.85):
-        cell, depth = Cell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+        cell, depth = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0
         while cell.pressure < 1e5:
             depth += 1e-5
             cell = load_cell(SOIL, k, SOIL.rebound, factor, depth, cell)
@@ -70,7 +70,7 @@ def test_slip_digs_as_lyasko_has_it():
 def test_pressing_never_gives_back_more_than_it_took():
     """Over any history of depths a cell takes work in every closed loop, and its sinkage never shrinks."""
     rng = np.random.default_rng(3)
-    E, cell, before, work = 1e7, Cell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
+    E, cell, before, work = 1e7, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
     for aim in rng.uniform(0.0, 0.08, 60):
         for depth in np.linspace(before, aim, 200)[1:]:
             after = load_cell(SOIL, SOIL.k_phi, E, 1.0, depth, cell)

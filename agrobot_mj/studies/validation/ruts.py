@@ -22,7 +22,7 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import RutMap, SoilMemory, rut_map
 from agrobot_mj.tyres import Ruts
-from agrobot_mj.tyres.bearing import Bearing, Cell, Tread, load_cell, press
+from agrobot_mj.tyres.bearing import Bearing, SoilCell, Tread, load_cell, press
 from agrobot_mj.tyres.laws import remembering, treads
 
 TRACTOR = TractorParameters()
@@ -103,7 +103,7 @@ def plate(tyre: Ruts) -> list[Check]:
     """Pressure of a plate against plastic sinkage, and the stiffness with which it rebounds."""
     soil, b = tyre.structure().bearing, 0.2
     k, checks = soil.k_c / b + soil.k_phi, []
-    cell = Cell(0.0, 0.0, 0.0, 0.0, 0.0)
+    cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
     for aim in (0.01, 0.03):
         while cell.sinkage < aim:
             depth = cell.sinkage + cell.pressure / soil.rebound + 2e-4
@@ -126,7 +126,7 @@ def plate(tyre: Ruts) -> list[Check]:
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
     """Plastic sinkage of a plate after `count` loadings to 100 kPa over that after the first [-]."""
-    cell, depth, sunk = Cell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
+    cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:
             depth += 1e-5
