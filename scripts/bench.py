@@ -215,8 +215,9 @@ def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> floa
 
 
 def aim_of(kind: str) -> float:
-    """Aim for the physics with a kind of tyre over a bare step [-]."""
-    return AIM_TYRE if members(Tyre)[kind]().structure().bearing == FIRM else AIM_SINKING
+    """Aim for the physics with a kind of tyre, or of implement, over a bare step [-]."""
+    tyre = members(Tyre).get(kind)
+    return AIM_TYRE if tyre is None or tyre().structure().bearing == FIRM else AIM_SINKING
 
 
 def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:

@@ -233,7 +233,7 @@ class MujocoPlant:
         return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
-        """State between two ticks, some kilobytes."""
+        """State between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
         left = copies(left_by_a_step(self.model, self.data))
         return MujocoState(
             physics=physics_state(self.model, self.data),
