@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.scene import Scene
+from agrobot_mj.terrain.memory import RutMap
 
 
 class Clock(NamedTuple):
@@ -61,6 +62,9 @@ class RunningPlant(Protocol):
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
+
+    def ruts(self) -> RutMap | None:
+        """The ruts on the field; None on ground that does not remember."""
 
     def warnings(self) -> int:
         """How often the physics warned since the reset."""

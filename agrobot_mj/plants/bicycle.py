@@ -309,6 +309,9 @@ class BicyclePlant:
         """Oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
+    def ruts(self) -> None:
+        """None: the bicycle leaves no ruts."""
+
     def warnings(self) -> int:
         """None: there is nothing that warns."""
         return 0

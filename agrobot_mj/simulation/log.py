@@ -16,6 +16,7 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
+from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
 """Rows in a block of a saved log."""
@@ -95,6 +96,8 @@ class Log:
     """Wall time of the run [s]."""
     metrics: dict[str, Any] = field(default_factory=dict)
     """Metrics of the run, see `metrics.metrics`."""
+    ruts: RutMap | None = None
+    """Ruts on the field at the end of the run; None on ground that does not remember."""
 
     @cached_property
     def signals(self) -> pa.Table:
@@ -105,6 +108,23 @@ class Log:
             for column in self.rows.table
         ]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+    @property
+    def rut_table(self) -> pa.Table | None:
+        """The ruts as a table, one row per cell that has sunk, or None; the side of a cell is metadata [m]."""
+        if self.ruts is None:
+            return None
+        columns = {
+            "x": (self.ruts.x, "Middle of the cell, east"),
+            "y": (self.ruts.y, "Middle of the cell, north"),
+            "depth": (self.ruts.depth, "Plastic sinkage of the soil"),
+        }
+        fields = [
+            pa.field(name, pa.float32(), metadata={"unit": "m", "description": text})
+            for name, (_, text) in columns.items()
+        ]
+        arrays = [pa.array(values.astype(np.float32)) for values, _ in columns.values()]
+        return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"cell_m": f"{self.ruts.cell:g}"}))
 
     @property
     def poses(self) -> Array:

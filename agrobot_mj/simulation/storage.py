@@ -28,7 +28,9 @@ except ImportError:  # pragma: no cover - Windows has no such locks: runs are no
 
 RECORDING = "run.rrd"
 """Name of a run's recording."""
-SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", "signals.parquet", "scenario.toml")
+RUTS = "ruts.parquet"
+"""Name of the map of ruts, of a run on soil that remembers."""
+SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, "signals.parquet", "scenario.toml")
 """Files beside the recording that belong to one run; the first is there only if all are."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files."""
@@ -60,7 +62,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
-    """Write the three files of a run into `folder`, which is created if missing, `more` of them, and its data files.
+    """Write the files of a run into `folder`, which is created if missing, `more` of them, and its data files.
 
     They replace those of an earlier run together, with its recording unless this run is `recorded`, too. Raises
     OSError that names the file that cannot be written.
@@ -69,6 +71,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     writers: dict[str, Writer] = {
         **{name: partial(_copy, path) for name, path in data_files.items()},
         "signals.parquet": lambda path: pq.write_table(log.signals, path, compression="zstd"),
+        **({RUTS: lambda path: pq.write_table(ruts, path, compression="zstd")} if (ruts := log.rut_table) else {}),
         "scenario.toml": lambda path: _write(path, text),
         **(more or {}),
         "metrics.json": _json(log.metrics),

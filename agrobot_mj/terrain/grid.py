@@ -14,6 +14,7 @@ import numpy as np
 
 from agrobot_mj.core.kernels import jit, kernel
 from agrobot_mj.core.signals import Array
+from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000
 """Largest number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
@@ -56,6 +57,8 @@ class Ground(NamedTuple):
     """Friction and soil."""
     planar: bool = False
     """Whether the grid was made as a plane of more than one cell."""
+    memory: SoilMemory = FORGETS
+    """Ruts in the soil, of ground that remembers; each plant has its own."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

@@ -15,6 +15,7 @@ from pydantic import Field
 from agrobot_mj.core.kernels import kernel, kernel_method
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
 """Relaxation length over free radius [-]: 1 to 3 for tyres, and the time of a test on the rig goes with it."""
@@ -48,6 +49,10 @@ class Slip(NamedTuple):
     footing: Footing
     travel: float = 1.0
     """Direction of travel, from 1 ahead through 0 at rest to -1 in reverse [-]."""
+    area: float = 0.0
+    """Contact area on soil that sinks, else 0 [m2]."""
+    length: float = 0.0
+    """Contact length on soil that sinks, else 0 [m]."""
 
 
 class TyreForce(NamedTuple):
@@ -133,6 +138,8 @@ class Structure(NamedTuple):
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
     carcass_share: tuple[float, float] = (0.0, 0.0)
     """Longitudinal and lateral stiffness of the carcass over the vertical; 0 for that of the relaxation length [-]."""
+    bearing: Bearing = FIRM
+    """Soil that sinks below the wheels and remembers it; firm ground by default."""
 
 
 class NativeContact(NamedTuple):

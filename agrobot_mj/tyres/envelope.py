@@ -1,94 +1,206 @@
-"""Contact point of a wheel on curved ground: a wheel bridges gaps that are narrower than itself.
+"""Contact of a wheel with curved ground: a wheel bridges gaps that are narrower than itself.
 
-The tread in the wheel's middle plane is a circle. Its points within 50 degrees of straight down are compared with the
-ground; the wheel stands on the one that lies deepest in it, and is pushed along that radius. On a smooth surface that
-is the point of tangency, in a furrow it is a flank, on an edge the edge (the basic curve of a rigid wheel,
-[Pacejka2012] chapter 10). Between points a parabola is fitted to three of them; where two places compete the
-direction changes continuously from one to the other within `BLEND` of penetration. On a plane this gives exactly the
-foot of the perpendicular.
+In the wheel's plane the ground is a line of straight pieces between the places where it crosses rows and columns of the
+height grid, which is where the grid has its kinks. The wheel stands on the point of that line that is nearest to its
+centre: on a smooth surface the foot of the perpendicular, in a furrow on a flank, on an edge on the edge (the basic
+curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the radius less the distance D, and the force has
+the direction in which D grows, sideways included, so that the wheel's elastic energy is a function of its place:
+whichever way a wheel is dragged without friction, over any ground, it gives back the work that it took.
+
+Where two places compete, as on both flanks of a furrow, within `BLEND` of penetration they share the load: the larger
+penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width w is at most what the ground between them lies
+below the second, so that a place that vanishes does so at zero weight. On a plane all this gives exactly the foot of
+the perpendicular.
 """
 
-from math import inf, radians, sqrt
-
-import numpy as np
+from math import ceil, floor, inf, sqrt
+from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
-MIDDLE = 11
-"""Number of angles on either side of straight down; odd, so that straight down and the ends are evaluated."""
-STEP = radians(5.0)
-"""Step between angles [rad]."""
-COS, SIN = (f(STEP * np.arange(-MIDDLE, MIDDLE + 1)) for f in (np.cos, np.sin))
-"""Cosines and sines of the angles: every second one is evaluated, the others only next to the deepest."""
+REACH = 0.8
+"""Half the length of ground that is looked at, over the radius: a wheel touches up to 53 degrees ahead [-]."""
 BLEND = 0.005
 """Difference of penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
-BASE = 0.5
-"""Half the length over which the slope below the wheel is taken, over the radius [-]. Estimate."""
-BASE_WIDTH = 0.25
-"""Half the width over which the cross slope is taken, over the radius: about half the tyre's width [-]. Estimate."""
+ALONG = 0.01
+"""Least cosine between a wheel's plane and a row or column that it crosses; others run along it [-]."""
+END, COLUMN, ROW = range(3)
+"""What lies at the end of a piece of the ground's line: nothing, a column of nodes, a row of nodes."""
+
+
+class WheelPlane(NamedTuple):
+    """The plane of a wheel: its centre, directions and the line over which its lowest point passes."""
+
+    x: float
+    """Origin of the line, east: below the wheel's lowest point [m]."""
+    y: float
+    """Origin of the line, north [m]."""
+    z: float
+    """Height of the centre [m]."""
+    ahead: tuple[float, float]
+    """Horizontal unit vector along the line."""
+    level: float
+    """Cosine of the camber [-]."""
+    camber: float
+    """Sine of the camber, positive with the left side up [-]."""
+    offset: float
+    """Distance of the line from the centre, to the left [m]."""
+
+
+class Node(NamedTuple):
+    """An end of a straight piece of ground in the wheel's plane, seen from the centre."""
+
+    s: float
+    """Ahead of the centre [m]."""
+    w: float
+    """Above the centre, in the wheel's plane [m]."""
+    s_left: float
+    """Change of `s` over a displacement of the wheel along its axle [-]."""
+    w_left: float
+    """Change of `w`, likewise [-]."""
+
+
+class Spot(NamedTuple):
+    """A point of the ground's line."""
+
+    distance: float
+    """Distance D from the centre [m]."""
+    s: float
+    """Ahead of the centre [m]."""
+    w: float
+    """Above the centre [m]."""
+    left: float
+    """Change of the distance over a displacement of the wheel along its axle [-]."""
+
+
+class Places(NamedTuple):
+    """Places at which a wheel may stand, so far along the line."""
+
+    best: Spot
+    """The nearest."""
+    beside: Spot
+    """The nearer of those next to it."""
+    ridge: Spot
+    """The farthest point between these two."""
+    last: Spot
+    """The last one found."""
+    gap: Spot
+    """The farthest point behind that."""
+
+
+NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
 
 
 @kernel
-def slope_below(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[float, float]:
-    """Slopes dh/dx, dh/dy of the ground over the footprint of a wheel [-]."""
-    level = sqrt(axle[0] ** 2 + axle[1] ** 2)
-    if level < 1e-6:
-        return 0.0, 0.0
-    left_x, left_y = axle[0] / level, axle[1] / level
-    a, b = BASE * radius, BASE_WIDTH * radius
-    ahead = height_and_gradient(ground, centre[0] + a * left_y, centre[1] - a * left_x)[0]
-    behind = height_and_gradient(ground, centre[0] - a * left_y, centre[1] + a * left_x)[0]
-    left = height_and_gradient(ground, centre[0] + b * left_x, centre[1] + b * left_y)[0]
-    right = height_and_gradient(ground, centre[0] - b * left_x, centre[1] - b * left_y)[0]
-    along, across = (ahead - behind) / (2 * a), (left - right) / (2 * b)
-    return along * left_y + across * left_x, across * left_y - along * left_x
+def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
+    """The end of a piece `s` ahead of the centre [m], on a row or a column of nodes or on neither."""
+    h_x, h_y = plane.ahead
+    height, dx, dy = height_and_gradient(ground, plane.x + s * h_x, plane.y + s * h_y)
+    across = dy * h_x - dx * h_y
+    # a leaning wheel's plane meets the ground beside the line by what the ground lies off its lowest point
+    k = 1.0 / (plane.level + across * plane.camber)
+    w = (height - across * plane.offset - plane.z) * k
+    # the node moves along its row or column when the wheel moves sideways
+    moved, raised = 0.0, across
+    if kind == COLUMN:
+        moved, raised = h_y / h_x, dy / h_x
+    elif kind == ROW:
+        moved, raised = -h_x / h_y, -dx / h_y
+    return Node(s, w, plane.level * moved, (plane.level * raised - plane.camber) * k)
 
 
 @kernel
-def depth_at(ground: Ground, centre: Vector, down: Vector, forward: Vector, c: float, s: float) -> float:
-    """How far the point `c` down and `s` forward of the centre [m] lies below the ground, vertically [m]."""
-    x, y = centre[0] + c * down[0] + s * forward[0], centre[1] + c * down[1] + s * forward[1]
-    return height_and_gradient(ground, x, y)[0] - centre[2] - c * down[2] - s * forward[2]
+def spot_on(a: Node, b: Node, u: float) -> Spot:
+    """The point a share `u` of the way from `a` to `b`."""
+    s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
+    D = sqrt(s * s + w * w)
+    s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)
+    return Spot(D, s, w, (s * s_left + w * w_left) / D)
 
 
 @kernel
-def peak_near(
-    ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector, k: int, here: float
-) -> tuple[float, float]:
-    """Angle [rad] and depth [m] of the summit of a parabola through point `k`, `here` deep, and its neighbours."""
-    before = depth_at(ground, centre, down, forward, radius * COS[k - 1], radius * SIN[k - 1])
-    after = depth_at(ground, centre, down, forward, radius * COS[k + 1], radius * SIN[k + 1])
-    bend, tilt = max(2 * here - before - after, 1e-9), (after - before) / 2
-    aside = min(max(tilt / bend, -1.0), 1.0)
-    return (k - MIDDLE + aside) * STEP, here + tilt * aside - bend * aside * aside / 2
+def with_place(places: Places, found: Spot) -> Places:
+    """The places with another one, the next along the line."""
+    best, beside, ridge, last, gap = places
+    if found.distance < best.distance:
+        return Places(found, last, gap, found, gap)
+    if last.distance == best.distance and found.distance < beside.distance:
+        return Places(best, found, gap, found, gap)
+    return Places(best, beside, ridge, found, gap)
 
 
 @kernel
-def deepest(ground: Ground, radius: float, centre: Vector, down: Vector, forward: Vector) -> tuple[float, float]:
-    """Angle from the way down, forward positive [rad], and vertical depth [m] of the place the wheel stands on."""
-    # the two deepest local maxima over every second angle; -inf beyond both ends, so that an end can be a maximum
-    best = second = -inf
-    best_k = second_k = MIDDLE
-    before, here = -inf, depth_at(ground, centre, down, forward, radius * COS[1], radius * SIN[1])
-    for k in range(1, COS.size - 1, 2):
-        after = -inf
-        if k + 2 < COS.size:
-            after = depth_at(ground, centre, down, forward, radius * COS[k + 2], radius * SIN[k + 2])
-        if here >= before and here > after:  # of equals on a plateau only the last
-            if here > best:
-                second, second_k, best, best_k = best, best_k, here, k
-            elif here > second:
-                second, second_k = here, k
-        before, here = here, after
-    phi, depth = peak_near(ground, radius, centre, down, forward, best_k, best)
-    # so far behind that the few millimetres of a parabola cannot make up for it
-    if best - second > 4 * BLEND:
-        return phi, depth
-    other_phi, other = peak_near(ground, radius, centre, down, forward, second_k, second)
-    # two places that compete, as in a furrow: their angles are blended, so that the normal does not jump
-    share = max(0.0, 1.0 - abs(depth - other) / BLEND)
-    if other > depth:
-        phi, other_phi, depth = other_phi, phi, other
-    return (phi + share * other_phi) / (1.0 + share), depth
+def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
+    """Where the line from `reach` behind its origin on first crosses nodes, and the distance between crossings [m]."""
+    if abs(ahead) < ALONG:
+        return inf, inf
+    start = (origin - reach * ahead - first) / spacing
+    index = floor(start) + 1.0 if ahead > 0.0 else ceil(start) - 1.0
+    return (first + index * spacing - origin) / ahead, spacing / abs(ahead)
+
+
+@kernel
+def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
+    """The places nearest to the centre along the line."""
+    x, step_x = first_crossing(plane.x, plane.ahead[0], ground.x0, ground.spacing, reach)
+    y, step_y = first_crossing(plane.y, plane.ahead[1], ground.y0, ground.spacing, reach)
+    places = Places(NOWHERE, NOWHERE, NOWHERE, NOWHERE, NOWHERE)
+    a, lowest, rising = node_at(ground, plane, -reach, END), NOWHERE, False
+    while a.s < reach:
+        s, kind = min(x, y, reach), END
+        if s < reach:
+            kind = COLUMN if x <= y else ROW
+            x, y = (x + step_x, y) if x <= y else (x, y + step_y)
+        b = node_at(ground, plane, s, kind)
+        d_s, d_w = b.s - a.s, b.w - a.w
+        length = d_s * d_s + d_w * d_w
+        if length > 1e-18:
+            u = min(max(-(a.s * d_s + a.w * d_w) / length, 0.0), 1.0)
+            near = spot_on(a, b, u)
+            if rising and u > 0.0:
+                places = with_place(places, lowest)
+                places = Places(places.best, places.beside, places.ridge, places.last, spot_on(a, b, 0.0))
+                lowest = near
+            elif near.distance < lowest.distance:
+                lowest = near
+            rising = u < 1.0
+        a = b
+    return with_place(places, lowest)
+
+
+@kernel
+def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
+    """Direction in which the ground pushes a wheel, and its penetration along it [m]."""
+    level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
+    if level < 1e-6:  # it lies flat
+        return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]
+    left_x, left_y, offset = axle[0] / level, axle[1] / level, radius * axle[2]
+    plane = WheelPlane(
+        centre[0] + offset * left_x, centre[1] + offset * left_y, centre[2], (left_y, -left_x), level, axle[2], offset
+    )
+    best, beside, ridge, _, _ = places_on(ground, plane, REACH * radius)
+    p, of_best, of_beside, of_ridge = radius - best.distance, 1.0, 0.0, 0.0
+    apart, width = beside.distance - best.distance, min(ridge.distance - beside.distance, BLEND)
+    if apart < width:
+        x = 1.0 - apart / width
+        p += 0.25 * width * x * x
+        widening = x * (0.25 * x + 0.5 * apart / width) if width < BLEND else 0.0
+        of_best, of_beside, of_ridge = 1.0 - 0.5 * x, 0.5 * x + widening, -widening
+    along = of_best * best.s / best.distance
+    up = of_best * best.w / best.distance
+    aside = of_best * best.left
+    if of_beside > 0.0:
+        along += of_beside * beside.s / beside.distance + of_ridge * ridge.s / ridge.distance
+        up += of_beside * beside.w / beside.distance + of_ridge * ridge.w / ridge.distance
+        aside += of_beside * beside.left + of_ridge * ridge.left
+    # the gradient of the distance: ahead and up in the wheel's plane, and along its axle
+    g = (
+        -along * left_y + up * axle[2] * left_x + aside * axle[0],
+        along * left_x + up * axle[2] * left_y + aside * axle[1],
+        -up * level + aside * axle[2],
+    )
+    size = sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+    # across a slope the perpendicular is shorter than the distance in the wheel's plane
+    return (g[0] / size, g[1] / size, g[2] / size), p * size / (1.0 + aside * aside)

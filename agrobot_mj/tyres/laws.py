@@ -6,9 +6,12 @@ import numpy as np
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import Vector
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
+from agrobot_mj.terrain.memory import virgin
 from agrobot_mj.tyres.base import Footing, Slip, TyreBase, TyreLaw, slip_of_faster
+from agrobot_mj.tyres.bearing import Bearing, Pressed, Tread, press
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -22,6 +25,7 @@ from agrobot_mj.tyres.patch import (
     add_wrench,
     find_patch,
     footing_of,
+    lowered,
     relax,
     rolling_torque,
     soft_sign,
@@ -65,9 +69,45 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         patch_half_length=structure.patch_half_length_m,
         trail=structure.trail_m,
         cone_index=structure.cone_index_pa,
+        bearing=structure.bearing,
+        treads=treads(structure.bearing, tractor),
         grip=np.ones(4),
         carcass=np.ones((4, 2)),
     )
+
+
+def remembering(ground: Ground, bearing: Bearing) -> Ground:
+    """The ground with soil of its own that remembers, where it sinks. Raises ValueError, naming the key."""
+    if bearing.k_phi <= 0.0:
+        return ground
+    try:
+        return ground._replace(memory=virgin(ground.extent, bearing.cell))
+    except ValueError as error:
+        raise ValueError(f"plant.tyre.{error}") from None
+
+
+def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
+    """A front and a rear tyre as soil sees them; on firm ground each has its own deflection under its static load."""
+    found = []
+    for R, b, stiffness, load in (
+        (
+            tractor.front_wheel_radius_m,
+            tractor.front_wheel_width_m,
+            tractor.front_tyre_stiffness_n_m,
+            tractor.front_axle_load / 2,
+        ),
+        (
+            tractor.rear_wheel_radius_m,
+            tractor.rear_wheel_width_m,
+            tractor.rear_tyre_stiffness_n_m,
+            tractor.rear_axle_load / 2,
+        ),
+    ):
+        crown, sunk = bearing.crown_share * b, load / stiffness
+        s, l = np.meshgrid(np.linspace(-1, 1, 201) * np.sqrt(2 * R * sunk), np.linspace(-b / 2, b / 2, 201))  # noqa: E741
+        depth = np.maximum(sunk - s**2 / (2 * R) - l**2 / (2 * crown), 0.0)
+        found.append(Tread(R, b, crown, float(load / (depth.mean() * 2 * np.sqrt(2 * R * sunk) * b))))
+    return found[0], found[1]
 
 
 @kernel
@@ -102,7 +142,7 @@ def relaxation_lengths(tyres: TyreSet, i: int, law: TyreLaw, load: float, deflec
         return sigma_x, sigma_y
     # both stiffnesses of the law at once: at so small a slip the directions do not mix
     slip = SMALL * tyres.carcass[i, 0]
-    force = law.force(Slip(-slip, -slip, load, deflection, 1.0, footing, 1.0))
+    force = law.force(Slip(-slip, -slip, load, deflection, 1.0, footing, 1.0, 0.0, 0.0))
     if share_x > 0.0:
         sigma_x = max(force.x / SMALL / (share_x * tyres.stiffness[i]), SHORTEST)
     if share_y > 0.0:
@@ -122,44 +162,64 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 
 @kernel
+def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
+    """What carries wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
+    d = patch.penetration
+    if d <= 0.0:
+        return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if ground.memory.tiles.size == 0:
+        return Pressed(tyres.stiffness[i] * d, 0.0, 0.0, 0.0, 0.0, d)
+    arm = patch.arm
+    place = (centre[0] + arm[0], centre[1] + arm[1], centre[2] + arm[2])
+    tread = tyres.treads[0] if i < 2 else tyres.treads[1]
+    return press(tyres.bearing, tread, ground.memory, place, (patch.n, patch.f, patch.l), d, slip)
+
+
+@kernel
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
     """Advance wheel `i` by one step: updates its bristle (3,) in place, writes the wrench (6,) about its centre and its
     report (6,)."""
     patch = find_patch(ground, tyres.radius[i], wheel)
-    load = tyres.stiffness[i] * patch.penetration + tyres.damping[i] * patch.rate
+    soil = carry(tyres, i, ground, patch, wheel.centre, min(abs(bristle[0]) / tyres.relaxation[i, 0], 1.0))
+    load = soil.load + tyres.damping[i] * patch.rate
     # the ground pushes and never pulls: a wheel that rebounds faster than its damper allows has left the ground
-    if patch.penetration <= 0.0 or load <= 0.0:
-        bristle[:] = 0.0
-        wrench[:] = 0.0
-        report[:] = 0.0
+    if soil.load <= 0.0 or load <= 0.0:
+        bristle[:], wrench[:], report[:] = 0.0, 0.0, 0.0
         return
-    r_e = tyres.radius[i] - patch.penetration / 3.0
+    deflection, loaded = soil.deflection, tyres.radius[i] - soil.deflection
+    r_e = tyres.radius[i] - deflection / 3.0
     rim = patch.spin * r_e
     # a wheel that spins on the spot renews its bristles too, if only from one side: hence half the rim's speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
     law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
-    sigma_x, sigma_y = relaxation_lengths(tyres, i, law, load, patch.penetration, footing)
+    sigma_x, sigma_y = relaxation_lengths(tyres, i, law, load, deflection, footing)
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
     # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    way = soft_sign(patch.v_x, STILL)
-    slip = Slip(slip_x, slip_y, load, patch.penetration, v_roll, footing, way)
-    force = law.force(Slip(firm * slip_x, firm * slip_y, load, patch.penetration, v_roll, footing, way))
-    push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip)))
+    way, A, L = soft_sign(patch.v_x, STILL), soil.area, soil.length
+    slip = Slip(slip_x, slip_y, load, deflection, v_roll, footing, way, A, L)
+    force = law.force(Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L))
+    push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
     # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up
     bristle[0], bristle[1] = force.held * z_x, force.held * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
-    loaded = tyres.radius[i] - patch.penetration
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
     moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + way * aligning(tyres, slip_y, force.y)
-    add_wrench(wrench, patch, wheel.axle, (force.x, force.y, load), (push, axle_torque, moment))
-    report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, force.y
+    f_y = force.y + soil.edge
+    add_wrench(
+        wrench,
+        lowered(patch, loaded / (tyres.radius[i] - patch.penetration)),
+        wheel.axle,
+        (force.x, f_y, load),
+        (push, axle_torque, moment),
+    )
+    report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, f_y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
     report[SLIP_RATIO] = -z_x / sigma_x * (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)
     report[FRICTION_USE] = force.used

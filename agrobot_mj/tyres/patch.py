@@ -16,7 +16,7 @@ A driven wheel's force acts with the effective rolling radius r_e as its lever (
 r_e lies a third of the deflection below the free radius [Pacejka2012].
 """
 
-from math import cos, exp, sin, tanh
+from math import exp, tanh
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
@@ -24,7 +24,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector, cross, dot, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.tyres.base import Footing, TyreLaw
-from agrobot_mj.tyres.envelope import deepest, depth_at, slope_below
+from agrobot_mj.tyres.bearing import Bearing, Tread
+from agrobot_mj.tyres.envelope import envelope
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Indices of a wheel's report; the reports of all wheels have the shape (4, 6)."""
@@ -59,6 +60,10 @@ class TyreSet(NamedTuple):
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index: float
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
+    bearing: Bearing
+    """Soil that sinks below the wheels."""
+    treads: tuple[Tread, Tread]
+    """A front and a rear tyre as that soil sees them."""
     grip: Array
     """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
     carcass: Array
@@ -113,17 +118,13 @@ def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
 @kernel
 def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
     """Normal of the ground where a wheel stands on it, and the penetration along it [m]."""
-    if ground.heights.size == 4:
-        _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
-        n = unit((-dx, -dy, 1.0))
-        return n, depth_at(ground, centre, down_in_wheel_plane(n, axle), n, radius, 0.0) * n[2]
-    dx, dy = slope_below(ground, radius, centre, axle)
+    if ground.heights.size > 4 and not ground.planar:
+        return envelope(ground, radius, centre, axle)
+    _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
     n = unit((-dx, -dy, 1.0))
-    f = unit(cross(axle, n))
-    phi, depth = deepest(ground, radius, centre, down_in_wheel_plane(n, axle), f)
-    c, s = cos(phi), sin(phi)
-    turned = unit((c * n[0] - s * f[0], c * n[1] - s * f[1], c * n[2] - s * f[2]))
-    return turned, depth * turned[2]
+    down = down_in_wheel_plane(n, axle)
+    height = height_and_gradient(ground, centre[0] + radius * down[0], centre[1] + radius * down[1])[0]
+    return n, (height - centre[2] - radius * down[2]) * n[2]
 
 
 @kernel
@@ -142,6 +143,15 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
     w = cross(carrier, arm)
     v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
     return ContactPatch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
+
+
+@kernel
+def lowered(patch: ContactPatch, share: float) -> ContactPatch:
+    """The patch with its arm `share` times as long: it lies below the untouched ground where the wheel has sunk."""
+    arm = (share * patch.arm[0], share * patch.arm[1], share * patch.arm[2])
+    return ContactPatch(
+        patch.penetration, patch.rate, patch.n, patch.f, patch.l, arm, patch.v_x, patch.v_y, patch.spin, patch.turn
+    )
 
 
 @kernel

@@ -57,7 +57,7 @@ def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> 
     arrays: dict[str, Any] = {
         name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)
     }
-    two = whole._replace(front=whole.rear, **arrays)
+    two = whole._replace(front=whole.rear, treads=(whole.treads[1], whole.treads[1]), **arrays)
     two.carcass[:] = axle.slip_stiffness, axle.rolling
     return two
 

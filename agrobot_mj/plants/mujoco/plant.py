@@ -39,8 +39,9 @@ from agrobot_mj.plants.mujoco.stability import check_stability
 from agrobot_mj.plants.mujoco.stepping import Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
+from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
 from agrobot_mj.tyres import MagicFormula, Tyre
-from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.laws import remembering, tyre_set
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
 CLOCK = Clock()
@@ -88,8 +89,9 @@ class MujocoPlant:
 
     def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
         """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
-        self.spec, self.tractor, self.ground = spec, machine.tractor, ground
+        self.spec, self.tractor = spec, machine.tractor
         native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
+        self.ground = ground = remembering(ground, tyres.bearing)
         parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline)
         hitched = machine.implement.hitched(machine.tractor)
         if hitched is not None:
@@ -148,6 +150,7 @@ class MujocoPlant:
         """Put the tractor without motion and memory on the ground."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
+        forget(self.ground.memory)
         self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         if self.implement:
             self.implement.forget()
@@ -230,7 +233,7 @@ class MujocoPlant:
         return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
-        """State between two ticks, some kilobytes."""
+        """State between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
         left = copies(left_by_a_step(self.model, self.data))
         return MujocoState(
             physics=physics_state(self.model, self.data),
@@ -238,6 +241,7 @@ class MujocoPlant:
             memories=copies(self._memories),
             conditions=self.conditions,
             ticks=self.ticks,
+            soil=saved(self.ground.memory),
         )
 
     def restore(self, state: MujocoState) -> None:
@@ -247,6 +251,7 @@ class MujocoPlant:
         set_physics_state(self.model, self.data, state.physics)
         write(left_by_a_step(self.model, self.data), state.left)
         write(self._memories, state.memories)
+        restore(self.ground.memory, state.soil)
         self.ticks = state.ticks
 
     def truth(self) -> Truth:
@@ -298,6 +303,10 @@ class MujocoPlant:
     def report(self) -> Sequence[float]:
         """Values of `columns`."""
         return self.implement.report() if self.implement else ()
+
+    def ruts(self) -> RutMap | None:
+        """The ruts on the field; None on soil that does not remember."""
+        return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""

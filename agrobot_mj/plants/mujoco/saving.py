@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Conditions
+from agrobot_mj.terrain.memory import SavedSoil
 
 AnyArray = np.ndarray[Any, Any]
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -29,6 +30,8 @@ class MujocoState(NamedTuple):
     """Faults and disturbances of the last tick."""
     ticks: int
     """Ticks since the reset."""
+    soil: SavedSoil
+    """What the soil remembers."""
 
 
 def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:

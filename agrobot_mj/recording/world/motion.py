@@ -4,12 +4,13 @@ import numpy as np
 import rerun as rr
 from rerun.components import RotationQuatBatch, Translation3DBatch
 
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
 from agrobot_mj.recording.world.belief import Belief
 from agrobot_mj.recording.world.events import Events
 from agrobot_mj.recording.world.forces import Forces
+from agrobot_mj.recording.world.ruts import send_ruts
 from agrobot_mj.recording.world.tracks import TRACKS, Tracks
 from agrobot_mj.recording.world.trail import Trail
 from agrobot_mj.recording.world.wheels import Wheels
@@ -26,7 +27,7 @@ class BodyMotion:
     """Sends all of it, as far as the tractor is anywhere."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
-        self.rows, self.scene, self.last = rows, scene, -1
+        self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
         self.events = Events(rows, ground, scenario.fault)
         self.parts: list[Tracks | Belief | Forces | Trail | Events] = [
             Tracks(rows, ground),
@@ -63,6 +64,9 @@ class BodyMotion:
         if self.trail:
             self.trail.finish(stream, self.last)
         self.events.finish(stream, log.outcome, self.last)
+        if log.ruts is not None:
+            wheels = [self.scene.bodies.index(f"wheel_{wheel}") for wheel in WHEELS]
+            send_ruts(stream, log.ruts, self.ground, log.column("t"), log.poses[:, wheels, :2])
 
     def _sound(self, first: int) -> int:
         """How many rows from `first` on come before the one where a run breaks off."""

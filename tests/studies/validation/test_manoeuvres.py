@@ -6,7 +6,11 @@ from agrobot_mj.studies.validation import validate
 from agrobot_mj.studies.validation.base import force_tyres
 from agrobot_mj.studies.validation.suite import MANOEUVRES
 
-SOME_TYRES = {"tipping": {"linear", "magic_formula"}, "implements": {"linear", "magic_formula"}}
+SOME_TYRES = {
+    "tipping": {"linear", "magic_formula"},
+    "implements": {"linear", "magic_formula"},
+    "ruts": {"ruts"},
+}
 """Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes."""
 
 

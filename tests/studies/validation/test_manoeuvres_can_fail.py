@@ -15,6 +15,7 @@ from agrobot_mj.studies.validation import (
     energy,
     loads,
     parking,
+    ruts,
     side_slope,
     sliding,
     soak,
@@ -24,7 +25,7 @@ from agrobot_mj.studies.validation import (
 )
 from agrobot_mj.studies.validation.base import LEVEL, STOCK, Machine, force_tyres, mujoco_plant
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Contact, Linear, Soil
+from agrobot_mj.tyres import Contact, Linear, Ruts, Soil
 
 SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
 """A tenth too soft."""
@@ -162,3 +163,11 @@ def test_antenna_lean_sees_a_mast_that_is_a_tenth_shorter(monkeypatch):
     assert not failures(antenna_lean.run(quick=True))
     monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
     assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean.run(quick=True))
+
+
+def test_ruts_see_another_soil_and_a_soil_that_does_not_remember(monkeypatch):
+    monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
+    assert failures(ruts.run(True)) == {"second pass adds, of the first pass's sinkage, sandy loam"}
+    harder = ruts.load_cell
+    monkeypatch.setattr(ruts, "load_cell", lambda soil, k, *rest: harder(soil, 1.05 * k, *rest))
+    assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts.run(True))

@@ -72,4 +72,4 @@ def test_rolling_resistance_shifts_the_crab_to_the_front_axle():
 
 
 def test_every_tyre_with_a_law_is_among_them():
-    assert {tyre.kind for tyre in force_tyres()} == set(members(Tyre)) - {"contact"}
+    assert {tyre.kind for tyre in force_tyres()} == set(members(Tyre)) - {"contact", "ruts"}

@@ -1,0 +1,135 @@
+"""What the soil remembers: a grid of plastic sinkage over the ground, finer than the height grid and stored in tiles.
+
+Tiles are taken from a store of fixed size where a wheel first yields the soil, so that memory grows with the ground
+that was driven on, never with the way or the number of passes. Once the store is empty, new ground is not remembered.
+"""
+
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+
+TILE = 32
+"""Cells along the side of a tile."""
+MOST_TILES = 8192
+"""Tiles in the store: 1.6 m wide at 5 cm, enough for 2 ha driven all over; 270 MB if all are used."""
+MOST_PLACES = 16_000_000
+"""Largest number of tiles that the field may have places for: 64 MB."""
+SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
+"""Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], sinkage of untouched soil at that
+pressure [m], present pressure over it [-]."""
+AnyArray = np.ndarray[Any, Any]
+
+
+class SoilMemory(NamedTuple):
+    """A grid of cells with their south-west corner at (x0, y0), in tiles; arrays are written in place."""
+
+    x0: float
+    """West edge [m]."""
+    y0: float
+    """South edge [m]."""
+    cell: float
+    """Side of a cell [m]."""
+    tiles: AnyArray
+    """Number of each tile in `cells`, -1 for untouched ground, int32 of shape (rows, columns)."""
+    cells: AnyArray
+    """Values of the cells of every tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`."""
+    used: AnyArray
+    """Number of tiles in use, int64 of shape (1,)."""
+
+
+FORGETS = SoilMemory(
+    0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
+)
+"""Memory of firm ground: none."""
+
+
+class SavedSoil(NamedTuple):
+    """A saved memory: the tiles in use."""
+
+    places: AnyArray
+    """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
+    cells: AnyArray
+    """Their cells, float64 of shape (n, TILE, TILE, VALUES)."""
+
+
+class RutMap(NamedTuple):
+    """The ruts on a field, one entry per cell that has sunk."""
+
+    cell: float
+    """Side of a cell [m]."""
+    x: Array
+    """Middle of each cell, east, shape (n,) [m]."""
+    y: Array
+    """Middle of each cell, north, shape (n,) [m]."""
+    depth: Array
+    """Plastic sinkage, shape (n,) [m]."""
+
+
+def virgin(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
+    """Untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for cells that are too small."""
+    x_min, x_max, y_min, y_max = extent
+    columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
+    if rows * columns > MOST_PLACES:
+        least = cell * (rows * columns / MOST_PLACES) ** 0.5
+        raise ValueError(f"cell_m: {cell:g} m is too fine for this field; set at least {1.05 * least:.2g}")
+    store = min(MOST_TILES, rows * columns)
+    return SoilMemory(
+        x_min,
+        y_min,
+        cell,
+        np.full((rows, columns), -1, np.int32),
+        np.zeros((store, TILE, TILE, VALUES), np.float64),  # the system gives pages as they are written to
+        np.zeros(1, np.int64),
+    )
+
+
+@kernel
+def tile_of(memory: SoilMemory, row: int, column: int) -> int:
+    """Number of the tile at a row and column of tiles, taken from the store if need be; -1 where there is none left."""
+    number = memory.tiles[row, column]
+    if number < 0 and memory.used[0] < memory.cells.shape[0]:
+        number = memory.used[0]
+        memory.tiles[row, column] = number
+        memory.used[0] = number + 1
+    return int(number)
+
+
+def _places(memory: SoilMemory) -> AnyArray:
+    """Row and column of every tile in use, shape (n, 2), in the order of the store."""
+    found = np.argwhere(memory.tiles >= 0)
+    ordered: AnyArray = found[np.argsort(memory.tiles[tuple(found.T)])].astype(np.int32)
+    return ordered
+
+
+def forget(memory: SoilMemory) -> None:
+    """Make the soil untouched again."""
+    memory.cells[: memory.used[0]] = 0.0
+    memory.tiles[:] = -1
+    memory.used[0] = 0
+
+
+def saved(memory: SoilMemory) -> SavedSoil:
+    """A copy of what the soil remembers."""
+    return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
+
+
+def restore(memory: SoilMemory, state: SavedSoil) -> None:
+    """Write a saved state over what the soil remembers."""
+    forget(memory)
+    count = len(state.places)
+    memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)
+    memory.cells[:count] = state.cells
+    memory.used[0] = count
+
+
+def rut_map(memory: SoilMemory) -> RutMap:
+    """The cells that have sunk."""
+    places, cells = _places(memory), memory.cells[: memory.used[0]]
+    k, j, i = np.nonzero(cells[..., SINKAGE])
+    x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)
+    y = memory.y0 + memory.cell * (TILE * places[k, 0] + j + 0.5)
+    return RutMap(memory.cell, x, y, cells[k, j, i, SINKAGE])

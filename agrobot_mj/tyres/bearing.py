@@ -1,0 +1,231 @@
+"""Soil that carries a wheel, yields below it and remembers: pressure-sinkage of the cells below a tyre.
+
+The wheel is a shallow paraboloid with the free radius R lengthwise and the crown's radius r_c across. A cell at s ahead
+and l to the left of its lowest point, d below the untouched ground, lies under a depth
+
+    D = d - s^2 / 2 R - l^2 / 2 r_c,
+
+which the carcass' deflection and the soil's sinkage share: both see the same pressure p. With kappa the carcass'
+stiffness per area, K_e the soil's rebound and z its plastic sinkage,
+
+    p = E (D - z),  1/E = 1/kappa + 1/K_e               up to the yield pressure q of the cell;
+    p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q goes with p;
+    dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on soil that is loaded again, z_q = (q / k)^(1/n).
+
+The last line makes the sinkage of N equal passes z_1 N^(1/a), the multipass law of [Abebe1989]; without it soil that
+was loaded once would be elastic ever after. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2)
+[Lyasko2010]. The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the way and
+p dA l / r_c away from its side. So the work that the wheel does along its way is the soil's plastic work exactly, and
+the walls of a rut hold the wheel.
+"""
+
+from math import ceil, floor, sqrt
+from typing import NamedTuple
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.vectors import Vector
+from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, SoilMemory, tile_of
+
+ITERATIONS = 8
+"""Most Newton steps for the pressure where soil yields [-]."""
+NEAR = 0.05
+"""Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next step
+of the physics) and a cubic stands for the power (within 2e-6) [-]."""
+MOST_SLIP = 0.8
+"""Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
+there."""
+
+
+class Bearing(NamedTuple):
+    """How soil carries a pressure."""
+
+    k_c: float
+    """Cohesive modulus, divided by the contact's width [Pa/m^(n-1)]."""
+    k_phi: float
+    """Frictional modulus; 0 for firm ground [Pa/m^n]."""
+    n: float
+    """Exponent of sinkage [-]."""
+    rebound: float
+    """Elastic stiffness K_e [Pa/m]."""
+    multipass: float
+    """Exponent a of the multipass law [-]."""
+    crown_share: float
+    """Radius of the tread's crown over the tyre's width [-]."""
+    cell: float
+    """Side of a cell [m]."""
+
+
+FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)
+"""Ground that does not sink."""
+
+
+class Tread(NamedTuple):
+    """One tyre as the soil sees it."""
+
+    radius: float
+    """Free radius R [m]."""
+    width: float
+    """Section width b [m]."""
+    crown: float
+    """Radius of the crown r_c [m]."""
+    stiffness: float
+    """Stiffness of the carcass per area kappa [Pa/m]."""
+
+
+class SoilCell(NamedTuple):
+    """State of one cell of soil under a pressure."""
+
+    pressure: float
+    """Pressure [Pa]."""
+    sinkage: float
+    """Plastic sinkage z [m]."""
+    yielded: float
+    """Yield pressure q [Pa]."""
+    hardened: float
+    """Sinkage z_q that untouched soil would have at this yield pressure [m]."""
+    level: float
+    """Pressure over yield pressure [-]."""
+
+
+class Pressed(NamedTuple):
+    """What the soil under one wheel does to it."""
+
+    load: float
+    """Force along the normal [N]."""
+    push: float
+    """Force forward on the wheel's centre: the resistance to compaction, negative in forward travel [N]."""
+    edge: float
+    """Force to the left, of a rut's walls and of a wheel that slides down into one [N]."""
+    area: float
+    """Contact area [m2]."""
+    length: float
+    """Contact length [m]."""
+    deflection: float
+    """Largest deflection of the carcass [m]."""
+
+
+@kernel
+def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
+    """A cell under a depth `D` [m] of wheel, from its state in the step before.
+
+    `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
+    """
+    _, z, q, z_q, level = before
+    trial = E * (D - z)
+    if trial <= 0.0:
+        return SoilCell(0.0, z, q, z_q, 0.0)
+    if trial <= level * q:
+        return SoilCell(trial, z, q, z_q, trial / q)
+    if level < 1.0 and q > 0.0:
+        c = factor * z_q / soil.multipass
+        if z > z_q:
+            c *= (z / z_q) ** (1.0 - soil.multipass)
+        # the sinkage is linear in the level, so that the implicit step has a closed form
+        reached = (trial + E * c * level) / (q + E * c)
+        if reached <= 1.0:
+            return SoilCell(reached * q, z + c * (reached - level), q, z_q, reached)
+        z += c * (1.0 - level)
+        trial = E * (D - z)
+    p, sunk = harden(soil.n, k, E * factor, trial, q, z_q)
+    return SoilCell(p, z + factor * (sunk - z_q), p, sunk, 1.0)
+
+
+@kernel
+def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
+    """Yield pressure p [Pa] and its sinkage (p / k)^(1/n) [m] where p + E ((p / k)^(1/n) - z_q) = `trial` [Pa]."""
+    m, p = 1.0 / n, max(q, 1e-3 * trial)
+    sunk = z_q if q > 0.0 else (p / k) ** m
+    for _ in range(ITERATIONS):
+        step = (trial - p - E * (sunk - z_q)) / (1.0 + E * m * sunk / p)
+        p = min(max(p + step, q, 1e-3 * trial), trial)
+        x = p / q - 1.0 if q > 0.0 else 1.0
+        # most steps move the pressure by so little that no power is needed
+        sunk = (
+            z_q * (1.0 + m * x * (1.0 + 0.5 * (m - 1.0) * x * (1.0 + (m - 2.0) / 3.0 * x)))
+            if x < NEAR
+            else (p / k) ** m
+        )
+        if abs(step) < NEAR * p:
+            break
+    return p, sunk
+
+
+@kernel
+def yield_cell(
+    soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
+) -> float:
+    """Pressure [Pa] on a cell of the grid, which remembers it; one beyond the store of tiles is always untouched."""
+    tile = tile_of(memory, row // TILE, column // TILE)
+    if tile < 0:
+        return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
+    y, x, cells = row % TILE, column % TILE, memory.cells
+    before = SoilCell(
+        0.0,
+        cells[tile, y, x, SINKAGE],
+        cells[tile, y, x, YIELD],
+        cells[tile, y, x, HARDENING],
+        cells[tile, y, x, LEVEL],
+    )
+    after = load_cell(soil, k, E, factor, D, before)
+    cells[tile, y, x, LEVEL] = after.level
+    if after.sinkage != before.sinkage:
+        cells[tile, y, x, SINKAGE] = after.sinkage
+        cells[tile, y, x, YIELD], cells[tile, y, x, HARDENING] = after.yielded, after.hardened
+    return after.pressure
+
+
+@kernel
+def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
+    """First of the cells of a row whose middles lie within `reach` of a place, and the one after the last; in cells."""
+    return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
+
+
+@kernel
+def press(
+    soil: Bearing,
+    tread: Tread,
+    memory: SoilMemory,
+    place: Vector,
+    frame: tuple[Vector, Vector, Vector],
+    d: float,
+    slip: float,
+) -> Pressed:
+    """Press a wheel `d` [m] deep into the soil and let it yield.
+
+    `place` is the point of the untouched ground above the wheel's lowest one, `frame` the ground's normal, forward and
+    left, in the world's axes; `slip` is that of the faster of rim and ground [-].
+    """
+    n, f, left = frame
+    c, half, i = memory.cell, 0.5 * tread.width, min(slip, MOST_SLIP)
+    k, E = soil.k_c / tread.width + soil.k_phi, 1.0 / (1.0 / tread.stiffness + 1.0 / soil.rebound)
+    factor = (1.0 + i) / (1.0 - 0.5 * i)
+    # distances along the ground's plane from those on the map
+    s_x, s_y = f[0] - f[2] * n[0] / n[2], f[1] - f[2] * n[1] / n[2]
+    l_x, l_y = left[0] - left[2] * n[0] / n[2], left[1] - left[2] * n[1] / n[2]
+    a, b = sqrt(2.0 * tread.radius * d), min(sqrt(2.0 * tread.crown * d), half + c)
+    u, v = (place[0] - memory.x0) / c, (place[1] - memory.y0) / c
+    columns = window(u, (abs(f[0]) * a + abs(left[0]) * b) / c, memory.tiles.shape[1] * TILE)
+    rows = window(v, (abs(f[1]) * a + abs(left[1]) * b) / c, memory.tiles.shape[0] * TILE)
+    bend_s, bend_l, per_cell = 1.0 / tread.radius, 1.0 / tread.crown, 1.0 / c
+    load, push, edge, area, most = 0.0, 0.0, 0.0, 0.0, 0.0
+    for row in range(rows[0], rows[1]):
+        dy = (row + 0.5 - v) * c
+        for column in range(columns[0], columns[1]):
+            dx = (column + 0.5 - u) * c
+            s, l = s_x * dx + s_y * dy, l_x * dx + l_y * dy  # noqa: E741
+            D = d - 0.5 * (bend_s * s * s + bend_l * l * l)
+            # a cell at the edge of the tread counts with the part of it that is covered
+            cover = min(0.5 + (half - abs(l)) * per_cell, 1.0)
+            if D <= 0.0 or cover <= 0.0:
+                continue
+            pressure = yield_cell(soil, k, E, factor, D, memory, row, column)
+            if pressure > 0.0:
+                force = pressure * cover
+                load += force
+                push -= force * s * bend_s
+                edge -= force * l * bend_l
+                area += cover
+                most = max(most, pressure)
+    cell = c * c / n[2]
+    length = area * cell / min(2.0 * b, tread.width)
+    return Pressed(load * cell, push * cell, edge * cell, area * cell, length, most / tread.stiffness)

@@ -1,0 +1,136 @@
+"""A tyre on soil that sinks below it and remembers: ruts, multipass, slip sinkage.
+
+Vertical: pressure-sinkage of the cells below the tyre after [Bekker1969], see `bearing`; the compaction of the soil is
+the motion resistance. Shear after [JanosiHanamoto1961] with the strength of Mohr and Coulomb on the contact area A of
+length L, at the slip s of combined sliding, the load W, cohesion c and friction angle phi:
+
+    F = (A c + W tan phi) (1 - K / (s L) (1 - exp(-s L / K))).
+
+The slip is that of the faster of rim and ground; the direction of the force is `base.force_direction`. On ground
+without memory (a test rig) the tyre stands on its deflection alone.
+"""
+
+from math import exp, hypot, radians, sqrt, tan
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.spec import Fraction, NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
+from agrobot_mj.tyres.bearing import Bearing
+from agrobot_mj.tyres.soil import OWN_LOSS
+
+SHEARED = 20.0
+"""Shear displacement over K at which the bristles break away at rest: 95 % of the strength is in use [-]."""
+BREAKAWAY_SPEED = 0.1
+"""Rolling speed above which the bristles follow the slip past it [m/s]. Estimate."""
+
+
+@kernel
+def sheared(j: float) -> float:
+    """Share of the strength in use at a shear displacement `j` at the end of the patch, over K [-]."""
+    if j < 1e-3:
+        return 0.5 * j - j * j / 6.0
+    return 1.0 - (1.0 - exp(-j)) / j
+
+
+class RutsLaw(NamedTuple):
+    """Strength of the soil under one tyre."""
+
+    cohesion: float
+    """Cohesion c [Pa]."""
+    tan_phi: float
+    """Tangent of the friction angle [-]."""
+    K: float
+    """Shear modulus K: displacement at 63 % of the strength [m]."""
+    radius: float
+    """Free radius of the tyre [m]."""
+    crown: float
+    """Radius of its crown [m]."""
+    anisotropy: float
+    """Sliding anisotropy, see `Ruts` [-]."""
+
+    def force(self, slip: Slip) -> TyreForce:
+        """Force against the combined slip."""
+        L, A = slip.length, slip.area
+        if L <= 0.0:  # an ellipse, on ground that does not sink
+            L = 2.0 * sqrt(2.0 * self.radius * slip.deflection)
+            A = 0.785 * L * 2.0 * sqrt(2.0 * self.crown * slip.deflection)
+        H = slip.footing.grip * (A * self.cohesion + slip.load * self.tan_phi)
+        j = hypot(slip_of_faster(slip), slip.y) * L / self.K
+        m = force_direction(slip, (H, H), (1.0, 1.0), j, self.anisotropy)
+        used, limit = sheared(j), SHEARED * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
+        return TyreForce(-used * H * m.x, -used * H * m.y, 1.0 if j < limit else limit / j, used)
+
+    def drag(self, slip: Slip, direction: float) -> float:
+        """Always 0: the compaction of the soil is a force of its own, see `bearing`."""
+        return 0.0
+
+
+class Ruts(TyreBase):
+    """Tyres on soil that keeps their ruts."""
+
+    kind: Literal["ruts"] = "ruts"
+    k_c_kn: NonNegative = 5.27
+    """Cohesive modulus k_c [kN/m^(n+1)]. Estimate: sandy loam of 15 % moisture, after [Wong2008]."""
+    k_phi_kn: Positive = 1515.0
+    """Frictional modulus k_phi [kN/m^(n+2)]. Estimate: as k_c."""
+    exponent: Annotated[float, Field(ge=0.1, le=2)] = 0.7
+    """Exponent n of sinkage [-]. Estimate: as k_c."""
+    cohesion_kpa: NonNegative = 1.72
+    """Cohesion c [kPa]. Estimate: as k_c."""
+    friction_deg: Annotated[float, Field(gt=0, le=60)] = 29.0
+    """Angle of internal friction phi [deg]. Estimate: as k_c."""
+    shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
+    """Shear modulus K [m]. Estimate: 0.01 for firm sand to 0.025 for loose soil."""
+    rebound_mpa_m: Annotated[float, Field(ge=1, le=1e6)] = 200.0
+    """Elastic stiffness of the soil that rebounds [MPa/m]. Estimate: as Project Chrono's wet sand."""
+    multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
+    """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Estimate: 2-3 loose, 3-5 firm, after
+    [Abebe1989]."""
+    crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
+    """Radius of the tread's crown over the tyre's width [-]. Estimate."""
+    cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
+    """Side of the cells of soil [m]. Estimate: four across a front tyre."""
+    sliding_anisotropy: Fraction = 0.0
+    """Direction of a sliding tyre's force, as for `soil` [-]. Estimate: the soil's strength."""
+    relaxation_radii: Relaxation = 1.5
+    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    bristle_damping_s: NonNegative = 0.02
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    patch_half_length_m: NonNegative = 0.08
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
+
+    @property
+    def judged(self) -> bool:
+        """Theories of firm ground do not predict it; it has validation cases of its own."""
+        return False
+
+    def structure(self) -> Structure:
+        """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        bearing = Bearing(
+            k_c=1e3 * self.k_c_kn,
+            k_phi=1e3 * self.k_phi_kn,
+            n=self.exponent,
+            rebound=1e6 * self.rebound_mpa_m,
+            multipass=self.multipass,
+            crown_share=self.crown_share,
+            cell=self.cell_m,
+        )
+        return Structure(
+            self.relaxation_radii, self.bristle_damping_s, OWN_LOSS, self.patch_half_length_m, bearing=bearing
+        )
+
+    def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
+        """Law of one front and one rear tyre."""
+        sizes = (
+            (tractor.front_wheel_radius_m, tractor.front_wheel_width_m),
+            (tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m),
+        )
+        c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
+        front, rear = (
+            RutsLaw(c, slope, self.shear_m, R, self.crown_share * b, self.sliding_anisotropy) for R, b in sizes
+        )
+        return front, rear
