@@ -25,7 +25,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack help install demo demo-link test plain slow check validate bench figures learning library snapshots lock reference results ros third-party
+.PHONY: attack help install demo demo-link test plain slow check validate bench figures verdict learning library snapshots lock reference results ros third-party
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -72,6 +72,9 @@ figures: $(STAMP) ## Draw the README's results again
 
 results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (half an hour)
 	@$(PY) scripts/make_results.py
+
+verdict: $(STAMP) ## Run what docs/verdict.md lacks (an hour or two), and write its tables and figures
+	@$(PY) scripts/make_verdict.py
 
 learning: $(STAMP) ## Run the study of docs/learning.md, which takes hours, and write its tables and figures
 	@$(PY) scripts/make_learning.py

@@ -30,6 +30,7 @@ OWNERS = {
     "typer": {"cli"},
     "tomli_w": {"scenario", "studies"},
     "plotly": {"studies"},
+    "SALib": {"studies"},
     "distributed": {"studies"},
     "numba": {"core", "plants"},
     "gymnasium": {"links"},

@@ -16,7 +16,7 @@ app = typer.Typer(
 )
 for command in (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
-    *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, links.link, links.ros2, links.export),
+    *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, links.link, links.ros2, links.export),
     *(recordings.view, recordings.snapshot),
     *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
 ):

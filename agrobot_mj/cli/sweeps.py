@@ -9,6 +9,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, names, overrides, results_folder
+from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default.")]
@@ -133,6 +134,23 @@ def _ends(text: str) -> tuple[float, float]:
     except ValueError:
         pass
     raise ScenarioError(f"--range {text}: write two numbers as 0:25")
+
+
+def importance(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help='Results of a sweep with method = "saltelli".')],
+    metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
+    quiet: Quiet = False,
+) -> None:
+    """Tell which uncertain numbers matter: Sobol indices of a sweep.
+
+    Writes importance.json and importance.png into the folder.
+    """
+    from agrobot_mj.studies.sweep.importance import importance as analyse
+    from agrobot_mj.studies.sweep.importance import importance_table
+
+    found = analyse(folder, metric)
+    if not quiet:
+        say(importance_table(found))
 
 
 def report(

@@ -18,6 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, check_files
 from agrobot_mj.studies.sweep.axes import Listed
+from agrobot_mj.studies.sweep.portable import portable
 from agrobot_mj.studies.sweep.schema import Sweep
 
 MAX_RUNS = 100_000
@@ -57,7 +58,7 @@ class SweepPlan:
         # Axes of tables last, since TOML files, the resolved one too, write them there.
         self.axes = dict(sorted(self.file.axes.items(), key=lambda item: item[1].of_tables))
         self.sizes = [len(axis) for axis in self.axes.values()]
-        self.samples = self.file.samples if self.file.draws else 1
+        self.samples = points_of(self.file.method, self.file.samples, len(self.file.draws)) if self.file.draws else 1
         self.combinations = max(len(self.file.variant), 1) * prod(self.sizes)
 
     @property
@@ -87,6 +88,8 @@ class SweepPlan:
         combination, repeat = divmod(number, self.samples * len(self.sweep.seeds))
         seed = self.sweep.seeds[repeat % len(self.sweep.seeds)]
         row = repeat if self.file.paired else number
+        if self.file.method == "saltelli":  # the same design under every seed, variant and value of an axis
+            row = repeat // len(self.sweep.seeds)
         values = {}
         rest = combination
         for key, axis in reversed(self.axes.items()):
@@ -110,6 +113,8 @@ class SweepPlan:
         if not self.file.draws:
             return {}
         rows = self.samples * len(self.sweep.seeds) * (1 if self.file.paired else self.combinations)
+        if self.file.method == "saltelli":
+            rows = self.samples
         points = _points(self.file.method, rows, len(self.file.draws), self.file.draw_seed)
         return {key: draw.values(points[:, k]) for k, (key, draw) in enumerate(self.file.draws.items())}
 
@@ -120,6 +125,11 @@ class SweepPlan:
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
         return frozenset(key for key, found in kinds.items() if len(found) > 1 or found & {dict, list})
+
+    @cached_property
+    def file_names(self) -> dict[str, str]:
+        """Names of data files in the folder of results, by path."""
+        return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
         """Raises `ScenarioError` if there are more runs than that."""
@@ -195,11 +205,32 @@ def decides(key: str, value: Any) -> bool:
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
+def points_of(method: str, samples: int, draws: int) -> int:
+    """Number of points of a design of so many samples and draws."""
+    return samples * (draws + 2) if method == "saltelli" else samples
+
+
+def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
+    """The design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d).
+
+    For each of n points of a Sobol sequence in 2 d dimensions: a from its first half, a with one coordinate after the
+    other taken from b, and b from its second half.
+    """
+    from scipy.stats import qmc
+
+    base = qmc.Sobol(2 * dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
+    a, b = base[:, None, :dimensions], base[:, None, dimensions:]
+    mixed = np.where(np.eye(dimensions, dtype=bool), b, a)
+    return np.concatenate([a, mixed, b], axis=1).reshape(-1, dimensions)
+
+
 def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
     """Points that fill the unit cube, shape (n, dimensions), none on its faces."""
     generator = stream(seed, "sweep draws")
     if method == "random":
         points = generator.random((n, dimensions))
+    elif method == "saltelli":
+        points = _saltelli(n // (dimensions + 2), dimensions, generator)
     else:
         from scipy.stats import qmc
 

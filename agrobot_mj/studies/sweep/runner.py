@@ -83,7 +83,7 @@ def _complete(plan: SweepPlan, store: Store, options: SweepOptions) -> SweepSumm
     ):
         for each, result in results:
             run, expected = plan.run(each.number), bool(result.numbers["expected"])
-            store.put(run, store.row(run, result, plan.mixed), result.files)
+            store.put(run, store.row(run, result, plan), result.files)
             unexpected += not expected
             errors += result.numbers["error"] is not None
             advance(expected)

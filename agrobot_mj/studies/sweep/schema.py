@@ -65,8 +65,8 @@ class SweepFile(Spec):
     """Distributions by dotted key."""
     samples: Annotated[int, Field(ge=1)] = 1
     """How many times the draws are drawn for each combination and seed."""
-    method: Literal["random", "latin_hypercube", "sobol"] = "random"
-    """How the draws fill their space."""
+    method: Literal["random", "latin_hypercube", "sobol", "saltelli"] = "random"
+    """How the draws fill their space; `saltelli` makes samples * (draws + 2) points for `agrobot-mj importance`."""
     paired: bool = False
     """Whether all combinations and variants get the same draws, as differences between them need."""
     draw_seed: Seed = 1
@@ -99,6 +99,8 @@ class SweepFile(Spec):
             ]
             if "seed" in keys:
                 found.append(f"{part}.seed: write seeds = [...] beside base")
+        if self.method == "saltelli" and self.samples & (self.samples - 1):
+            found.append(f"samples: must be a power of two with saltelli, got {self.samples}")
         if not self.draws and "samples" in self.model_fields_set and self.samples > 1:
             found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
         return found

@@ -1,7 +1,7 @@
 """The folder of a sweep.
 
-`sweep.toml` and `base.toml` (resolved), `plan.json` (what the rows belong to), a file for each run under `rows/`, what
-is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
+`sweep.toml` and `base.toml` (resolved) with the data files that they name, `plan.json` (what the rows belong to), a
+file for each run under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
 Every file appears whole or not at all, so that a sweep killed at any moment goes on with what is missing.
 """
 
@@ -23,8 +23,8 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import loaded_files
 from agrobot_mj.simulation.storage import atomic, write_json
-from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan, base_text
-from agrobot_mj.studies.sweep.schema import resolved
+from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
+from agrobot_mj.studies.sweep.portable import portable, renamed
 from agrobot_mj.studies.sweep.work import Done
 
 TABLE, PLAN, ROWS = "sweep.parquet", "plan.json", "rows"
@@ -37,30 +37,18 @@ FIRST = ("run", "variant", "seed")
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """What the rows of a sweep depend on, part by part."""
-    content = resolved(plan.sweep)
-    named = [{_last(key): value} for values in _file_values(content) for key, value in values]
-    data = [path.read_bytes() for path in files(named) if path.is_file()]
+    """What the rows of a sweep depend on, part by part; the same for the same files in another place."""
+    content, base, named = portable(plan.sweep)
+    of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
+    data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
     about = ("title", "version", "keep")
     return {
         "sweep": _digest(json.dumps({k: v for k, v in content.items() if k not in about}, sort_keys=True).encode()),
-        "base": f"{plan.sweep.base.hash8}-{_digest(base_text(plan.sweep.base).encode())}",
+        "base": f"{plan.sweep.base.hash8}-{_digest(json.dumps(base, sort_keys=True).encode())}",
         "data files": _digest(*data),
         "plugins": _digest(*(path.read_bytes() for path in loaded_files())),
         "version": __version__,
     }
-
-
-def _file_values(content: dict[str, Any]) -> Iterator[list[tuple[str, Any]]]:
-    """Keys with each value that they take in a sweep, part by part: some are names of files, or tables with such."""
-    for values in (content["axes"], {key: draw.get("choice", []) for key, draw in content["draws"].items()}):
-        yield [(key, value) for key, each in values.items() for value in each if isinstance(value, str | dict | list)]
-    for variant in content["variant"]:
-        yield list(variant["set"].items())
-
-
-def _last(key: str) -> str:
-    return key.rpartition(".")[2]
 
 
 def _digest(*contents: bytes) -> str:
@@ -86,11 +74,16 @@ class Store:
 
     def begin(self, plan: SweepPlan) -> None:
         """Write what the rows to come belong to."""
-        content = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan), "text": sorted(plan.mixed)}
-        for name, table in (("base.toml", explicit_values(plan.sweep.base)), ("sweep.toml", resolved(plan.sweep))):
+        sweep, base, named = portable(plan.sweep)
+        about = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan)}
+        for name, path in named.items():
+            if path != self.folder.resolve() / name:
+                with atomic(self.folder / name) as temporary:
+                    shutil.copyfile(path, temporary)
+        for name, table in (("base.toml", base), ("sweep.toml", sweep)):
             with atomic(self.folder / name) as temporary:
                 temporary.write_text(tomli_w.dumps(table), encoding="utf-8")
-        write_json(self.folder / PLAN, content)
+        write_json(self.folder / PLAN, {**about, "text": sorted(plan.mixed), "files": sorted(named)})
 
     def clear(self) -> None:
         """Delete the results of a sweep; other files in the folder stay."""
@@ -112,9 +105,10 @@ class Store:
                 temporary.write_bytes(content)
         write_json(self._file(run.number), row)
 
-    def row(self, run: RunPlan, done: Done, mixed: frozenset[str]) -> dict[str, Any]:
-        """The row of a run, ready for JSON."""
-        shown = {k: json.dumps(v) if k in mixed else v for k, v in run.parameters.items()}
+    def row(self, run: RunPlan, done: Done, plan: SweepPlan) -> dict[str, Any]:
+        """The row of a run, ready for JSON; data files by their names in the folder."""
+        named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
+        shown = {k: json.dumps(v) if k in plan.mixed else v for k, v in named.items()}
         variant = {} if run.variant is None else {"variant": run.variant}
         return {"run": run.number, **variant, "seed": run.seed, **shown, **done.numbers}
 
@@ -186,7 +180,7 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
                 if (store.folder / name).is_dir():
                     shutil.copytree(store.folder / name, target.folder / name, dirs_exist_ok=True)
     if target.begun is None:
-        for name in ("base.toml", "sweep.toml", PLAN):
+        for name in (*common.get("files", ()), "base.toml", "sweep.toml", PLAN):
             shutil.copyfile(stores[0].folder / name, target.folder / name)
     return common
 

@@ -18,6 +18,7 @@ import pytest
 from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.sweep import SweepOptions, cluster, store, work
 from agrobot_mj.studies.sweep import sweep as run_sweep
 
@@ -436,3 +437,29 @@ def test_ten_thousand_finished_runs_are_found_within_seconds(tmp_path, call):
 def test_the_help_names_every_option():
     names = {option for parameter in get_command(cli.app).commands["sweep"].params for option in parameter.opts}
     assert names >= {"--out", "--jobs", "--scheduler", "--shard", "--merge", "--fresh", "--max-runs", "--plugin"}
+
+
+def test_a_folder_of_results_says_no_path_and_can_be_moved(tmp_path):
+    """Data files lie beside the sweep, so that neither its files nor its table say where they came from."""
+    private = tmp_path / "private"
+    private.mkdir()
+    for name, end in (("base", 1), ("other", 2)):
+        (private / f"{name}.csv").write_text(f"x_m,y_m\n0,0\n10,0\n20,{end}\n")
+    text = 'base = "figure_eight"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
+    text += 'path = { kind = "waypoints", file = "base.csv" }\n[axes]\n"path.file" = ["base.csv", "other.csv"]\n'
+    (private / "mine.toml").write_text(text)
+    options = SweepOptions(jobs=1, quiet=True)
+    run_sweep(private / "mine.toml", tmp_path / "out", options)
+    for file in (tmp_path / "out").rglob("*.*"):
+        assert b"private" not in file.read_bytes(), file
+    assert pq.read_table(tmp_path / "out" / "sweep.parquet")["path.file"].to_pylist() == ["base.csv", "other.csv"]
+    assert run_sweep(private / "mine.toml", tmp_path / "out", options).new == 0
+    (tmp_path / "out").rename(tmp_path / "elsewhere")
+    private.rename(tmp_path / "gone")
+    moved = tmp_path / "elsewhere"
+    assert run_sweep(moved / "sweep.toml", moved, options).new == 0
+    run_sweep(moved / "sweep.toml", tmp_path / "again", options)
+    assert table(tmp_path / "again").equals(table(moved))
+    (moved / "other.csv").write_text("x_m,y_m\n0,0\n10,0\n20,3\n")
+    with pytest.raises(ScenarioError, match="data files changed"):
+        run_sweep(moved / "sweep.toml", moved, options)

@@ -1,0 +1,192 @@
+"""The paper's claims, judged by the runs of `claims`: confirmed, qualified or refuted by rule, with the numbers.
+
+A claim is *confirmed* if the interval of what it says lies on its side on both plants and the null models do not do
+the same; *qualified* if they do, or if it holds in some of the cases only; *refuted* if it does not hold in any.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from agrobot_mj.studies.verdict.claims import (
+    FASTER,
+    ISGN,
+    LQR,
+    PD,
+    PI,
+    PLANTS,
+    RADII,
+    SIGMAS,
+    SPEEDS,
+    T1,
+    T2,
+)
+from agrobot_mj.studies.verdict.rows import ResultRow, select
+from agrobot_mj.studies.verdict.statistics import MeanWithInterval, by_seed, estimate, ratio
+
+CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
+PAPER_RATIO = 0.70
+"""Error with the network over that of PD alone, of the real tractor [-]."""
+ROBUST = 1.5
+"""Error on the softest soil over that on the firmest up to which a law counts as robust [-]."""
+Rows = Sequence[ResultRow]
+
+
+class Judged(NamedTuple):
+    """One claim."""
+
+    claim: str
+    verdict: str
+    network: str
+    """What the paper's network does, on the bicycle and on MuJoCo."""
+    null: str
+    """What the models that it has to beat do."""
+
+
+def mse(row: ResultRow) -> float:
+    """Lateral mean square error [m2]."""
+    return float(row["lateral_mse"])
+
+
+def xte(row: ResultRow) -> float:
+    """Cross-track rms [m]."""
+    return float(row["xte_rms"])
+
+
+def turn(name: str, number: int) -> Callable[[ResultRow], float]:
+    """The value of `name` in turn `number`, from 1."""
+    return lambda row: float(row[name][number - 1])
+
+
+def over_pd(rows: Rows, plant: str, law: str, study: str = "paper", x: float = 0.0) -> MeanWithInterval:
+    """Lateral mean square error of a law over that of PD alone."""
+    of = {"study": study, "plant": plant, "x": x}
+    return ratio(select(rows, law=law, **of), select(rows, law=PD, **of), mse)
+
+
+def second_turn(
+    rows: Rows, plant: str, law: str, study: str = "paper", x: float = 0.0, name: str = ""
+) -> MeanWithInterval:
+    """`name`, by default the lateral mean square error, of the second turn over that of the first."""
+    runs, name = select(rows, law=law, study=study, plant=plant, x=x), name or "lateral_mse_turns"
+    return ratio(runs, runs, turn(name, 2), turn(name, 1))
+
+
+def share(rows: Rows, plant: str, law: str, number: int) -> MeanWithInterval:
+    """Share of the network, or of its null model, in the steering command of a turn."""
+    return estimate(by_seed(select(rows, study="paper", plant=plant, law=law), turn("share_turns", number)).values())
+
+
+def against_type_1(rows: Rows, plant: str, sigma: float, law: str) -> MeanWithInterval:
+    """Lateral mean square error of type 2 over that of type 1 at a noise of the position [m]."""
+    of = {"study": "noise", "plant": plant, "x": sigma}
+    return ratio(select(rows, law=T2, **of), select(rows, law=law, **of), mse)
+
+
+def softest_over_firmest(rows: Rows, plant: str, law: str) -> MeanWithInterval:
+    """Cross-track rms on the softest soil over that on the firmest; on the bicycle, by cornering stiffness."""
+    runs = select(rows, study="soil", plant=plant, law=law)
+    values = [row["x"] for row in runs]
+    return ratio(select(runs, x=min(values)), select(runs, x=max(values)), xte)
+
+
+def both(function: Callable[[str], MeanWithInterval], digits: int = 2) -> str:
+    """An estimate on both plants, as text."""
+    return "; ".join(f"{plant} {function(plant).text(digits)}" for plant in PLANTS)
+
+
+def judged(rows: Rows) -> list[Judged]:
+    """All claims, in the order of the page."""
+    return [_better(rows), _takes_over(rows), _second_turn(rows), _settles(rows), _type_2(rows), _soil(rows)]
+
+
+def _verdict(holds: Sequence[bool], null_too: bool) -> str:
+    if not any(holds):
+        return REFUTED
+    return CONFIRMED if all(holds) and not null_too else QUALIFIED
+
+
+def _better(rows: Rows) -> Judged:
+    holds = [over_pd(rows, plant, T2).high < PAPER_RATIO for plant in PLANTS]
+    null = all(over_pd(rows, plant, ISGN).high < PAPER_RATIO for plant in PLANTS)
+    network = f"MSE over that of PD: {both(lambda p: over_pd(rows, p, T2))}"
+    others = ", ".join(f"{law} {over_pd(rows, PLANTS[1], law).text()}" for law in (ISGN, T1, PI))
+    return Judged("30 % better than PD", _verdict(holds, null), network, f"MuJoCo: {others}")
+
+
+def _takes_over(rows: Rows) -> Judged:
+    """The paper: PD dominates in the first turn, the network leads after it."""
+    leads = [share(rows, plant, T2, 2).low > 0.5 for plant in PLANTS]
+    later = [share(rows, plant, T2, 1).high < 0.5 for plant in PLANTS]
+    null = all(share(rows, plant, ISGN, 2).low > 0.5 for plant in PLANTS)
+
+    def text(law: str) -> str:
+        return "; ".join(
+            f"{p} {share(rows, p, law, 1).mean:.3f}, then {share(rows, p, law, 2).mean:.3f}" for p in PLANTS
+        )
+
+    return Judged(
+        "the network takes over after the first turn",
+        _verdict([*leads, *later], null),
+        f"share of the command in turns 1 and 2: {text(T2)}",
+        f"{ISGN}: {text(ISGN)}",
+    )
+
+
+def _second_turn(rows: Rows) -> Judged:
+    cases = [(plant, "paper", 0.0) for plant in PLANTS]
+    cases += [(plant, study, x) for plant in PLANTS for study, xs in (("radius", RADII), ("speed", SPEEDS)) for x in xs]
+    holds = [second_turn(rows, plant, T2, study, x).high < 1.0 for plant, study, x in cases]
+    null = all(second_turn(rows, plant, ISGN).high < 1.0 for plant in PLANTS)
+    worse = sum(second_turn(rows, plant, T2, study, x).mean > 1.0 for plant, study, x in cases)
+    text = f"MSE of turn 2 over turn 1: {both(lambda p: second_turn(rows, p, T2))}"
+    text += f"; above 1 in {worse} of {len(cases)} cases"
+    return Judged(
+        "better in the second turn",
+        _verdict(holds, null),
+        text,
+        f"{ISGN}: {both(lambda p: second_turn(rows, p, ISGN))}",
+    )
+
+
+def _settles(rows: Rows) -> Judged:
+    holds = [second_turn(rows, plant, T2, name="q_travel").high < 0.5 for plant in PLANTS]
+    last = [estimate(by_seed(select(rows, study="settling", plant=p), turn("q_travel", 8)).values()) for p in PLANTS]
+    rests = all(found.high < 1.0 for found in last)
+    text = f"travel of q, turn 2 over turn 1: {both(lambda p: second_turn(rows, p, T2, name='q_travel'))}"
+    text += "; in turn 8 still " + ", ".join(f"{found.mean:.1f}" for found in last)
+    return Judged(
+        "q settles",
+        _verdict([*holds, rests], False),
+        text,
+        "from limit to limit is 1; f rises meanwhile like a ratchet",
+    )
+
+
+def _type_2(rows: Rows) -> Judged:
+    """Holds where type 2 is better under strong noise, and by more than under weak noise."""
+    low, high = SIGMAS[0], SIGMAS[-1]
+    found = {(p, s): against_type_1(rows, p, s, T1) for p in PLANTS for s in (low, high)}
+    holds = [found[p, high].high < 1.0 and found[p, high].high < found[p, low].low for p in PLANTS]
+    text = "; ".join(f"{p} {found[p, low].text()} at {low:g} m, {found[p, high].text()} at {high:g} m" for p in PLANTS)
+    faster = "; ".join(f"{p} {against_type_1(rows, p, high, FASTER).text()}" for p in PLANTS)
+    return Judged(
+        "type 2 is better than type 1 under noise",
+        _verdict(holds, False),
+        f"MSE of type 2 over type 1 at equal alpha: {text}",
+        f"over type 1 at alpha 0.0225, at {high:g} m: {faster}",
+    )
+
+
+def _soil(rows: Rows) -> Judged:
+    """Robust if the softest soil costs less than half as much again as the firmest; the null models are asked, too."""
+    holds = [softest_over_firmest(rows, plant, T2).high < ROBUST for plant in PLANTS]
+    null_too = all(softest_over_firmest(rows, plant, law).high < ROBUST for plant in PLANTS for law in (PD, ISGN))
+    null = ", ".join(f"{law} {softest_over_firmest(rows, PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))
+    text = f"cross-track rms, softest over firmest: {both(lambda p: softest_over_firmest(rows, p, T2))}"
+    return Judged("robust without knowing the soil", _verdict(holds, null_too), text, f"MuJoCo: {null}")
+
+
+def claims_table(found: Sequence[Judged]) -> str:
+    """Markdown table of the claims."""
+    lines = ["| claim | verdict | the paper's network | what it has to beat |", "|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {j.claim} | **{j.verdict}** | {j.network} | {j.null} |" for j in found)])

@@ -1,0 +1,176 @@
+"""How much each guidance law survives: slope, soil, furrows, rough ground, valve and loss of fixes, each to its limit.
+
+One law and one hardship is a search of `limit`: the figure eight's first straight, arc and return, at 1.2 m/s, with the
+supervisor off, since what is asked is how long the law holds, not how soon it is stopped. A run fails if it does
+not complete or if its cross-track error exceeds half a track width in more than 5 % of the time.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.palette import BLUE, GREEN, LIGHT_GREY, VERMILION
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies.headline import LAWS as HEADLINE_LAWS
+from agrobot_mj.studies.limit.search import Question, check, find_limit
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
+from agrobot_mj.studies.sweep.work import perform
+from agrobot_mj.studies.verdict.rows import ResultRow, select
+
+UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
+SEEDS = 3
+"""Most runs at a value; three without a failure show a reliability of 65 % at 80 % confidence, seven of 80 %."""
+COMMON = {"supervisor.enabled": False, "path.turns": 2}
+FITTED = {
+    "estimator.kind": "ekf_full",
+    "estimator.terrain_compensation": True,
+    **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
+}
+"""Gyro, wheel speed, inertial unit, and the filter that uses them."""
+PAPER = "the paper's stack"
+SURVIVORS: dict[str, dict[str, Any]] = {
+    PAPER: {"controller.kind": "pd_t2fnn"},
+    **{
+        law: {**FITTED, **HEADLINE_LAWS[law]}
+        for law in ("P + network (pd_t2fnn)", "PI on yaw rate", "P + feed-forward", "pure pursuit", "Stanley", "LQR")
+    },
+}
+"""Overrides by law; all but the paper's stack drive with the same sensors and filter."""
+
+
+class Hardship(NamedTuple):
+    """What gets worse."""
+
+    name: str
+    unit: str
+    key: str
+    start: float
+    """Value that every law should survive."""
+    stop: float
+    """Worst value tried."""
+    tolerance: float
+    overrides: dict[str, Any]
+    duration_s: float = 75.0
+    offset: float = 0.0
+    """What is taken from the key's value for the table, in its unit."""
+
+
+LOSS_AT_S = 15.0
+HARDSHIPS = (
+    Hardship("steepest slope", "deg", "terrain.grade_deg", 0, 28, 1, {"terrain": {"kind": "slope"}}),
+    Hardship("softest soil", "kPa", "plant.tyre.cone_index_kpa", 900, 100, 25, {"plant.tyre.kind": "soil"}),
+    Hardship("deepest furrows", "m", "terrain.depth_m", 0.02, 0.22, 0.0125, {"terrain": {"kind": "ridges"}}),
+    Hardship(
+        "fastest on class E", "m/s", "path.speed_m_s", 1, 4, 0.2, {"terrain": {"kind": "rough", "iso_class": "E"}}
+    ),
+    Hardship("widest dead band", "V", "steering.valve.dead_band_v", 0.4, 5.6, 0.2, {}),
+    Hardship(
+        "longest GNSS loss",
+        "s",
+        "fault.0.end_s",
+        LOSS_AT_S + 5,
+        LOSS_AT_S + 125,
+        7,
+        {"fault": [{"kind": "gnss_loss", "start_s": LOSS_AT_S, "end_s": LOSS_AT_S + 5}]},
+        145,
+        LOSS_AT_S,
+    ),
+)
+
+
+def survival_jobs() -> dict[str, tuple[str, Hardship]]:
+    """All searches by key, a law and a hardship each."""
+    return {f"{hardship.name}|{law}": (law, hardship) for hardship in HARDSHIPS for law in SURVIVORS}
+
+
+def survival_search(job: tuple[str, tuple[str, Hardship]], seeds: int = SEEDS) -> dict[str, Any]:
+    """The row of one search."""
+    key, (law, hard) = job
+    overrides = {**COMMON, "duration_s": hard.duration_s, **hard.overrides, **SURVIVORS[law]}
+    scenario = load_scenario("figure_eight", overrides)
+    question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
+    condition = check(question, {law: scenario})
+    found = find_limit(law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), partial(_quiet))
+    about = {"key": key, "law": law, "hardship": hard.name, "seeds": seeds}
+    tried = [{**t._asdict(), "value": t.value - hard.offset} for t in found.tried]
+    interval = None if found.interval is None else [value - hard.offset for value in found.interval]
+    return {**about, "verdict": found.verdict, "interval": interval, "tried": tried}
+
+
+def _quiet(tried: object) -> None:
+    """Nothing is told of a value tried."""
+
+
+def survived(row: ResultRow) -> tuple[float | None, bool]:
+    """The worst value, from the start of the range on, that the law holds; whether that is the end of the range.
+
+    None where it fails at the start already.
+    """
+    value = None
+    for tried in row["tried"]:
+        if not tried["holds"]:
+            return value, False
+        value = tried["value"]
+    return value, True
+
+
+def survival_table(rows: Sequence[ResultRow]) -> str:
+    """Markdown table: a row per law, the worst value that it survives of each hardship."""
+    lines = ["| law | " + " | ".join(f"{hard.name} [{hard.unit}]" for hard in HARDSHIPS) + " |"]
+    lines.append("|---|" + "---:|" * len(HARDSHIPS))
+    for law in SURVIVORS:
+        cells = [_cell(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
+        lines.append(f"| {law} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _cell(found: Sequence[ResultRow], hard: Hardship) -> str:
+    """Last value that holds, and the first at which it fails; a star where runs at these values disagree."""
+    if not found:
+        return "-"
+    value, whole = survived(found[0])
+    if value is None:
+        return f"not {hard.start - hard.offset:g}"
+    if whole:
+        return f"all, to {value:g}"
+    fails = next(tried for tried in found[0]["tried"] if not tried["holds"])
+    last = next(tried for tried in found[0]["tried"] if tried["value"] == value)
+    star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
+    again = "!" if found[0]["verdict"] == "not_monotone" else ""
+    return f"{value:.3g}, not {fails['value']:.3g}{star}{again}"
+
+
+def survival_figure(rows: Sequence[ResultRow]) -> Figure:
+    """A panel per hardship: for each law what it survives in green, what it does not in red, between both grey."""
+    with mpl.rc_context(STYLE):
+        figure = Figure((2 * PANEL_WIDTH_IN, 4.4), layout="constrained")
+        grid = figure.subplots(2, 3, sharey=True)
+        for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
+            for k, law in enumerate(SURVIVORS):
+                for row in select(rows, law=law, hardship=hard.name):
+                    _bar(axes, len(SURVIVORS) - 1 - k, row, hard)
+            ends = sorted((hard.start - hard.offset, hard.stop - hard.offset))
+            axes.set(title=f"{hard.name} [{hard.unit}]", xlim=ends if hard.stop > hard.start else ends[::-1])
+            axes.set_yticks(range(len(SURVIVORS)), list(SURVIVORS)[::-1])
+            axes.grid(visible=False, axis="y")
+        return figure
+
+
+def _bar(axes: Axes, y: int, row: ResultRow, hard: Hardship) -> None:
+    """One law in a panel, a mark for every value tried."""
+    begin, end = hard.start - hard.offset, hard.stop - hard.offset
+    value, whole = survived(row)
+    good = end if whole else begin if value is None else value
+    bad = end if whole else next(tried["value"] for tried in row["tried"] if not tried["holds"])
+    for left, right, colour in ((begin, good, GREEN), (good, bad, LIGHT_GREY)):
+        axes.barh(y, right - left, left=left, height=0.55, color=colour, linewidth=0, zorder=1)
+    for tried in row["tried"]:
+        colour = BLUE if tried["holds"] else VERMILION
+        face = colour if tried["failed"] in (0, tried["runs"]) else "white"
+        axes.plot(
+            tried["value"], y, "o" if tried["holds"] else "X", color=colour, ms=3, markerfacecolor=face, clip_on=False
+        )

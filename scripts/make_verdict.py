@@ -1,0 +1,106 @@
+"""docs/verdict.md: the paper's claims judged, how much each law survives, ablation, validity and importance.
+
+Every part keeps its runs under runs/verdict and does what is missing there, so that it can be broken off at any time;
+`--only-draw` writes page and figures from what is there, `--part NAME` does one part.
+"""
+
+import argparse
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.version import __version__
+from agrobot_mj.simulation.progress import task
+from agrobot_mj.studies.style import save
+from agrobot_mj.studies.sweep import SweepOptions, sweep
+from agrobot_mj.studies.sweep.importance import importance, importance_table
+from agrobot_mj.studies.verdict import claims, figures, judgement, survival, validity
+from agrobot_mj.studies.verdict.ablation import ablation_table
+from agrobot_mj.studies.verdict.rows import complete, read_rows, select
+
+ROOT = Path(__file__).parent.parent
+PAGE, IMAGES, RUNS = ROOT / "docs" / "verdict.md", ROOT / "docs" / "images", ROOT / "runs" / "verdict"
+BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
+SEEDS = {"paper": 10, "noise": 3, "soil": 3, "gain": 3, "radius": 3, "speed": 3, "settling": 3}
+"""Seeds of each study of the claims."""
+PARTS: dict[str, tuple[Mapping[str, Any], Callable[..., Any]]] = {
+    "claims": (claims.claim_jobs(SEEDS), claims.claim_run),
+    "validity": (validity.validity_jobs(), validity.validity_drive),
+    "survival": (survival.survival_jobs(), survival.survival_search),
+}
+"""Jobs of each part, and what does one."""
+SWEEPS = ("ablation", "importance")
+"""Parts that are sweeps of the package."""
+
+
+def put(text: str, name: str, content: str) -> str:
+    """The page with the content of a marked block replaced."""
+    begin, end = (mark.format(name=name) for mark in BLOCK)
+    place = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
+    if not place.search(text):
+        raise SystemExit(f"{PAGE}: its block {name} is gone")
+    return place.sub(lambda _: begin + content + end, text)
+
+
+def run_part(name: str, jobs: int) -> None:
+    """Do what is missing of a part."""
+    todo, perform = PARTS[name]
+    with task(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
+        complete(RUNS / f"{name}.jsonl", todo, perform, jobs, advance)
+
+
+def run_sweep(name: str, jobs: int) -> None:
+    """Do what is missing of a sweep that comes with the package."""
+    found = sweep(name, RUNS / name, SweepOptions(jobs=jobs))
+    print(f"{name}: {found.total} runs, {found.errors} with an error")
+
+
+def publish() -> None:
+    """Write page and figures from the rows that are there."""
+    text = PAGE.read_text(encoding="utf-8")
+    if rows := read_rows(RUNS / "claims.jsonl"):
+        counts = ", ".join(f"{name} {len({r['seed'] for r in select(rows, study=name)})}" for name in SEEDS)
+        text = put(text, "standing", f"Version {__version__}; {len(rows)} runs; seeds by study: {counts}.")
+        text = put(text, "claims", judgement.claims_table(judgement.judged(rows)))
+        figures.write_claim_figures(rows, IMAGES)
+    if rows := read_rows(RUNS / "survival.jsonl"):
+        text = put(text, "survival", survival.survival_table(rows))
+        save(survival.survival_figure(rows), IMAGES / "verdict_survival.png")
+    if rows := read_rows(RUNS / "validity.jsonl"):
+        text = put(text, "validity", validity.validity_table(rows))
+        save(validity.validity_figure(rows), IMAGES / "verdict_validity.png")
+    if whole("ablation"):
+        text = put(text, "ablation", ablation_table(pq.read_table(RUNS / "ablation" / "sweep.parquet").to_pylist()))
+    if whole("importance"):
+        found = importance(RUNS / "importance")
+        text = put(text, "importance", importance_table(found))
+        shutil.copyfile(RUNS / "importance" / "importance.png", IMAGES / "verdict_importance.png")
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def whole(name: str) -> bool:
+    """Whether a sweep is there and has all of its runs."""
+    table, plan = (RUNS / name / file for file in ("sweep.parquet", "plan.json"))
+    return table.exists() and pq.read_metadata(table).num_rows == json.loads(plan.read_text("utf-8"))["runs"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--part", choices=[*PARTS, *SWEEPS], action="append", help="do this part only; may be given again"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--only-draw", action="store_true", help="run nothing, draw what is there")
+    arguments = parser.parse_args()
+    for name in () if arguments.only_draw else arguments.part or (*PARTS, *SWEEPS):
+        (run_sweep if name in SWEEPS else run_part)(name, arguments.jobs)
+    publish()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""The verdict: its runs are valid, its rules say what the numbers say, its page shows what it draws."""
+
+import json
+import re
+from math import inf, radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_1samp
+
+from agrobot_mj import load_scenario
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import Bicycle
+from agrobot_mj.studies.style import save
+from agrobot_mj.studies.sweep.work import Done
+from agrobot_mj.studies.verdict import claims, figures, judgement, survival, validity
+from agrobot_mj.studies.verdict.rows import complete, read_rows, select
+from agrobot_mj.studies.verdict.statistics import estimate, ratio
+
+ROOT = Path(__file__).parents[2]
+
+
+def row(value, seed, outcome="completed"):
+    return {"seed": seed, "outcome": outcome, "v": value}
+
+
+def test_an_interval_is_that_of_students_test():
+    values = [1.0, 1.3, 0.8, 1.1, 1.6]
+    found = estimate(values)
+    wanted = ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert found[:3] == pytest.approx((np.mean(values), wanted.low, wanted.high))
+    assert estimate([2.0])[1:] == (-inf, inf, 1)
+    assert estimate([]).n == 0
+
+
+def test_a_ratio_pairs_seeds_and_leaves_out_runs_that_failed():
+    one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
+    other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
+    found = ratio(one, other, lambda r: r["v"])
+    assert found.n == 2
+    assert found.mean == pytest.approx(1.0)  # geometric mean of 1/2 and 2
+    assert ratio([], other, lambda r: r["v"]).n == 0
+
+
+def test_a_study_goes_on_where_it_was_broken_off(tmp_path):
+    done, file = [], tmp_path / "rows.jsonl"
+
+    def perform(job):
+        done.append(job[0])
+        return {"key": job[0], "twice": 2 * job[1]}
+
+    complete(file, {"a": 1, "b": 2}, perform, 1, lambda: None)
+    file.write_text(file.read_text()[:-8])  # a kill in the middle of the last line
+    told = []
+    rows = complete(file, {"a": 1, "b": 2, "c": 3}, perform, 1, lambda: told.append(1))
+    assert done == ["a", "b", "b", "c"]
+    assert len(told) == 3
+    assert [r["twice"] for r in rows] == [2, 4, 6]
+    assert read_rows(file) == rows
+
+
+def test_every_run_of_the_claims_is_there_once_and_valid():
+    jobs = claims.claim_jobs(dict.fromkeys(claims.STUDIES, 2))
+    assert len({json.dumps([cell.study, cell.overrides, seed], sort_keys=True) for cell, seed in jobs.values()}) == len(
+        jobs
+    )
+    seeds = [seed for _, seed in jobs.values()]
+    assert seeds == sorted(seeds)
+    base = load_scenario("figure_eight")
+    for cell, _ in jobs.values():
+        base.changed(cell.overrides, files=False)
+
+
+def test_each_law_can_start_at_both_ends_of_each_hardship():
+    jobs = survival.survival_jobs()
+    assert len(jobs) == len(survival.SURVIVORS) * len(survival.HARDSHIPS)
+    base = load_scenario("figure_eight")
+    for law, hard in jobs.values():
+        keys = {**survival.COMMON, "duration_s": hard.duration_s, **hard.overrides, **survival.SURVIVORS[law]}
+        for value in (hard.start, hard.stop):
+            base.changed({**keys, hard.key: value}, files=False)
+
+
+def test_q_is_measured_turn_by_turn():
+    q = np.array([0.5, 1.0, 1.0, 0.0, 0.0, 0.0, 0.25])
+    turns = [np.arange(7) < 4, np.arange(7) >= 4]
+    found = claims.q_numbers(q, turns)
+    assert found["q_travel"] == [1.5, 0.25]
+    assert found["q_crossings"] == [2, 0]
+    assert found["q_rests"] == pytest.approx([0.5, 2 / 3])
+
+
+BETTER = {"pd": 1.0, "pd_isgn": 0.9, "pd_t1fnn": 0.9, "pd_t2fnn": 0.5, "pi": 0.9, "lqr": 0.9, claims.FASTER: 0.9}
+"""Errors by law of a world in which the network alone does what the paper says."""
+
+
+def world(errors=BETTER, later=0.8, share=(0.3, 0.7), noise=lambda law, s: 1.0, q_travel=(10.0, 1.0, 0.1)):
+    """Rows of every study in which laws have these errors, with a spread of 1 % over four seeds."""
+    rows = []
+    for cell, seed in claims.claim_jobs(dict.fromkeys(claims.STUDIES, 4)).values():
+        network = cell.law == claims.T2
+        error = errors[cell.law] * (1 + 0.01 * seed)
+        error *= noise(cell.law, cell.x) if cell.study == "noise" else 1.0
+        turns = [error, error * (later if network else 1.0)]
+        shares = share if network else (0.3, 0.3)
+        travel = [*q_travel[:2], *[q_travel[2] * (1 + 0.01 * seed)] * 6]
+        about = {"key": cell.key(seed), "study": cell.study, "plant": cell.plant, "law": cell.law, "x": cell.x}
+        values = {"lateral_mse": error, "xte_rms": error, "lateral_mse_turns": turns, "q_travel": travel}
+        values |= {"share_turns": [*shares, *[shares[1]] * 6], "q_rests": [0.5] * 8}
+        rows.append({**about, "seed": seed, "outcome": "completed", **values})
+    return rows
+
+
+def verdicts(rows):
+    return [found.verdict for found in judgement.judged(rows)]
+
+
+def test_claims_are_confirmed_where_the_network_alone_does_what_the_paper_says():
+    rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
+    found = verdicts(rows)
+    assert found[:5] == ["confirmed"] * 5
+    assert found[5] == "qualified"  # no law minds the soil there
+
+
+def test_a_null_model_that_does_the_same_qualifies_a_claim():
+    assert verdicts(world(errors={**BETTER, "pd_isgn": 0.5}))[0] == "qualified"
+
+
+def test_claims_are_refuted_where_nothing_of_them_holds():
+    rows = world(errors=dict.fromkeys(BETTER, 1.0), later=1.2, share=(0.6, 0.4), q_travel=(1.0, 1.0, 4.0))
+    assert verdicts(rows)[:5] == ["refuted"] * 5
+
+
+def test_the_figures_of_the_claims_have_every_law_and_the_table_every_claim(tmp_path):
+    rows = world()
+    assert judgement.claims_table(judgement.judged(rows)).count("\n| ") == 6
+    drawn = figures.better(rows)
+    left, right = drawn.axes[:2]
+    assert len(right.lines) >= 3 * 2
+    assert {line.get_color() for line in left.lines} >= {figures.LAW_COLOURS[law] for law in ("pd", "pd_isgn", "pi")}
+    assert save(figures.soil(rows), tmp_path / "soil.png").stat().st_size > 10_000
+
+
+def searched(law, hardship, values):
+    """A row of a search with (value, runs, failed)."""
+    tried = [{"value": v, "runs": n, "failed": f, "holds": f / n <= 0.2, "certain": False} for v, n, f in values]
+    return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried}
+
+
+def test_the_table_of_survival_says_what_was_found(tmp_path):
+    law, other, third = list(survival.SURVIVORS)[:3]
+    slope = survival.HARDSHIPS[0].name
+    rows = [
+        searched(law, slope, [(0.0, 3, 0), (14.0, 3, 0), (15.0, 2, 2), (28.0, 2, 2)]),
+        searched(other, slope, [(0.0, 3, 0), (28.0, 3, 0)]),
+        searched(third, slope, [(0.0, 3, 1), (28.0, 3, 3)]),
+    ]
+    lines = survival.survival_table(rows).splitlines()
+    assert f"| {law} | 14, not 15 |" in lines[2]
+    assert f"| {other} | all, to 28 |" in lines[3]
+    assert f"| {third} | not 0 |" in lines[4]
+    assert survival.survived(rows[0]) == (14.0, False)
+    assert save(survival.survival_figure(rows), tmp_path / "survival.png").stat().st_size > 10_000
+
+
+def test_a_search_finds_where_a_law_ends(monkeypatch):
+    """With runs that succeed up to a dead band of 3 V, and three times out of four up to 4 V."""
+
+    def performed(task):
+        dead_band, seed = task.overrides["steering.valve.dead_band_v"], task.overrides["seed"]
+        good = dead_band <= 3.0 or (dead_band <= 4.0 and seed % 4 > 0)
+        return Done({"outcome": "completed" if good else "diverged", "xte_abs_p95": 0.1}, {})
+
+    monkeypatch.setattr(survival, "perform", performed)
+    hard = survival.HARDSHIPS[4]._replace(overrides={"plant.kind": "bicycle"})
+    found = survival.survival_search(("k", ("P + feed-forward", hard)), seeds=8)
+    value, whole = survival.survived(found)
+    assert not whole
+    assert value == pytest.approx(3.0, abs=hard.tolerance)
+    assert found["verdict"] == "limit"
+
+
+def test_the_predicted_bend_is_kinematic_when_slow_and_understeers_when_fast():
+    tractor, bicycle, steer = TractorParameters(), Bicycle(), radians(10)
+    slow = validity.predicted(0.1, steer, tractor, bicycle)
+    assert slow.yaw_rate == pytest.approx(0.1 * steer / tractor.wheelbase_m, rel=1e-3)
+    assert slow.sideslip == pytest.approx(tractor.cg_to_rear_axle * steer / tractor.wheelbase_m, rel=1e-2)
+    fast = validity.predicted(4.0, steer, tractor, bicycle)
+    assert fast.yaw_rate / 4.0 < slow.yaw_rate / 0.1
+    assert fast.sideslip < slow.sideslip
+
+
+def test_the_linear_tyre_leaves_the_bicycle_by_the_tangent_alone(monkeypatch):
+    """In a bend of 35 deg the tractor turns tan(delta) / delta, 14.6 %, more than the bicycle, less a little slip."""
+    monkeypatch.setattr(validity, "SPEEDS_M_S", (0.5,))
+    small, large = (validity.validity_drive(("k", ("linear", steer)))["bends"][0] for steer in (10.0, 35.0))
+    assert abs(small["yaw_rate_error"]) < 0.02
+    assert large["yaw_rate_error"] == pytest.approx(np.tan(radians(35)) / radians(35) - 1, abs=0.02)
+
+
+def test_the_boundary_of_validity_is_a_table_and_a_figure(tmp_path):
+    rows = [
+        {"tyre": tyre, "steer_deg": steer, "bends": [
+            {"speed": speed, "yaw_rate_error": 0.05 * speed, "sideslip_error": 0.0} for speed in validity.SPEEDS_M_S
+        ]}
+        for tyre in validity.TYRES for steer in validity.STEERS_DEG
+    ]  # fmt: skip
+    assert validity.validity_table(rows).splitlines()[2].split(" | ")[1] == "0.5-2"
+    assert save(validity.validity_figure(rows), tmp_path / "validity.png").stat().st_size > 10_000
+
+
+def test_the_page_shows_its_figures_and_has_its_blocks():
+    text = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
+    for image in re.findall(r"\((images/[^)]+)\)", text):
+        assert (ROOT / "docs" / image).stat().st_size > 10_000
+    for name in re.findall(r"<!-- end of (\w+) -->", text):
+        assert len(re.search(rf"<!-- {name} -->\n(.*?)\n<!-- end", text, re.S)[1]) > 40, name
+    for page in ("README.md", "docs/results.md", "docs/studies.md"):
+        assert "verdict.md" in (ROOT / page).read_text(encoding="utf-8")
+    assert len(select([{"a": 1}, {"a": 2}], a=1)) == 1
