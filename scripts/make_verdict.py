@@ -25,6 +25,8 @@ from agrobot_mj.studies.verdict.rows import complete, read_rows, select
 
 ROOT = Path(__file__).parent.parent
 PAGE, IMAGES, RUNS = ROOT / "docs" / "verdict.md", ROOT / "docs" / "images", ROOT / "runs" / "verdict"
+COMPARED = ROOT / "runs" / "results" / "rows.jsonl"
+"""Rows of `make results`, which are used where they are there."""
 BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
 SEEDS = {"paper": 10, "noise": 3, "soil": 3, "gain": 3, "radius": 3, "speed": 3, "settling": 3}
 """Seeds of each study of the claims."""
@@ -74,6 +76,8 @@ def publish() -> None:
     if rows := read_rows(RUNS / "validity.jsonl"):
         text = put(text, "validity", validity.validity_table(rows))
         save(validity.validity_figure(rows), IMAGES / "verdict_validity.png")
+    if rows := read_rows(COMPARED):
+        text = put(text, "closed", validity.closed_loop_table(rows))
     if whole("ablation"):
         text = put(text, "ablation", ablation_table(pq.read_table(RUNS / "ablation" / "sweep.parquet").to_pylist()))
     if whole("importance"):

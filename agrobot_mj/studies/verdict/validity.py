@@ -23,6 +23,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
 from agrobot_mj.studies.validation.base import mujoco_plant
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.studies.verdict.rows import ResultRow, select
+from agrobot_mj.studies.verdict.statistics import by_seed, estimate, ratio
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 LIMIT = 0.10
@@ -144,3 +145,23 @@ def _boundary(axes: Axes, tyre: str, rows: Sequence[ResultRow]) -> QuadMesh:
     axes.set(title=tyre, ylim=(STEERS_DEG[0], STEERS_DEG[-1]))
     axes.grid(visible=False)
     return image
+
+
+def closed_loop_table(rows: Sequence[ResultRow], estimator: str = "ekf") -> str:
+    """Markdown table: cross-track rms of each law on the bicycle and on MuJoCo, level, and their ratio [cm, -].
+
+    `rows` are those of the comparison of the stack, see `headline`.
+    """
+    lines = ["| law | bicycle [cm] | MuJoCo [cm] | MuJoCo over bicycle |", "|---|---:|---:|---:|"]
+    for law in dict.fromkeys(row["law"] for row in rows):
+        of = {"estimator": estimator, "law": law}
+        both = [select(rows, surface=surface, **of) for surface in ("level, bicycle", "level")]
+        if all(both):
+            means = [estimate(100 * v for v in by_seed(runs, _xte).values()).mean for runs in both]
+            cells = [*(f"{mean:.1f}" for mean in means), ratio(both[1], both[0], _xte).text()]
+            lines.append(f"| {law} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _xte(row: ResultRow) -> float:
+    return float(row["xte_rms"])
