@@ -79,6 +79,10 @@ class About(NamedTuple):
         """Check that the value is exactly zero: a count of things that must not happen."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
+    def between(self, measured: float, low: float, high: float) -> Check:
+        """Check that the value lies between two limits [unit]."""
+        return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
+
     def above(self, measured: float, limit: float) -> Check:
         """Check that the value is at least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())

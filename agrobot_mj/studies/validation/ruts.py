@@ -156,9 +156,9 @@ def run(quick: bool = False) -> Findings:
         checks.append(about.reported(first.resistance / LOAD_N))
         added = 100 * (second.depth / first.depth - 1)
         about = About("ruts", f"second pass adds, of the first pass's sinkage, {name}", "ruts", "%")
-        checks.append(about.close(added, 30.0, 20.0))
+        checks.append(about.between(added, 10.0, 50.0))
         about = About("ruts", f"work of the second pass over that of the first, {name}", "ruts", "")
-        checks.append(about.close(second.resistance / first.resistance, 0.5, 0.49))
+        checks.append(about.between(second.resistance / first.resistance, 0.0, 1.0))
         for count, one in ((2, second), (3, third)):
             about = About("ruts", f"depth after {count} passes over that after one, equal load, {name}", "ruts", "")
             checks.append(about.reported(one.depth / first.depth, count ** (1 / soil.multipass)))
