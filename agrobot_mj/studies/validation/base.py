@@ -15,6 +15,7 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
 from agrobot_mj.terrain import Flat, Ground, Terrain
 from agrobot_mj.tyres import Linear, Tyre, TyreBase
+from agrobot_mj.tyres.bearing import FIRM
 
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BICYCLE = "bicycle"
@@ -111,8 +112,8 @@ class Findings(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """A default instance of every kind of tyre."""
-    return [tyre() for tyre in every(Tyre)]
+    """A default instance of every kind of tyre on firm ground; soil that sinks has a manoeuvre of its own."""
+    return [tyre for tyre in (kind() for kind in every(Tyre)) if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
