@@ -280,6 +280,7 @@ class BicyclePlant:
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
             wheel_speed=u,
+            body_rates=(0.0, 0.0, gamma),
         )
 
     def poses(self) -> Array:

@@ -252,7 +252,7 @@ class MujocoPlant:
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         self._observe(self.views, *self.sites, self.motion)
-        motion, q = self.motion.tolist(), self.data.qpos
+        motion, q, w = self.motion.tolist(), self.data.qpos, self.data.qvel
         antenna = self.implement.antenna if self.implement else None
         return Truth(
             t=self.ticks * self.tick_s,
@@ -274,6 +274,7 @@ class MujocoPlant:
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
             wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
+            body_rates=(float(w[3]), float(w[4]), float(w[5])),
         )
 
     def poses(self) -> Array:
