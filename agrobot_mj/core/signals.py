@@ -81,6 +81,8 @@ class Truth(NamedTuple):
     """Mean circumferential speed of the rear wheels: spin times free radius, forward positive [m/s]."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
     """Angular velocity about the chassis' own axes x forward, y left, z up [rad/s]."""
+    knuckle_samples: Array | None = None
+    """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
 
 
 class Fix(NamedTuple):

@@ -184,6 +184,7 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     """
     s = scenario
     machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.implement)
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.steering.linkage)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):

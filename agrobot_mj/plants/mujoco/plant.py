@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Condition
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
-from agrobot_mj.machine.hydraulics import reset_valve, static_flow, valve_law, worn
+from agrobot_mj.machine.hydraulics import loaded_flow, reset_valve, static_flow, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
@@ -75,6 +75,7 @@ def oil_of(machine: Machine) -> Oil:
         steer_limit=machine.tractor.steer_limit,
         steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
         steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        steer_play=radians(machine.linkage.backlash_deg) / 2,
         drive_radius=machine.tractor.rear_wheel_radius_m,
         drive_torque=driveline.torque_limit_n_m,
         drive_power=1e3 * driveline.power_limit_kw,
@@ -95,6 +96,10 @@ class MujocoPlant:
         if hitched is not None:
             add_implement(parts, hitched, machine.tractor, native is not None)
         self.model = simulation_model(parts, ground, clock.dt, native)
+        self.model = simulation_model(
+            tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage),
+            *(ground, clock.dt, native),
+        )
         if native is None:
             check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
@@ -112,7 +117,7 @@ class MujocoPlant:
         self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
-        self.samples, self.motion = np.zeros((2, clock.steps)), np.zeros(18)
+        self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(18), np.zeros(1)
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.scene = scene_of(self.model)
@@ -151,6 +156,7 @@ class MujocoPlant:
         self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
         if self.implement:
             self.implement.forget()
+        self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
         roll = self.model.joint("axle_roll").qposadr[0]
@@ -194,6 +200,8 @@ class MujocoPlant:
         """Arguments of `run_steps`."""
         actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory)
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
+        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
+        return self.views, self.tyred, self.loads, actuators, voltages, self.samples
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -228,6 +236,7 @@ class MujocoPlant:
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
         return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
+        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, self.cylinder, *valve, *drive
 
     def save(self) -> MujocoState:
         """State between two ticks, some kilobytes."""
@@ -273,6 +282,7 @@ class MujocoPlant:
             antenna_velocity=antenna.velocity if antenna else (motion[9], motion[10], motion[11]),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
+            knuckle_samples=self.samples[2:].copy(),
             wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
             body_rates=(float(w[3]), float(w[4]), float(w[5])),
         )
@@ -304,7 +314,8 @@ class MujocoPlant:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
         flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
         steering, drive = self.data.actuator_force.tolist()
-        return flow, steering / self.oil.displacement, drive
+        pressure = steering / self.oil.displacement
+        return loaded_flow(self.valve, flow, pressure), pressure, drive
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
