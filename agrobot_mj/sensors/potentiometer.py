@@ -94,7 +94,8 @@ class SteeringPotentiometer(Potentiometer):
         if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
             return delta
         share = delta / FULL_LOCK
-        return delta + np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
+        error: Array = np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
+        return delta + error
 
     def seen(self, truth: Truth) -> Array:
         """True angles of its wheel after each physics step, shape (n,) [rad]."""
