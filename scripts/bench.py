@@ -210,20 +210,6 @@ def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> floa
     start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
     mujoco.mj_getState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
-    found = {}
-    for tyre in (tyre() for tyre in every(Tyre)):
-        if tyre.native:
-            continue  # no kernel
-        s = load_scenario("straight_line")
-        machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.steering.linkage)
-        plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
-        plant.reset(s.path.at(0.0))
-        for _ in range(20):
-            plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid
-        start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(plant.model, plant.data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        found[tyre.kind] = median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
-    return found
 
 
 def tyred_over_bare(plant: MujocoPlant, start: np.ndarray) -> float:

@@ -43,7 +43,7 @@ def test_kernels_make_no_arrays(tyre):
     assert making(1.0) == 4.0
     assert arrays_made(lambda: making(1.0)) == 1
     s = load_scenario("straight_line")
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.steering.linkage)
+    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
     day = NOMINAL._replace(drawbar=300.0, side_force=200.0)
     for ground in (s.terrain.ground(), Rough(half_size_m=20.0).ground()):
         plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), machine, ground)

@@ -91,15 +91,11 @@ class MujocoPlant:
         """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
         self.spec, self.tractor, self.ground = spec, machine.tractor, ground
         native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
-        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline)
+        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
         hitched = machine.implement.hitched(machine.tractor)
         if hitched is not None:
             add_implement(parts, hitched, machine.tractor, native is not None)
         self.model = simulation_model(parts, ground, clock.dt, native)
-        self.model = simulation_model(
-            tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage),
-            *(ground, clock.dt, native),
-        )
         if native is None:
             check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
@@ -153,10 +149,9 @@ class MujocoPlant:
         """Put the tractor without motion and memory on the ground."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
-        self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
         if self.implement:
             self.implement.forget()
-        self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
         roll = self.model.joint("axle_roll").qposadr[0]
@@ -198,10 +193,8 @@ class MujocoPlant:
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """Arguments of `run_steps`."""
-        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory)
-        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
         actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
-        return self.views, self.tyred, self.loads, actuators, voltages, self.samples
+        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -235,8 +228,8 @@ class MujocoPlant:
         """What a tick writes in place, outside of MjData."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
-        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
-        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, self.cylinder, *valve, *drive
+        own = tyred.bristles, tyred.report, self.loads, self.samples, self.motion, self.cylinder
+        return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
         """State between two ticks, some kilobytes."""

@@ -96,6 +96,9 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     apply_tools(v, a, ground, dt)
     if not a.native:
         apply_tyres(v, a.wheels, Tyred(False, a.tyres, ground, a.bristles, a.wheel_report), dt)
+
+
+@kernel
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
     """Steer through a linkage with play: inside of it the oil column is slack, and the wheels are free.
 

@@ -6,10 +6,12 @@ from agrobot_mj.studies.validation import validate
 from agrobot_mj.studies.validation.base import force_tyres
 from agrobot_mj.studies.validation.suite import MANOEUVRES
 
-SOME_TYRES = {"tipping": {"linear", "magic_formula"}, "implements": {"linear", "magic_formula"}}
+SOME_TYRES = {
+    "kingpins": {"magic_formula"},
+    "tipping": {"linear", "magic_formula"},
+    "implements": {"linear", "magic_formula"},
+}
 """Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes."""
-SOME_TYRES = {"kingpins": {"magic_formula"}, "tipping": {"linear", "magic_formula"}}
-"""Where not every tyre can be judged: soil lets the tractor slide off before it tips."""
 
 
 @pytest.mark.parametrize("name", MANOEUVRES)
