@@ -1,7 +1,10 @@
 """Angle wrapping and frames, shared by every stage."""
 
+from collections.abc import Sequence
 from math import cos, pi, sin
 from typing import TypeVar
+
+import numpy as np
 
 from agrobot_mj.core.signals import Array
 
@@ -23,3 +26,21 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
     """ENU components (east, north) of a vector given in the frame of heading `yaw` [rad]."""
     c, s = cos(yaw), sin(yaw)
     return c * forward - s * left, s * forward + c * left
+
+
+def check_polygon(points: Sequence[tuple[float, float]]) -> None:
+    """Raise ValueError, naming the key `points`, unless these corners enclose an area."""
+    if len(set(points)) < 3:
+        raise ValueError("points: has fewer than 3 different corners; add some")
+    lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
+    if lengths[1] < 1e-9 * lengths[0]:
+        raise ValueError("points: all lie on one line; add a corner beside it")
+
+
+def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:
+    """Whether a ray from (x, y) to the east crosses an odd number of edges of a polygon; same unit as the corners."""
+    inside = False
+    for (x0, y0), (x1, y1) in zip(points, (*points[1:], points[0]), strict=True):
+        if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            inside = not inside
+    return inside

@@ -79,6 +79,10 @@ class Truth(NamedTuple):
     """Pedal position after each physics step of the last tick, oldest first, shape (n,) [-]."""
     wheel_speed: float = nan
     """Mean circumferential speed of the rear wheels: spin times free radius, forward positive [m/s]."""
+    body_rates: tuple[float, float, float] = (nan, nan, nan)
+    """Angular velocity about the chassis' own axes x forward, y left, z up [rad/s]."""
+    knuckle_samples: Array | None = None
+    """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
 
 
 class Fix(NamedTuple):
@@ -94,6 +98,10 @@ class Fix(NamedTuple):
     """Velocity, north [m/s]."""
     t: float = nan
     """Time at which the antenna was there, since the start; NaN if the receiver does not say [s]."""
+    z: float = nan
+    """Height of the antenna; NaN if the receiver does not say [m]."""
+    heading: float = nan
+    """Heading from two antennas, from east, counter-clockwise; NaN without them or without fixed ambiguities [rad]."""
 
 
 class Quality:

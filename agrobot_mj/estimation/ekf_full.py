@@ -4,10 +4,11 @@
 of late fixes. The start heading is not trusted: the yaw counts as found once the tractor has moved a metre or two, and
 `Estimate.aligned` says so. `Estimate.yaw` is the course of R, which a path follower steers; less `sideslip` it is the
 heading. The two differ by the slip of the rear tyres, modelled from the side force, whose part from gravity on a
-side slope needs the IMU (`terrain_compensation`); without it the heading takes up the crab. Not in the paper.
+side slope needs the IMU (`terrain_compensation`). Without it the heading takes up the crab, unless two antennas measure
+it (`sensors.gnss.dual_antenna`): then the sideslip beyond the model is estimated too. Not in the paper.
 """
 
-from math import nan, radians, sqrt
+from math import cos, nan, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -56,6 +57,8 @@ class EkfFull(StateEstimator):
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
     """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
+    gyro_axes: Literal["vertical", "body"] = "vertical"
+    """Axis that the gyro is believed to have; one of the `body` is levelled by roll and pitch, with compensation."""
     imu_wander_sigma_deg: NonNegative = 0.2
     """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
     gnss_sigma_m: Positive = 0.02
@@ -72,6 +75,8 @@ class EkfFull(StateEstimator):
     """Believed correlation time of that part [s]. Estimate: the receiver's, and jumps between ambiguities."""
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Believed error of the GNSS velocity, per axis [m/s]. Estimate."""
+    heading_sigma_deg: Positive = 0.25
+    """Believed error of the heading from two antennas [deg]. Estimate, the sensor's (4 mm over a metre)."""
     gyro_sigma_deg_s: Positive = 0.1
     """Believed noise of the gyro [deg/s]. Estimate, the sensor's."""
     wheel_sigma_m_s: Positive = 0.02
@@ -90,6 +95,9 @@ class EkfFull(StateEstimator):
     """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (steering)."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.003
     """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
+    sideslip_walk_deg_rt_s: Positive = 0.1
+    """Random walk of the sideslip beyond the modelled one, with two antennas [deg/sqrt(s)]. Estimate, as the bias of
+    the steering."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
     wheel_scale_walk_rt_s: Positive = 0.001
@@ -98,6 +106,8 @@ class EkfFull(StateEstimator):
     """Standard deviation of the position given to `init` [m]. Estimate."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Standard deviation of the gyro's bias at the start [deg/s]. Estimate."""
+    initial_sideslip_sigma_deg: Positive = 2.0
+    """Standard deviation of the sideslip beyond the model at the first heading [deg]. Estimate: crab on 10-15 deg."""
     initial_steer_bias_sigma_deg: Positive = 1.0
     """Standard deviation of the steering bias at the start [deg]. Estimate: the potentiometer's resolution."""
     initial_wheel_scale_sigma: Positive = 0.05
@@ -163,6 +173,9 @@ class EkfFull(StateEstimator):
             wheel_sigma=self.wheel_sigma_m_s,
             steer_sigma=radians(self.steer_sigma_deg_s),
             velocity_sigma=self.gnss_velocity_sigma_m_s,
+            heading_sigma=radians(self.heading_sigma_deg),
+            sideslip_walk=radians(self.sideslip_walk_deg_rt_s),
+            sideslip_sigma=radians(self.initial_sideslip_sigma_deg),
         )
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
@@ -178,7 +191,10 @@ class EkfFull(StateEstimator):
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         m, tilt = measurement, self.terrain_compensation
-        inputs = Inputs(m.t, m.gyro, m.wheel_speed, m.steer, m.roll if tilt else 0.0, m.pitch if tilt else 0.0)
+        roll, pitch = (m.roll, m.pitch) if tilt else (0.0, 0.0)
+        # the rate of the yaw is (q sin(roll) + r cos(roll)) / cos(pitch); the rate q about the axle averages out
+        gyro = m.gyro * cos(roll) / cos(pitch) if self.gyro_axes == "body" else m.gyro
+        inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, roll, pitch)
         horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)
         health = state.health.after(horizon.core.nis, horizon.core.accepted_t, dt)
         now = present(horizon, state.filter.levels, inputs.side, dt)

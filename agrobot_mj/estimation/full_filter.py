@@ -10,7 +10,8 @@ fix's by more than that floor spin or slide, and are not heard.
 
 Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
 velocities V to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any start and in
-reverse too; its standard deviation is that of a velocity over sqrt(sum(w^2)).
+reverse too; its standard deviation is that of a velocity over sqrt(sum(w^2)). A heading from two antennas ends the
+search at once, at a standstill too, and from the first one on sideslip and heading are told apart.
 """
 
 from cmath import exp as turn
@@ -22,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.copying import Workspace
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix, Quality
 from agrobot_mj.estimation.full_model import (
     G_E,
@@ -35,6 +37,7 @@ from agrobot_mj.estimation.full_model import (
     Y,
     course,
     gyro_row,
+    heading_row,
     position_rows,
     process_noise,
     propagate_mean,
@@ -44,6 +47,7 @@ from agrobot_mj.estimation.full_model import (
     transition,
     velocity_rows,
     wheel_row,
+    with_sideslip,
 )
 from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
@@ -109,9 +113,9 @@ class Core(NamedTuple):
     """All that the filter believes and remembers at the time of its last tick."""
 
     mean: Array
-    """States, shape (10,)."""
+    """States, shape (10,), or (11,) once a heading has been heard."""
     covariance: Array
-    """Covariance of `mean`, shape (10, 10)."""
+    """Covariance of `mean`."""
     search: Search | None = Search()
     """Search for the yaw; None once it is found."""
     lever: Lever | None = None
@@ -142,9 +146,9 @@ class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
     """The filter for one set of levels; `step` is a function of its arguments."""
 
     x: Array
-    """Mean, shape (10,)."""
+    """Mean, shape (n,)."""
     P: Array
-    """Covariance, shape (10, 10)."""
+    """Covariance, shape (n, n)."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
@@ -157,19 +161,22 @@ class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
     def predict_x(self, u: tuple[float, float, float, bool]) -> None:
         """Prior mean, and the matching F and Q, for (side, dt, correlation time, whether aligned); filterpy's hook."""
         side, dt, correlation_time, aligned = u
-        decay, self.Q = _process_noise(self.levels, dt, correlation_time)
+        decay, self.Q = _process_noise(self.levels, dt, correlation_time, len(self.x))
         self.F = transition(self.x, self.levels, side, dt, decay)
         place = self.x[:2]
         self.x = propagate_mean(self.x, self.levels, side, dt, decay)
         if not aligned:  # a displacement in an unknown direction says nothing
-            self.F[:2] = np.eye(2, N)
+            self.F[:2] = np.eye(2, len(self.x))
             self.x[:2] = place
 
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
         """Core after a tick of length `dt` [s] with these inputs, given the fix of its end."""
         if fix is not None and quality != core.quality:
             core = _forget_correlated(core._replace(quality=quality))
-        self.x, self.P = core.mean, core.covariance
+        if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
+            mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
+            core = core._replace(mean=mean, covariance=covariance)
+        self.x, self.P, self._I = core.mean, core.covariance, np.eye(len(core.mean))
         noise = self.noises[core.quality]
         self.predict((inputs.side, dt, noise.correlation_time, core.search is None))
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
@@ -231,28 +238,36 @@ class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
             core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
             if refused >= self.gates.patience:
                 core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
-        return core, (position if good else []) + (velocity if moving else [])
+        return core, (position if good else []) + (velocity if moving else []) + self._heading(core, fix)
+
+    def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
+        """The heading of a fix, if it has one that is not improbable."""
+        if not isfinite(fix.heading):
+            return []
+        row = heading_row(core.mean, fix, self.levels)
+        variance = float(core.covariance[PSI, PSI]) + row.variance
+        return [row] if row.innovation**2 < self.gates.nis * variance else []
 
     def _searched(
         self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
     ) -> tuple[Core, list[MeasurementRow]]:
         """The position that of the fix, and the search one velocity further."""
         core = _at(core, fix, noise)._replace(accepted_t=inputs.t)
+        if isfinite(fix.heading):
+            return _turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
             chi = course(core.mean, self.levels, inputs.side)
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search), []
-        mean = core.mean.copy()
-        mean[PSI] += phase(search.total)
-        return core._replace(mean=mean, covariance=_alone(core.covariance, PSI, ALIGNED_SIGMA), search=None), []
+        return _turned(core, phase(search.total), ALIGNED_SIGMA), []
 
     def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
         """Mean and covariance corrected by all rows at once."""
         if not rows:
             return core
-        H, n = np.zeros((len(rows), N)), len(rows)
+        H, n = np.zeros((len(rows), len(core.mean))), len(rows)
         for i, row in enumerate(rows):
             for j, value in row.jacobian.items():
                 H[i, j] = value
@@ -290,11 +305,18 @@ def _at(core: Core, fix: Fix, noise: FixNoise) -> Core:
     return core._replace(mean=mean, covariance=_alone(_alone(core.covariance, X, sigma), Y, sigma))
 
 
+def _turned(core: Core, angle: float, sigma: float) -> Core:
+    """The end of the search: the yaw corrected by an `angle` [rad], as uncertain as `sigma` [rad]."""
+    mean = core.mean.copy()
+    mean[PSI] += angle
+    return core._replace(mean=mean, covariance=_alone(core.covariance, PSI, sigma), search=None)
+
+
 def _restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
     """After too many refusals: the position restarts from the fix."""
     return _at(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)
 
 
-@lru_cache(maxsize=8)
-def _process_noise(levels: FullLevels, dt: float, correlation_time: float) -> tuple[float, Array]:
-    return process_noise(levels, dt, correlation_time)
+@lru_cache(maxsize=16)
+def _process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int) -> tuple[float, Array]:
+    return process_noise(levels, dt, correlation_time, n)

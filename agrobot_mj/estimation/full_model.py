@@ -11,10 +11,12 @@ chi is the course of R; the sideslip beta follows from the specific side force, 
 side slope [m/s2], known with an IMU only; c is the compliance of the rear tyres [rad s2/m]. Without a the heading takes
 up the crab of a slope. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the
 biases and k are random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a
-tick too late. Measurements, each a row of innovation, Jacobian and variance:
+tick too late. Once a heading from two antennas has been heard there is an eleventh state, the sideslip b beyond the
+modelled one, a random walk: beta = b - c (v omega + a). Measurements, each a row of innovation, Jacobian and variance:
 
     gyro = omega + b_g,    wheel speed = (1 + k) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
-    fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    at a standstill 0 = v, 0 = omega
+    fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    its heading = psi
+    at a standstill 0 = v, 0 = omega
 """
 
 from math import cos, exp, radians, sin, sqrt, tan
@@ -22,10 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
 
 N = 10
 X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K = range(N)
+BETA = N
+"""Index of the sideslip beyond the modelled one, where the mean has this eleventh state."""
 
 
 class FullLevels(NamedTuple):
@@ -45,6 +50,12 @@ class FullLevels(NamedTuple):
     """Noise of the yaw rate that the steering angle tells [rad/s]."""
     velocity_sigma: float
     """Noise of the GNSS velocity, per axis [m/s]."""
+    heading_sigma: float = radians(0.25)
+    """Error of the heading from two antennas [rad]."""
+    sideslip_walk: float = radians(0.1)
+    """Random walk of the sideslip beyond the modelled one [rad/sqrt(s)]."""
+    sideslip_sigma: float = radians(2.0)
+    """Standard deviation of that sideslip when the first heading is heard [rad]."""
 
 
 class FixNoise(NamedTuple):
@@ -75,11 +86,16 @@ STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
 
 def course(mean: Array, levels: FullLevels, side: float) -> float:
     """Direction in which R moves, chi [rad]; `side` is the part of gravity in the side force [m/s2]."""
-    return float(mean[PSI] - levels.compliance * (mean[V] * mean[OMEGA] + side))
+    return float(mean[PSI] - levels.compliance * (mean[V] * mean[OMEGA] + side)) + unmodelled(mean)
+
+
+def unmodelled(mean: Array) -> float:
+    """Sideslip beyond the modelled one, 0 for a mean without it [rad]."""
+    return float(mean[BETA]) if len(mean) > BETA else 0.0
 
 
 def propagate_mean(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
-    """Mean (10,) after `dt` [s]; `decay` is that of g [-]."""
+    """Mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, levels, side) + 0.5 * omega * dt
     after = mean.copy()
@@ -92,24 +108,26 @@ def propagate_mean(mean: Array, levels: FullLevels, side: float, dt: float, deca
 
 
 def transition(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
-    """Derivative of `propagate_mean` by the mean, shape (10, 10)."""
+    """Derivative of `propagate_mean` by the mean, shape (n, n) for a mean (n,)."""
     v, omega, c = float(mean[V]), float(mean[OMEGA]), levels.compliance
     chi = course(mean, levels, side) + 0.5 * omega * dt
     east, north = dt * cos(chi), dt * sin(chi)
     by_v, by_omega = -c * omega, 0.5 * dt - c * v  # of chi
-    F = np.eye(N)
+    F = np.eye(len(mean))
     F[X, PSI], F[Y, PSI] = -v * north, v * east
     F[X, V], F[Y, V] = east - v * north * by_v, north + v * east * by_v
     F[X, OMEGA], F[Y, OMEGA] = -v * north * by_omega, v * east * by_omega
     F[PSI, OMEGA] = dt
+    F[:2, BETA:] = F[:2, PSI, None]  # nothing without the eleventh state
     F[G_E, G_E] = F[G_N, G_N] = decay
     return F
 
 
-def process_noise(levels: FullLevels, dt: float, correlation_time: float) -> tuple[float, Array]:
-    """Decay of g over `dt` [s] and covariance (10, 10) of what moves the states besides."""
+def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
+    """Decay of g over `dt` [s] and covariance (n, n) of what moves the states besides."""
     decay = exp(-dt / correlation_time)
-    q = np.zeros(N)
+    q = np.zeros(n)
+    q[BETA:] = dt * levels.sideslip_walk**2
     q[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     return decay, np.diag(q)
@@ -156,12 +174,23 @@ def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> lis
     v, omega, c, chi = float(mean[V]), float(mean[OMEGA]), levels.compliance, course(mean, levels, side)
     east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2
     by_v, by_omega = -c * omega, -c * v  # of chi
-    return [
-        MeasurementRow(
-            fix.vx - v * east, {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}, r
-        ),
-        MeasurementRow(fix.vy - v * north, {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}, r),
-    ]
+    by_east = {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}
+    by_north = {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}
+    if len(mean) > BETA:
+        by_east[BETA], by_north[BETA] = by_east[PSI], by_north[PSI]
+    return [MeasurementRow(fix.vx - v * east, by_east, r), MeasurementRow(fix.vy - v * north, by_north, r)]
+
+
+def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
+    """Heading of a fix from two antennas [rad]."""
+    return MeasurementRow(wrap(fix.heading - float(mean[PSI])), {PSI: 1.0}, levels.heading_sigma**2)
+
+
+def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
+    """Mean (11,) and covariance (11, 11) of ten states and the sideslip beyond the modelled one, `sigma` [rad]."""
+    P = np.zeros((N + 1, N + 1))
+    P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
+    return np.append(mean, 0.0), P
 
 
 def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:

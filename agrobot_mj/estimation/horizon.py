@@ -13,7 +13,7 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.full_filter import Core, FullFilter, Inputs
-from agrobot_mj.estimation.full_model import B_G, PSI, FullLevels, K, X, Y, steady_gain
+from agrobot_mj.estimation.full_model import B_G, BETA, PSI, FullLevels, K, X, Y, steady_gain, unmodelled
 
 HISTORY_TICKS = 110
 """Cores kept: the longest latency of a receiver, 5 s, and a few more."""
@@ -86,18 +86,19 @@ def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Pre
     core, c = horizon.core, levels.compliance
     x, y, psi, v, omega = core.mean[:5].tolist()
     x_0, y_0, bias, scale = x, y, float(core.mean[B_G]), 1.0 + float(core.mean[K])
+    beta = unmodelled(core.mean)
     gain_v, gain_omega = _gains(levels, dt)
     for inputs in horizon.waiting:
         v += gain_v * (inputs.wheel * cos(inputs.pitch) / scale - v) if isfinite(inputs.wheel) else 0.0
         omega += gain_omega * (inputs.gyro - bias - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi - c * (v * omega + inputs.side) + 0.5 * omega * dt
+        chi = psi + beta - c * (v * omega + inputs.side) + 0.5 * omega * dt
         if core.search is None:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
     P = core.covariance[:3, :3]
     if horizon.waiting:
         P = _led_on(core, levels, (x - x_0, y - y_0), scale, len(horizon.waiting) * dt)
-    return Present(x, y, psi, -c * (v * omega + side), v, omega, P)
+    return Present(x, y, psi, beta - c * (v * omega + side), v, omega, P)
 
 
 def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
@@ -114,6 +115,7 @@ def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], scale: f
     G = np.zeros((3, len(core.mean)))
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
     G[0, PSI], G[1, PSI] = -north, east
+    G[:2, BETA:] = G[:2, PSI, None]  # nothing without the eleventh state
     G[0, K], G[1, K] = -east / scale, -north / scale
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
     walk, yaw_walk = levels.walks[0], levels.walks[2]

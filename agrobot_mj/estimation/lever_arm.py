@@ -37,4 +37,4 @@ class Lever(NamedTuple):
 def at_foot(fix: Fix, lever: Lever) -> Fix:
     """The fix of R that belongs to a fix of the antenna."""
     (east, north), (v_e, v_n) = lever
-    return Fix(x=fix.x - east, y=fix.y - north, vx=fix.vx - v_e, vy=fix.vy - v_n, t=fix.t)
+    return fix._replace(x=fix.x - east, y=fix.y - north, vx=fix.vx - v_e, vy=fix.vy - v_n)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.implements import ImplementBase, NoImplement
+from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 
 
@@ -21,6 +22,8 @@ class Machine(NamedTuple):
     """Driveline, from the pedal to the rear wheels."""
     implement: ImplementBase = NoImplement()
     """What hangs at the hitch."""
+    linkage: Linkage = Linkage()
+    """Kingpins and steering linkage."""
 
 
-__all__ = ["Cylinder", "Driveline", "Machine", "TractorParameters", "Valve"]
+__all__ = ["Cylinder", "Driveline", "Linkage", "Machine", "TractorParameters", "Valve"]

@@ -5,11 +5,16 @@ come before the static map (dead band, a gain for each direction, saturation at 
 [Qiu1999]; limits 0-12 V and 12 l/min: paper, section V-B; the rest estimates inside the ranges of the literature
 (delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the range, 15-30 deg/s).
 
+The flow at which the valve saturates is that of its section or what the pump has left for it: the pump's flow goes
+with the engine's speed, and without a priority valve other consumers take theirs first. A valve without pressure
+compensation is an orifice: its flow falls with the load as sqrt(1 - p / p_supply), p the pressure against the motion
+[Merritt1967].
+
 The cylinder is described by its displacement per radian at the bicycle's virtual wheel. The bicycle plant takes
 it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate and the wheels.
 """
 
-from math import exp, pi
+from math import exp, inf, pi, sqrt
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -40,6 +45,22 @@ class Valve(Spec):
     """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side of the cylinder."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
+    section_flow_l_min: Positive | None = None
+    """Flow of the valve's own section, where it is less than the pump's; that of the pump when left out [l/min]."""
+    engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
+    """Speed of the engine, and so of the pump, over that of `pump_flow_l_min` [-]. Idle about 0.4."""
+    other_flow_l_min: NonNegative = 0.0
+    """Flow that other consumers take, a lift or a motor [l/min]."""
+    priority: bool = True
+    """Whether a priority valve serves the steering first; else other consumers leave it what they do not take."""
+    supply_pressure_bar: Positive | None = None
+    """Pressure ahead of a valve without compensation, whose flow falls with the load; none when left out [bar]."""
+
+    @property
+    def largest_flow(self) -> float:
+        """Flow at which the valve saturates, either way, unloaded [l/min]."""
+        left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
+        return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
 
 class Cylinder(Spec):
@@ -94,6 +115,8 @@ class ValveLaw(NamedTuple):
     """Flow per volt beyond the dead band, steering right [m3/(s V)]."""
     saturation: float
     """Largest flow, either way [m3/s]."""
+    supply: float = 0.0
+    """Pressure ahead of a valve without compensation; 0 for one with it [Pa]."""
 
 
 class ValveMemory(NamedTuple):
@@ -114,7 +137,8 @@ def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
         dead_band=valve.dead_band_v,
         gain_left=valve.gain_left_l_min_v * LITRE_PER_MINUTE,
         gain_right=valve.gain_right_l_min_v * LITRE_PER_MINUTE,
-        saturation=valve.pump_flow_l_min * LITRE_PER_MINUTE,
+        saturation=valve.largest_flow * LITRE_PER_MINUTE,
+        supply=1e5 * (valve.supply_pressure_bar or 0.0),
     )
     queue = np.full(round(valve.delay_s / dt) + 1, NEUTRAL_V)
     return law, ValveMemory(np.array([NEUTRAL_V]), queue, np.zeros(1, dtype=np.int64))
@@ -158,3 +182,23 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
     delayed = memory.queue[memory.head[0]]
     memory.spool[0] = delayed + law.lag * (memory.spool[0] - delayed)
     return static_flow(law, memory.spool[0])
+
+
+@kernel
+def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
+    """Flow [m3/s] of a valve under a `pressure` of the cylinder that pushes left [Pa]: less against, more with it."""
+    if law.supply <= 0.0 or flow == 0.0:
+        return flow
+    against = pressure if flow > 0.0 else -pressure
+    flow = flow * sqrt(max(1.0 - against / law.supply, 0.0))
+    return min(max(flow, -law.saturation), law.saturation)
+
+
+@kernel
+def beyond_play(deflection: float, play: float) -> float:
+    """Part of a deflection that is left when a play of that half width is taken up, same unit."""
+    if deflection > play:
+        return deflection - play
+    if deflection < -play:
+        return deflection + play
+    return 0.0

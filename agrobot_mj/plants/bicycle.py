@@ -7,10 +7,10 @@ too, where the axles change places and an understeering tractor oversteers.
 Over one step of constant speed and steering angle the linear part is exact (closed-form exponential of the 2 x 2
 matrix) and the position is integrated by Simpson's rule. Below `CRAWL` the model is at its steady state at once, since
 its time constants scale with the speed. Valves and drive are those of the MuJoCo plant, with a rigid cylinder and no
-wheel slip.
+wheel slip. A linkage with backlash lets the wheels stay until the cylinder has taken it up.
 """
 
-from math import cos, cosh, exp, isfinite, nan, sin, sinh, sqrt
+from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -60,6 +60,7 @@ class BicycleLaw(NamedTuple):
     C_r: float
     steer_limit: float
     displacement: float
+    play: float = 0.0
 
 
 class Linear2(NamedTuple):
@@ -164,11 +165,12 @@ def run_steps(
     voltages: tuple[float, float],
     samples: Array,
 ) -> None:
-    """One tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle)."""
+    """One tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle, cylinder's angle)."""
     for i in range(samples.shape[1]):
         flow = valve_step(valve, valve_memory, voltages[0])
-        delta = state[5] + flow / p.displacement * drive.dt
-        state[5] = min(max(delta, -p.steer_limit), p.steer_limit)
+        stop = p.steer_limit + p.play
+        state[7] = min(max(state[7] + flow / p.displacement * drive.dt, -stop), stop)
+        state[5] = min(max(state[5], state[7] - p.play), state[7] + p.play)
         u = drive_step(drive, drive_memory, voltages[1])
         step(p, state, u, state[5], drive.dt)
         state[6] += u * drive.dt
@@ -201,12 +203,13 @@ class BicyclePlant:
             C_r=spec.rear_cornering_stiffness_n_rad,
             steer_limit=tractor.steer_limit,
             displacement=machine.cylinder.displacement,
+            play=radians(machine.linkage.backlash_deg) / 2,
         )
         self.tractor, self.ground = tractor, ground
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         self.valve = self.nominal_valve
         self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
-        self.state = np.zeros(7)
+        self.state = np.zeros(8)
         self.samples = np.zeros((2, clock.steps))
         self.ticks, self.tick_s = 0, clock.tick_s
         self.ghost = Ghost(tractor)
@@ -256,7 +259,7 @@ class BicyclePlant:
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
-        x, y, yaw, v, gamma, delta, _ = self.state.tolist()
+        x, y, yaw, v, gamma, delta = self.state[:6].tolist()
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
         vx, vy = from_heading(yaw, u, v - l_r * gamma)
@@ -279,12 +282,19 @@ class BicyclePlant:
             antenna_velocity=(vx, vy, 0.0),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
+            knuckle_samples=self._knuckles(self.samples[0]),
             wheel_speed=u,
+            body_rates=(0.0, 0.0, gamma),
         )
+
+    def _knuckles(self, delta: Array) -> Array:
+        """Angles of the left and right wheel after Ackermann, shape (2, n), from the virtual one's (n,) [rad]."""
+        t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
+        return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
     def poses(self) -> Array:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
-        x, y, yaw, _, _, delta, travelled = self.state.tolist()
+        x, y, yaw, _, _, delta, travelled, _ = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     @property

@@ -28,6 +28,7 @@ from agrobot_mj.faults import Fault, clashes
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.implements import Implement, NoImplement
+from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
@@ -59,6 +60,8 @@ class Steering(Spec):
     """Electro-hydraulic valve and pump."""
     cylinder: Cylinder = Cylinder()
     """Steering cylinder."""
+    linkage: Linkage = Linkage()
+    """Kingpins and linkage between cylinder and wheels."""
     loop: SteeringLoop = SteeringLoop()
     """Low-level angle controller."""
 

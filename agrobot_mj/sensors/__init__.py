@@ -1,19 +1,25 @@
 """The sensors: truth in, measurement out, once per tick."""
 
 from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.canopy import Canopy
+from agrobot_mj.sensors.dual_antenna import DualAntenna
 from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
+from agrobot_mj.sensors.radar_speed import RadarSpeed
 from agrobot_mj.sensors.suite import Sensors, SensorState
 from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
 __all__ = [
+    "Canopy",
+    "DualAntenna",
     "Gnss",
     "Gyro",
     "Imu",
     "PedalPotentiometer",
     "Potentiometer",
+    "RadarSpeed",
     "Sensor",
     "SensorState",
     "Sensors",

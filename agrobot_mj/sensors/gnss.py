@@ -1,21 +1,28 @@
 """RTK-GNSS receiver: position and velocity of the antenna, which swings with roll and pitch.
 
-Position error per axis = white part + first-order Gauss-Markov part [Brown2012], velocity error white; a float
-solution has its own pair of position errors. ENU [m, m/s]; the solution is delivered whole ticks late.
+Position error per axis = white part + first-order Gauss-Markov parts [Brown2012], velocity error white; a float
+solution has its own pair of position errors. The default is the paper's 2 cm, most of it white; a real receiver jitters
+by millimetres and wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`.
+ENU [m, m/s]; the solution is delivered whole ticks late.
 """
 
-from math import sqrt
-from typing import NamedTuple
+from math import nan, sqrt
+from typing import Annotated, NamedTuple
 
 from numpy.random import Generator
+from pydantic import Field
 
 from agrobot_mj.core.randomness import gauss_markov, stream
-from agrobot_mj.core.signals import Conditions, Fix, Quality, Truth
+from agrobot_mj.core.signals import Column, Conditions, Fix, Quality, Truth
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.canopy import Canopy, CanopyState
+from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaState
 
 Pair = tuple[float, float]
 """East and north."""
+Axes = tuple[float, float, float]
+"""East, north and up."""
 
 
 class GnssReading(NamedTuple):
@@ -25,6 +32,44 @@ class GnssReading(NamedTuple):
     """Position and velocity; None without a solution."""
     quality: int
     """One of `Quality`."""
+
+
+class Wander(NamedTuple):
+    """A first-order Gauss-Markov process in three axes."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    value: Axes
+    """Value, in units of its standard deviation [-]."""
+
+    @classmethod
+    def of(cls, generator: Generator) -> "Wander":
+        """The process drawn from its stationary distribution."""
+        east, north, up = generator.standard_normal(3).tolist()
+        return cls(generator, (east, north, up))
+
+    def after(self, dt: float, correlation: float) -> "Wander":
+        """The process `dt` later; its correlation falls to 37 % over `correlation` [s]."""
+        (a, b, c), (w_a, w_b, w_c) = self.value, self.generator.standard_normal(3).tolist()
+        moved = (gauss_markov(v, w, dt, correlation) for v, w in ((a, w_a), (b, w_b), (c, w_c)))
+        return Wander(self.generator, (next(moved), next(moved), next(moved)))
+
+
+class Height(NamedTuple):
+    """Error of the height between two ticks, in units of its standard deviation."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    correlated: Pair
+    """Gauss-Markov part of a fixed and of a float solution [-]."""
+    white: float = 0.0
+    """White part of this tick [-]."""
+
+    def after(self, dt: float, correlation: Pair) -> "Height":
+        """The error `dt` [s] later."""
+        w_fix, w_float, white = self.generator.standard_normal(3).tolist()
+        fixed = gauss_markov(self.correlated[0], w_fix, dt, correlation[0])
+        return Height(self.generator, (fixed, gauss_markov(self.correlated[1], w_float, dt, correlation[1])), white)
 
 
 class GnssState(NamedTuple):
@@ -38,6 +83,16 @@ class GnssState(NamedTuple):
     """Random stream of a float solution; advances in place."""
     float_correlated: Pair
     """Gauss-Markov part of a float solution's error [-]."""
+    height: Height
+    """Error of the height."""
+    multipath: Wander
+    """Further part of a fixed solution's error."""
+    drift: Wander
+    """Further part of a fixed solution's error, slower."""
+    dual: DualAntennaState
+    """Both antennas."""
+    canopies: tuple[CanopyState, ...]
+    """Each part of the field with an obstructed sky."""
     pending: tuple[GnssReading, ...] = ()
     """Solutions under way, one per tick, oldest first."""
 
@@ -57,15 +112,47 @@ class Gnss(Sensor):
     """Share of the correlated part when the ambiguities float [-]. Estimate: they converge together."""
     float_correlation_time_s: Positive = 120.0
     """Correlation time when the ambiguities float [s]. Estimate (minutes, the time in which ambiguities converge)."""
+    multipath_sigma_m: NonNegative = 0.0
+    """Further Gauss-Markov part of a fixed solution, per horizontal axis, beside `sigma_m` [m]. 0 for none."""
+    multipath_time_s: Positive = 115.0
+    """Correlation time of that part [s]. Carrier phase on baselines up to 10 km [Miller2012]."""
+    drift_sigma_m: NonNegative = 0.0
+    """A second one, slower: atmosphere and constellation [m]. 0 for none."""
+    drift_time_s: Positive = 900.0
+    """Correlation time of the second part [s]. Network RTK: 13-17 min [Odolinski2012]."""
+    height_ratio: NonNegative = 2.0
+    """Error of the height over that of a horizontal axis, every part [-]. Estimate (1.5-3: sky on one side only)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
     latency_s: Latency = 0.0
     """Latency of the delivered solution, whole ticks [s]. Estimate: the receiver's own is under a tick."""
+    dual_antenna: DualAntenna = DualAntenna()
+    """Second antenna for the heading, off by default."""
+    canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
+    """Parts of the field with an obstructed sky, `[[sensors.gnss.canopy]]`."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Height, and heading where there are two antennas."""
+        height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without")
+        heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
+        return (height, heading) if self.dual_antenna.enabled else (height,)
 
     def init(self, seed: int) -> GnssState:
         """The error drawn from its stationary distribution; no solution under way."""
         generator, float_generator = stream(seed, "gnss"), stream(seed, "gnss.float")
-        return GnssState(generator, _pair(generator), float_generator, _pair(float_generator))
+        height = stream(seed, "gnss.height")
+        return GnssState(
+            generator=generator,
+            correlated=_pair(generator),
+            float_generator=float_generator,
+            float_correlated=_pair(float_generator),
+            height=Height(height, _pair(height)),
+            multipath=Wander.of(stream(seed, "gnss.multipath")),
+            drift=Wander.of(stream(seed, "gnss.drift")),
+            dual=self.dual_antenna.init(seed),
+            canopies=tuple(canopy.init(seed, k) for k, canopy in enumerate(self.canopy)),
+        )
 
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
@@ -76,35 +163,69 @@ class Gnss(Sensor):
         While the latency grows nothing new arrives; when it shrinks, overtaken solutions are lost.
         """
         w = state.generator.standard_normal(6).tolist()
-        generator, correlated, float_generator, float_correlated, pending = state
-        correlated = _correlated(correlated, (w[0], w[1]), dt, self.correlation_time_s)
-        float_correlated = _correlated(float_correlated, _pair(float_generator), dt, self.float_correlation_time_s)
-        quality = conditions.gnss_quality
-        fix = None if quality == Quality.NONE else self._fix(correlated, float_correlated, truth, conditions, w[2:])
-        pending = (*pending, GnssReading(fix, quality))
+        canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
+        dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt)
+        state = state._replace(
+            correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
+            float_correlated=_correlated(
+                state.float_correlated, _pair(state.float_generator), dt, self.float_correlation_time_s
+            ),
+            height=state.height.after(dt, (self.correlation_time_s, self.float_correlation_time_s)),
+            multipath=state.multipath.after(dt, self.multipath_time_s) if self.multipath_sigma_m else state.multipath,
+            drift=state.drift.after(dt, self.drift_time_s) if self.drift_sigma_m else state.drift,
+            dual=dual,
+            canopies=canopies,
+        )
+        found = None
+        if quality != Quality.NONE:
+            found = self._fix(state, truth, conditions.gnss_offset, quality, w[2:])._replace(heading=heading)
+        pending = (*state.pending, GnssReading(found, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
-        left = pending[due + 1 :] if due >= 0 else pending
-        return GnssState(generator, correlated, float_generator, float_correlated, left), reading
+        return state._replace(pending=pending[due + 1 :] if due >= 0 else pending), reading
 
-    def _fix(
-        self, correlated: Pair, float_correlated: Pair, truth: Truth, conditions: Conditions, white: list[float]
-    ) -> Fix:
-        if conditions.gnss_quality == Quality.FIX:
-            sigma, share = self.sigma_m, self.correlated_fraction
-        else:
-            sigma, share, correlated = self.float_sigma_m, self.float_correlated_fraction, float_correlated
+    def _below(
+        self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float
+    ) -> tuple[tuple[CanopyState, ...], int]:
+        """The canopies after a tick, and the best quality of a solution below them."""
+        found = []
+        for canopy, state in zip(self.canopy, states, strict=True):
+            after, best = canopy.look(state, truth.antenna[0], truth.antenna[1], dt)
+            quality = min(quality, best)
+            found.append(after)
+        return tuple(found), quality
+
+    def _fix(self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: list[float]) -> Fix:
+        """The solution of the antenna, without its heading."""
+        fixed = quality == Quality.FIX
+        sigma = self.sigma_m if fixed else self.float_sigma_m
+        share = self.correlated_fraction if fixed else self.float_correlated_fraction
+        correlated = state.correlated if fixed else state.float_correlated
         slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
-        x, y, _ = truth.antenna
+        x, y, z = truth.antenna
         vx, vy, _ = truth.antenna_velocity
-        dx, dy = conditions.gnss_offset
+        dx, dy = offset
+        more_x, more_y, more_z = self._further(state) if fixed else (0.0, 0.0, 0.0)
+        up = slow * state.height.correlated[0 if fixed else 1] + fast * state.height.white + more_z
         return Fix(
-            x=x + dx + slow * correlated[0] + fast * white[0],
-            y=y + dy + slow * correlated[1] + fast * white[1],
+            x=x + dx + slow * correlated[0] + fast * white[0] + more_x,
+            y=y + dy + slow * correlated[1] + fast * white[1] + more_y,
             vx=vx + self.velocity_sigma_m_s * white[2],
             vy=vy + self.velocity_sigma_m_s * white[3],
             t=truth.t,
+            z=z + self.height_ratio * up,
         )
+
+    def _further(self, state: GnssState) -> Axes:
+        """Further parts of a fixed solution's error, the last one before `height_ratio` [m]."""
+        a, b = self.multipath_sigma_m, self.drift_sigma_m
+        (e_a, n_a, u_a), (e_b, n_b, u_b) = state.multipath.value, state.drift.value
+        return a * e_a + b * e_b, a * n_a + b * n_b, a * u_a + b * u_b
+
+    def report(self, reading: GnssReading) -> tuple[float, ...]:
+        """Height, and heading where there are two antennas; NaN without a solution."""
+        z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
+        return (z, heading) if self.dual_antenna.enabled else (z,)
 
 
 def _pair(generator: Generator) -> Pair:

@@ -1,10 +1,12 @@
 """Yaw rate gyro: truth + constant bias + random walk of the bias + white noise.
 
-Radians per second, keys in degrees per second. The walk has a random stream of its own and starts from zero.
+Radians per second, keys in degrees per second. The walk has a random stream of its own and starts from zero. A gyro
+that is screwed to the chassis measures about the chassis' own axis: in a bend on a slope it reads the yaw rate over the
+cosine of the lean, and some of the sway.
 """
 
 from math import nan, radians, sqrt
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from numpy.random import Generator
 
@@ -30,6 +32,8 @@ class Gyro(Sensor):
 
     enabled: bool = False
     """Whether there is a gyro; the reading is NaN without one."""
+    axes: Literal["vertical", "body"] = "vertical"
+    """Axis of the reading: `vertical` for a unit that levels it, `body` for a gyro that leans with the chassis."""
     sigma_deg_s: NonNegative = 0.1
     """White noise of a reading [deg/s]. Estimate (MEMS, averaged over a tick)."""
     bias_deg_s: float = 0.0
@@ -47,13 +51,14 @@ class Gyro(Sensor):
         return GyroState(stream(seed, "gyro"), stream(seed, "gyro.bias"))
 
     def measure(self, state: GyroState, truth: Truth, conditions: Conditions, dt: float) -> tuple[GyroState, float]:
-        """Yaw rate [rad/s]."""
+        """Yaw rate, or the rate about the body's own vertical axis [rad/s]."""
         if not self.enabled:
             return state, nan
         generator, walk_generator, walk = state
         walk += self.bias_walk_deg_s_rt_s * sqrt(dt) * walk_generator.standard_normal()
         error = self.bias_deg_s + walk + self.sigma_deg_s * generator.standard_normal()
-        return GyroState(generator, walk_generator, walk), truth.yaw_rate + radians(error)
+        rate = truth.yaw_rate if self.axes == "vertical" else truth.body_rates[2]
+        return GyroState(generator, walk_generator, walk), rate + radians(error)
 
     def report(self, reading: float) -> tuple[float, ...]:
         """The reading, where there is a gyro."""

@@ -7,7 +7,7 @@ has any number of physics steps.
 
 from functools import lru_cache
 from math import pi
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -18,6 +18,9 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
+
+FULL_LOCK = pi / 4
+"""Angle at which the errors of a characteristic are given [rad]."""
 
 
 class Potentiometer(Sensor):
@@ -73,7 +76,32 @@ class SteeringPotState(NamedTuple):
 
 
 class SteeringPotentiometer(Potentiometer):
-    """On the front axle, at the angle of the bicycle's virtual wheel; `[sensors.steering_pot]`."""
+    """On the front axle, at the angle of the bicycle's virtual wheel or on one knuckle; `[sensors.steering_pot]`.
+
+    A sensor on a knuckle reads that wheel's own angle, which by Ackermann is larger inside a bend, and its rod between
+    knuckle and axle bends the characteristic: error = second order (delta / 45 deg)^2 + third order (delta / 45 deg)^3.
+    """
+
+    at: Literal["virtual", "left", "right"] = "virtual"
+    """Wheel whose angle it reads: the bicycle's `virtual` one, or that of the `left` or `right` knuckle."""
+    second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Error at 45 deg to either side that has one sign: a rod that is not square at straight ahead [deg]."""
+    third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Error at 45 deg that changes sign with the angle: levers of unequal length [deg]."""
+
+    def characteristic(self, delta: Array) -> Array:
+        """What it reads of true angles (n,), without noise [rad]."""
+        if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
+            return delta
+        share = delta / FULL_LOCK
+        error: Array = np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
+        return delta + error
+
+    def seen(self, truth: Truth) -> Array:
+        """True angles of its wheel after each physics step, shape (n,) [rad]."""
+        if self.at == "virtual" or truth.knuckle_samples is None:
+            return truth.steer_samples
+        return truth.knuckle_samples[0 if self.at == "left" else 1]
 
     def init(self, seed: int) -> SteeringPotState:
         """No reading yet."""
@@ -83,7 +111,7 @@ class SteeringPotentiometer(Potentiometer):
         self, state: SteeringPotState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SteeringPotState, float]:
         """Steering angle, left positive [rad]."""
-        reading = self.read(truth.steer_samples, state.generator) + conditions.steer_pot_bias
+        reading = self.read(self.characteristic(self.seen(truth)), state.generator) + conditions.steer_pot_bias
         if conditions.steer_pot_stuck and state.last is not None:
             reading = state.last
         return SteeringPotState(state.generator, reading), reading

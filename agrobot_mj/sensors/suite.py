@@ -13,6 +13,7 @@ from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
+from agrobot_mj.sensors.radar_speed import RadarSpeed
 from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
 
@@ -40,6 +41,8 @@ class Sensors(Spec):
     """Roll and pitch, off by default."""
     wheel_speed: WheelSpeed = WheelSpeed()
     """Speed of the driven wheels, off by default."""
+    radar_speed: RadarSpeed = RadarSpeed()
+    """Speed over ground, off by default."""
 
     @property
     def all(self) -> dict[str, Sensor]:

@@ -58,7 +58,8 @@ class Screen(NamedTuple):
 
 def _possible(fix: Fix) -> bool:
     """Whether a fix lies on the earth; false for NaN."""
-    return abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
+    sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN stands for "not told"
+    return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 
 def check_truth(truth: Truth, plant: str, samples: bool = False) -> None:

@@ -183,7 +183,8 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     Raises `ScenarioError` if its parameters describe no possible tractor.
     """
     s = scenario
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, s.implement)
+    steering = s.steering
+    machine = Machine(s.tractor, steering.valve, steering.cylinder, s.driveline, s.implement, steering.linkage)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):

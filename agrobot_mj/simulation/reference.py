@@ -7,7 +7,7 @@ from agrobot_mj.control import Controller, Guidance
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.signals import Column
-from agrobot_mj.core.spec import every
+from agrobot_mj.core.spec import Spec, every
 from agrobot_mj.estimation import Estimator
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
 from agrobot_mj.sensors import Sensors
@@ -36,10 +36,16 @@ def reference() -> str:
             if columns:
                 parts.append(_section(f"{title} `{spec.model_fields['kind'].default}`", columns))
     for name, sensor in Sensors().all.items():
-        enabled = sensor.model_copy(update={"enabled": True})
+        enabled = _all_on(sensor)
         if enabled.columns:
             parts.append(_section(f"Sensor `{name}`", enabled.columns))
     return "\n".join(parts)
+
+
+def _all_on(part: Any) -> Any:
+    """A sensor with itself and all its parts enabled."""
+    inner = {name: _all_on(value) for name, value in part if isinstance(value, Spec)}
+    return part.model_copy(update=inner | ({"enabled": True} if "enabled" in type(part).model_fields else {}))
 
 
 def _section(title: str, columns: Iterable[Column]) -> str:

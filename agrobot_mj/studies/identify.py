@@ -1,16 +1,20 @@
-"""The steering valve from a run: dead band, gains, rate limit, time constant and delay from `signals.parquet`.
+"""The steering from a run: the valve's dead band, gains, rate limit, time constant and delay, and the backlash.
 
-The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, and a
-rigid cylinder. Its angle, averaged over a tick as the potentiometer does, is compared with `steer_measured` in windows
-of 5 s, each with an offset of its own, so that what happened before a window does not matter. Least squares fits all
-parameters at once; the delay starts from a grid and shifts the response, so that it need not be whole steps.
+The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, a rigid
+cylinder, and a play between it and the wheels, which stay until it is taken up. The angle, averaged over a tick as the
+potentiometer does, is compared with `steer_measured` in windows of 5 s, each with an offset of its own, so that what
+happened before a window does not matter. Least squares fits all parameters at once; the delay starts from a grid and
+shifts the response, so that it need not be whole steps.
 
-A run identifies only what it excites: the rate limit is None unless the valve reached it. An oil spring's lag
+A run identifies only what it excites: the rate limit is None unless the valve reached it, the backlash unless the run
+shows one. Friction holds the wheels while the play is taken up; in a bend the tyres turn them back towards straight
+ahead, against one side of the play, from an angle on that is fitted besides. An oil spring's lag
 (damping over stiffness of the cylinder, 8 ms) comes out as part of the delay. Windows at the steering's stops are left
 out. Standard errors assume white residuals.
 """
 
-from math import degrees, sqrt
+from collections.abc import Sequence
+from math import degrees, inf, sqrt
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,11 +56,20 @@ LEAST_EXPLAINED = 0.5
 """Share of the variance of the measured angle that a fit must explain to be one [-]. Estimate: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
 """Columns of `signals.parquet` that the fit needs."""
-NAMES = ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s", "rate_limit_deg_s")
+NAMES = (
+    *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
+    *("rate_limit_deg_s", "backlash_deg"),
+)
 """Order of the parameters in the fit."""
-LOW, HIGH = (0.0, 0.05, 0.05, 0.002, 0.0, 0.1), (5.0, 50.0, 50.0, 2.0, 1.0, 500.0)
-SCALE = (0.1, 1.0, 1.0, 0.05, 0.05, 10.0)
-"""Typical sizes of the parameters."""
+VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
+"""Indices of the parameters that every fit has, and of those that a run may not show; the last is the angle from which
+on the tyres hold the linkage to one side of its play [deg]."""
+LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
+HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
+SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
+"""Typical sizes of the parameters, gains at the stock cylinder."""
+PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
+"""Backlashes, and angles of the tyres' hold, from the best of which a fit starts [deg]."""
 
 
 class Identified(NamedTuple):
@@ -74,6 +87,8 @@ class Identified(NamedTuple):
     """Spool lag [s]."""
     delay_s: float
     """Transport delay [s]."""
+    backlash_deg: float | None
+    """Play between cylinder and wheels, from one side to the other; None if the run shows none [deg]."""
     errors: dict[str, float]
     """Standard error of each of the parameters above by name, in its unit."""
     rate_reached_deg_s: float
@@ -82,6 +97,17 @@ class Identified(NamedTuple):
     """Rms of measured less fitted angle, each window's mean removed [deg]."""
     explained: float
     """Share of the variance of the measured angle within windows [-]."""
+
+
+class Fitted(NamedTuple):
+    """One fit."""
+
+    p: Array
+    """All parameters, shape (8,): an unseen rate limit infinite, an unseen backlash 0."""
+    free: tuple[int, ...]
+    """Indices of those that were fitted."""
+    result: OptimizeResult
+    """Result of scipy's least squares."""
 
 
 class Data(NamedTuple):
@@ -106,25 +132,45 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     cannot tell.
     """
     data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
-    free = _fit(data, _start(data))
-    reached = _fastest(free.x, data)
-    limited = _fit(data, np.append(free.x, 0.95 * reached))
-    errors = _errors(limited, data)
-    gain = 2 * (free.cost - limited.cost) / _variance(limited, data)
-    seen = gain > SURE and errors[-1] < PRECISE * limited.x[-1]
-    best = limited if seen else free
-    values = dict(zip(NAMES, best.x.tolist(), strict=False))
-    explained = float(1.0 - 2 * best.cost / (_centred(data.measured) ** 2).sum())
+    best = _fit(data, _start(data), VALVE)
+    reached = _fastest(best.p, data)
+    best = _better(data, best, (RATE_LIMIT,), [(0.95 * reached,)])
+    best = _with_play(data, best)
+    explained = float(1.0 - 2 * best.result.cost / (_centred(data.measured) ** 2).sum())
     if not explained >= LEAST_EXPLAINED:
         share = f"{100 * explained:.0f} % of the motion, at least {100 * LEAST_EXPLAINED:.0f} % are needed"
         raise ScenarioError(f"does not show a valve: the fit explains {share}; are voltage and angle of the same run?")
+    values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(
-        **({"rate_limit_deg_s": None} | values),
-        errors=dict(zip(NAMES, _errors(best, data).tolist(), strict=False)),
-        rate_reached_deg_s=_fastest(best.x, data),
-        residual_rms_deg=degrees(sqrt(2 * best.cost / best.fun.size)),
+        **values,  # type: ignore[arg-type]  # what every fit has is never None
+        errors={NAMES[k]: float(e) for k, e in zip(best.free, _errors(best, data), strict=True) if k < len(NAMES)},
+        rate_reached_deg_s=_fastest(best.p, data),
+        residual_rms_deg=degrees(sqrt(2 * best.result.cost / best.result.fun.size)),
         explained=explained,
     )
+
+
+def _with_play(data: Data, fit: Fitted) -> Fitted:
+    """The fit with a backlash, and the angle from which on tyres hold it to one side, where the run shows them."""
+    held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
+    if held is not fit:
+        return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
+    return _better(data, fit, (BACKLASH, CENTRED), [(play, hold) for play in PLAYS_DEG for hold in HOLDS_DEG])
+
+
+def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
+    """The fit with further parameters, from the best of `starts`, if the run shows the first of them; else `fit`."""
+
+    def begun(start: tuple[float, ...]) -> Array:
+        p = fit.p.copy()
+        p[list(extra)] = start
+        return p
+
+    best = min(map(begun, starts), key=lambda p: float((_residuals(p, data) ** 2).sum()))
+    wider = _fit(data, best, (*fit.free, *extra))
+    gain = 2 * (fit.result.cost - wider.result.cost) / _variance(wider, data)
+    seen = gain > SURE and _errors(wider, data)[len(fit.free)] < PRECISE * wider.p[extra[0]]
+    return wider if seen else fit
 
 
 def identify_command(run_dir: Path) -> str:
@@ -144,22 +190,22 @@ def identify_command(run_dir: Path) -> str:
     except ScenarioError as error:
         raise ScenarioError(f"{signals}: {error}") from None
     write_json(run_dir / "identified.json", found._asdict())
-    return table(found, scenario.steering.valve if file.is_file() else None, cylinder)
+    known = scenario.steering.valve if file.is_file() else None
+    return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
 
 
-def table(found: Identified, valve: Valve | None, cylinder: Cylinder) -> str:
+def table(found: Identified, valve: Valve | None, cylinder: Cylinder, backlash_deg: float = 0.0) -> str:
     """Values with standard errors beside the scenario's, if known, as plain text and valid Markdown."""
     known = {} if valve is None else valve.model_dump()
     if valve is not None:
-        known["rate_limit_deg_s"] = _rate(valve.pump_flow_l_min, cylinder)
+        known |= {"rate_limit_deg_s": _rate(valve.largest_flow, cylinder), "backlash_deg": backlash_deg}
     lines = [_row("parameter", "identified", "std error", "scenario"), f"|{'-' * 20}|{'|'.join(['-' * 11 + ':'] * 3)}|"]
     for name in NAMES:
         value, error = getattr(found, name), found.errors.get(name)
         lines.append(_row(name, _text(value, "not seen"), _text(error), _text(known.get(name))))
     if found.rate_limit_deg_s is None:
-        lines.append(
-            f"The run stays below the rate limit: its fastest steering is {found.rate_reached_deg_s:.3g} deg/s."
-        )
+        fastest = found.rate_reached_deg_s
+        lines.append(f"The run stays below the rate limit: its fastest steering is {fastest:.3g} deg/s.")
     share, rms = 100 * found.explained, found.residual_rms_deg
     return "\n".join([*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."])
 
@@ -197,10 +243,22 @@ def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: 
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
+@kernel
+def play(angle: Array, half: float, centred: float, out: Array) -> None:
+    """Angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken up.
+
+    Beyond `centred` [rad] to either side it falls back as far as the play, or that angle, lets it.
+    """
+    out[0] = angle[0]
+    for k in range(1, angle.shape[0]):
+        held = min(max(out[k - 1], -centred), centred)
+        out[k] = min(max(held, angle[k] - half), angle[k] + half)
+
+
 def _angles(p: Array, data: Data) -> Array:
-    """Angle of the valve model without delay at every step, shape (n * steps + 1,) [rad]."""
+    """Angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
     dt = data.tick / STEPS_PER_TICK
-    flow = np.radians(p[5]) * data.displacement / LITRE_PER_MINUTE if len(p) > 5 else UNLIMITED_L_MIN
+    flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
         delay_s=0.0,
         dead_band_v=p[0],
@@ -211,7 +269,10 @@ def _angles(p: Array, data: Data) -> Array:
     )
     oil = np.empty(len(data.voltage) * STEPS_PER_TICK + 1)
     respond(*valve_law(valve, dt), data.voltage, dt, oil)
-    return oil / data.displacement
+    angle = oil / data.displacement
+    if p[BACKLASH] > 0.0:
+        play(angle.copy(), 0.5 * np.radians(p[BACKLASH]), np.radians(p[CENTRED]), angle)
+    return angle
 
 
 def _readings(p: Array, data: Data) -> Array:
@@ -235,31 +296,46 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Start of the fit: the best delay of a grid, with one gain for both directions."""
+    """Start of the fit: the best delay of a grid, with one gain for both directions, no limit and no play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
-        model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay]), data))
+        model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
         gain = float((model * measured).sum() / max((model * model).sum(), 1e-12))
         found.append((float(((gain * model - measured) ** 2).sum()), gain, delay))
     _, gain, delay = min(found)
-    return np.array([0.3, max(gain, 0.1), max(gain, 0.1), 0.1, delay])
+    return np.array([0.3, max(gain, 0.005), max(gain, 0.005), 0.1, delay, inf, 0.0, 90.0])
 
 
-def _fit(data: Data, start: Array) -> OptimizeResult:
-    n = len(start)
-    inside = np.clip(start, np.array(LOW[:n]) + 1e-6, np.array(HIGH[:n]) - 1e-6)
-    return least_squares(_residuals, inside, bounds=(LOW[:n], HIGH[:n]), x_scale=SCALE[:n], args=(data,))
+def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
+    """Fit of the `free` parameters, the others as in `start`."""
+    chosen = list(free)
+
+    def whole(p: Array) -> Array:
+        full = start.copy()
+        full[chosen] = p
+        return full
+
+    low, high = LOW[chosen], HIGH[chosen]
+    inside, size = np.clip(start[chosen], low + 1e-6, high - 1e-6), SCALE[chosen] * _sizes(data, chosen)
+    result = least_squares(lambda p: _residuals(whole(p), data), inside, bounds=(low, high), x_scale=size)
+    return Fitted(whole(result.x), free, result)
 
 
-def _variance(fit: OptimizeResult, data: Data) -> float:
+def _sizes(data: Data, chosen: list[int]) -> Array:
+    """Factor on the typical sizes of these parameters: gains go with the displacement of the cylinder."""
+    share = data.displacement / Cylinder().displacement
+    return np.array([share if k in (1, 2) else 1.0 for k in chosen])
+
+
+def _variance(fit: Fitted, data: Data) -> float:
     """Variance of a reading [rad2]; each window's offset costs a degree of freedom."""
-    return float(2 * fit.cost / (fit.fun.size - len(fit.x) - len(data.measured)))
+    return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 
-def _errors(fit: OptimizeResult, data: Data) -> Array:
-    """Standard errors of the parameters; huge for those that the run does not determine."""
-    information = fit.jac.T @ fit.jac / _variance(fit, data)
-    errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.x)))))
+def _errors(fit: Fitted, data: Data) -> Array:
+    """Standard errors of the fitted parameters; huge for those that the run does not determine."""
+    information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
+    errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors
 
 

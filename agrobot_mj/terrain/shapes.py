@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
+from agrobot_mj.core.geometry import check_polygon
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_index_in_range
 from agrobot_mj.terrain.files import read_picture
@@ -102,11 +103,7 @@ class PolygonPatch(Special):
 
     @model_validator(mode="after")
     def _has_corners(self) -> "PolygonPatch":
-        if len(set(self.points)) < 3:
-            raise ValueError("points: has fewer than 3 different corners; add some")
-        lengths = np.linalg.svd(np.array(self.points) - self.points[0], compute_uv=False)
-        if lengths[1] < 1e-9 * lengths[0]:
-            raise ValueError("points: all lie on one line; add a corner beside it")
+        check_polygon(self.points)
         return self
 
     def bounds(self) -> Bounds:

@@ -46,7 +46,8 @@ def test_the_swing_is_the_rate_of_the_offset():
     assert last.after((1.0, 1.0), DT, 0.0).swing == pytest.approx(
         ((1.0 - last.offset[0]) / DT, (1.0 - last.offset[1]) / DT)
     )
-    assert at_foot(Fix(1.0, 2.0, 3.0, 4.0, 5.0), Lever((0.1, 0.2), (0.3, 0.4))) == (0.9, 1.8, 2.7, 3.6, 5.0)
+    found = at_foot(Fix(1.0, 2.0, 3.0, 4.0, 5.0, 2.5, 0.7), Lever((0.1, 0.2), (0.3, 0.4)))
+    assert found == (0.9, 1.8, 2.7, 3.6, 5.0, 2.5, 0.7)
 
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])

@@ -10,6 +10,8 @@ from agrobot_mj.machine.hydraulics import (
     NEUTRAL_V,
     Cylinder,
     Valve,
+    beyond_play,
+    loaded_flow,
     static_flow,
     valve_law,
     valve_step,
@@ -104,3 +106,44 @@ def test_the_cylinder_in_numbers():
 def test_the_default_steering_rate_lies_in_the_published_range():
     rate = degrees(12 * LITRE_PER_MINUTE / Cylinder().displacement)
     assert 15 <= rate <= 30
+
+
+@pytest.mark.parametrize(
+    ("changes", "largest"),
+    [
+        ({}, 12.0),
+        ({"engine_speed_share": 0.4}, 4.8),
+        ({"section_flow_l_min": 5.0}, 5.0),
+        ({"section_flow_l_min": 5.0, "engine_speed_share": 0.4}, 4.8),
+        ({"other_flow_l_min": 8.0}, 12.0),
+        ({"other_flow_l_min": 8.0, "priority": False}, 4.0),
+        ({"other_flow_l_min": 20.0, "priority": False}, 0.0),
+        ({"other_flow_l_min": 3.0, "priority": False, "engine_speed_share": 0.5}, 3.0),
+    ],
+)
+def test_the_largest_flow_is_what_pump_section_and_others_leave(changes, largest):
+    law, _ = valve_law(Valve(**changes), DT)
+    assert static_flow(law, 12.0) == pytest.approx(largest * LITRE_PER_MINUTE)
+    assert static_flow(law, 0.0) == pytest.approx(-largest * LITRE_PER_MINUTE)
+
+
+def test_a_valve_without_compensation_is_an_orifice():
+    """Flow as the root of the pressure that is left: half the supply against the motion leaves 71 %, all nothing."""
+    law, _ = valve_law(Valve(supply_pressure_bar=100.0), DT)
+    flow = 0.3 * law.saturation
+    assert loaded_flow(law, flow, 0.0) == flow
+    assert loaded_flow(law, flow, 50e5) == pytest.approx(flow * 0.5**0.5)
+    assert loaded_flow(law, -flow, 50e5) == pytest.approx(-flow * 1.5**0.5)
+    assert loaded_flow(law, flow, 100e5) == 0.0
+    assert loaded_flow(law, flow, 150e5) == 0.0
+    assert loaded_flow(law, law.saturation, -100e5) == law.saturation
+
+
+def test_a_compensated_valve_does_not_feel_the_load():
+    law, _ = valve_law(Valve(), DT)
+    assert loaded_flow(law, 1e-4, 90e5) == 1e-4
+
+
+@pytest.mark.parametrize(("deflection", "left"), [(0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (1.5, 0.5), (-1.5, -0.5)])
+def test_a_play_takes_its_half_width(deflection, left):
+    assert beyond_play(deflection, 1.0) == left

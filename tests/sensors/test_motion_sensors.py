@@ -7,15 +7,15 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.signals import NOMINAL, Truth
-from agrobot_mj.sensors import Gyro, WheelSpeed
+from agrobot_mj.sensors import Gyro, RadarSpeed, WheelSpeed
 from agrobot_mj.simulation.loop import Loop
 
 DT = 0.05
 
 
-def truth(wheel_speed=1.2, yaw_rate=0.1):
+def truth(wheel_speed=1.2, yaw_rate=0.1, speed=1.2):
     return Truth(
-        *(0.0, 0.0, 0.0, 0.5, 0.3, 0.0, 0.0, 1.2, 0.0, yaw_rate, 0.1, 0.5, 0.3, 0.3),
+        *(0.0, 0.0, 0.0, 0.5, 0.3, 0.0, 0.0, speed, 0.0, yaw_rate, 0.1, 0.5, 0.3, 0.3),
         antenna=(0.0, 0.0, 2.0),
         antenna_velocity=(1.1, 0.4, 0.0),
         steer_samples=np.full(25, 0.1),
@@ -79,3 +79,46 @@ def test_the_plants_tell_the_speed_of_their_wheels(plant):
         loop.advance(loop.tick().drive)
     ratio = loop.truth.wheel_speed / loop.truth.speed
     assert ratio == 1.0 if plant == "bicycle" else 1.0 < ratio < 1.08
+
+
+@pytest.mark.parametrize("speed", [1.2, -0.8])
+def test_the_radar_tells_the_magnitude_of_the_speed(speed):
+    n, radar = 4000, RadarSpeed(enabled=True, scale_error=0.03, ground_sigma=0.0, sigma_m_s=0.02)
+    found = readings(radar, n, speed=speed)
+    assert found.mean() == pytest.approx(1.03 * abs(speed), abs=5 * 0.02 / sqrt(n))
+    assert found.std() == pytest.approx(0.02, rel=5 / sqrt(2 * n))
+    assert isnan(readings(RadarSpeed(), 1)[0])
+
+
+def test_the_radar_sees_no_wheel_slip_and_nothing_below_its_least_speed():
+    radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.0, sigma_m_s=0.0)
+    assert readings(radar, 3, speed=1.0, wheel_speed=2.0) == pytest.approx(1.0)
+    assert (readings(radar, 3, speed=0.15) == 0.0).all()
+
+
+@pytest.mark.parametrize("lag", [0, 2, 10])
+def test_the_ground_below_the_radar_changes_slowly(lag):
+    n = 40_000
+    radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.01, ground_time_s=0.25, sigma_m_s=0.0)
+    error = readings(radar, n, speed=1.0) - 1.0
+    expected = 1e-4 * exp(-lag * DT / 0.25)
+    assert error[: n - lag] @ error[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
+
+
+def test_a_gyro_on_the_body_reads_the_rate_about_its_own_axis():
+    """On a side slope of 15 deg it turns about the slope's normal, of which the vertical sees the cosine."""
+    perfect = {"enabled": True, "sigma_deg_s": 0.0, "bias_walk_deg_s_rt_s": 0.0}
+    changes = {"terrain.kind": "slope", "terrain.grade_deg": 15, "controller.kind": "open_loop"}
+    changes |= {"controller.steer_deg": 20, "controller.at_s": 0.0}
+    scenario = load_scenario("circle", changes)
+    loop, level, body = Loop(scenario), Gyro(**perfect), Gyro(**perfect, axes="body")
+    vertical, own, lean = [], [], []
+    for _ in range(300):
+        loop.advance(loop.tick().drive)
+        t = loop.truth
+        vertical.append(level.measure(level.init(1), t, NOMINAL, DT)[1])
+        own.append(body.measure(body.init(1), t, NOMINAL, DT)[1])
+        lean.append(np.cos(t.roll) * np.cos(t.pitch))
+    vertical, own, lean = np.array(vertical[150:]), np.array(own[150:]), np.array(lean[150:])
+    assert np.mean(vertical) / np.mean(own) == pytest.approx(np.mean(lean), abs=0.01)
+    assert np.mean(lean) < 0.98

@@ -1,5 +1,6 @@
 """The suite: every sensor keeps one protocol, and a new one is its class and a field."""
 
+import json
 from math import nan
 from typing import NamedTuple
 
@@ -106,6 +107,25 @@ def test_faults_shift_no_noise(name):
             state, reading = sensor.measure(state, truth(k), conditions if 5 <= k < 15 else NOMINAL, DT)
         readings.append(reading)
     assert readings[0] == readings[1]
+
+
+EVERYTHING = {
+    "gnss": {"dual_antenna": {"enabled": True}, "canopy": [{"points": [[100, 100], [101, 100], [100, 101]]}]},
+    **{name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed", "radar_speed")},
+}
+
+
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_no_sensor_shifts_another(name):
+    """Each sensor that can be switched on, and the second antenna and a canopy elsewhere, against a tractor without."""
+    bare, more = Sensors(), Sensors.model_validate_json(json.dumps({name: EVERYTHING[name]}))
+    for (_, with_it), (_, without) in zip(drive(more), drive(bare), strict=True):
+        for other in bare.all:
+            if other == "gnss":
+                assert with_it.fix[:6] == without.fix[:6]
+            elif other != name and getattr(bare, other).columns == getattr(more, other).columns:
+                same, here = with_it.readings[other], without.readings[other]
+                assert np.array_equal(np.ravel(same), np.ravel(here), equal_nan=True)
 
 
 def test_columns_have_distinct_names_and_say_what_they_are():

@@ -231,3 +231,20 @@ def test_a_damaged_page_is_named(calm, tmp_path):
     file.write_bytes(content)
     with pytest.raises(ScenarioError, match=r"signals.parquet: (cannot be read|is no Parquet file, or a damaged)"):
         identify_command(tmp_path)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_backlash_of_a_degree_is_found(plant):
+    """In the library's scenario, a calm drive: within a tenth of a degree, and the valve beside it."""
+    scenario = load_scenario("steering_backlash", {"plant.kind": plant})
+    found = identify(run(scenario).signals, scenario.steering.cylinder)
+    assert found.backlash_deg == pytest.approx(1.0, abs=0.1)
+    assert found.errors["backlash_deg"] < 0.05
+    assert found.dead_band_v == pytest.approx(0.4, abs=0.02)
+    assert found.gain_left_l_min_v == pytest.approx(0.24, rel=0.03)
+    assert found.explained > 0.99
+
+
+def test_a_linkage_without_play_shows_none(calm):
+    """A healthy run of either plant invents no more than the wind-up of an oil spring under friction."""
+    assert (identify(calm.signals).backlash_deg or 0.0) < 0.1

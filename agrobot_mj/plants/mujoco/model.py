@@ -14,6 +14,7 @@ from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
@@ -41,11 +42,20 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
     return np.concatenate([[0.0, 1.0], fitted])
 
 
-def tractor_spec(tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> mujoco.MjSpec:
+STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Impedance of the kingpins' friction: MuJoCo's default creeps through a degree of play in seconds."""
+UPRIGHT = Linkage()
+"""Kingpins in the wheels' centres, no play and no friction."""
+
+
+def tractor_spec(
+    tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline, linkage: Linkage = UPRIGHT
+) -> mujoco.MjSpec:
     """The tractor alone, with every parameter written in."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _place_wheels(spec, tractor)
     _couple_knuckles(spec, tractor)
+    _set_kingpins(spec, tractor, linkage)
     _set_actuators(spec, tractor, cylinder, driveline)
     chassis = spec.body("chassis")
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
@@ -112,6 +122,21 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         data = np.array(spec.equality(name).data)
         data[:5] = coefficients
         spec.equality(name).data = data
+
+
+def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
+    """Lay the kingpins' axes; the wheels stay where they are with the steering straight."""
+    steer = spec.joint("steer")
+    steer.frictionloss = linkage.friction_n_m
+    if linkage.friction_n_m > 0:
+        steer.solimp_friction = STICKING
+    if not linkage.moved:
+        return
+    sink, _ = static_deflections(tractor)
+    for wheel, side in (("fl", 1), ("fr", -1)):
+        joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
+        joint.axis = axis / np.linalg.norm(axis)
+        joint.pos = linkage.foot(side, tractor.front_wheel_radius_m - sink)
 
 
 def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> None:

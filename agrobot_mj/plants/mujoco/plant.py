@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Condition
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
-from agrobot_mj.machine.hydraulics import reset_valve, static_flow, valve_law, worn
+from agrobot_mj.machine.hydraulics import loaded_flow, reset_valve, static_flow, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
@@ -76,6 +76,7 @@ def oil_of(machine: Machine) -> Oil:
         steer_limit=machine.tractor.steer_limit,
         steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
         steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        steer_play=radians(machine.linkage.backlash_deg) / 2,
         drive_radius=machine.tractor.rear_wheel_radius_m,
         drive_torque=driveline.torque_limit_n_m,
         drive_power=1e3 * driveline.power_limit_kw,
@@ -92,7 +93,7 @@ class MujocoPlant:
         self.spec, self.tractor = spec, machine.tractor
         native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
         self.ground = ground = remembering(ground, tyres.bearing)
-        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline)
+        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
         hitched = machine.implement.hitched(machine.tractor)
         if hitched is not None:
             add_implement(parts, hitched, machine.tractor, native is not None)
@@ -114,7 +115,7 @@ class MujocoPlant:
         self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
-        self.samples, self.motion = np.zeros((2, clock.steps)), np.zeros(18)
+        self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(18), np.zeros(1)
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.scene = scene_of(self.model)
@@ -151,7 +152,7 @@ class MujocoPlant:
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:] = 0.0
         forget(self.ground.memory)
-        self.loads[AHEAD], self.loads[LEFT] = 0.0, 0.0
+        self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
         if self.implement:
             self.implement.forget()
         reset_valve(self.valve_memory)
@@ -195,7 +196,7 @@ class MujocoPlant:
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """Arguments of `run_steps`."""
-        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory)
+        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
@@ -230,7 +231,8 @@ class MujocoPlant:
         """What a tick writes in place, outside of MjData."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
-        return tyred.bristles, tyred.report, self.loads, self.samples, self.motion, *valve, *drive, *hung
+        own = tyred.bristles, tyred.report, self.loads, self.samples, self.motion, self.cylinder
+        return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
         """State between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
@@ -257,7 +259,7 @@ class MujocoPlant:
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         self._observe(self.views, *self.sites, self.motion)
-        motion, q = self.motion.tolist(), self.data.qpos
+        motion, q, w = self.motion.tolist(), self.data.qpos, self.data.qvel
         antenna = self.implement.antenna if self.implement else None
         return Truth(
             t=self.ticks * self.tick_s,
@@ -278,7 +280,9 @@ class MujocoPlant:
             antenna_velocity=antenna.velocity if antenna else (motion[9], motion[10], motion[11]),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
+            knuckle_samples=self.samples[2:].copy(),
             wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
+            body_rates=(float(w[3]), float(w[4]), float(w[5])),
         )
 
     def poses(self) -> Array:
@@ -312,7 +316,8 @@ class MujocoPlant:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
         flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
         steering, drive = self.data.actuator_force.tolist()
-        return flow, steering / self.oil.displacement, drive
+        pressure = steering / self.oil.displacement
+        return loaded_flow(self.valve, flow, pressure), pressure, drive
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""

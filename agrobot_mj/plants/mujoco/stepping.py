@@ -7,7 +7,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import cross
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
-from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, valve_step
+from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
@@ -31,6 +31,8 @@ class Oil(NamedTuple):
     """Relief torque over stiffness [rad]."""
     steer_lead: float
     """Damping over stiffness [s]."""
+    steer_play: float
+    """Half the backlash between cylinder and wheels; 0 for none [rad]."""
     drive_radius: float
     """Rim speed over wheel speed [m]."""
     drive_torque: float
@@ -51,6 +53,8 @@ class Actuators(NamedTuple):
     valve_memory: ValveMemory
     drive: DriveLaw
     drive_memory: DriveMemory
+    cylinder: Array
+    """Angle of the virtual wheel that the cylinder stands for, written in place, shape (1,) [rad]; only with play."""
 
 
 class Tyred(NamedTuple):
@@ -95,11 +99,26 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 
 @kernel
+def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
+    """Steer through a linkage with play: inside of it the oil column is slack, and the wheels are free.
+
+    The cylinder's own angle integrates the flow here, and the rest length of MuJoCo's spring is what is left of it.
+    """
+    angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
+    reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
+    cylinder[0] = min(max(cylinder[0], angle - reach, -stop), angle + reach, stop)
+    v.act[STEERING] = angle + beyond_play(cylinder[0] - angle, oil.steer_play)
+    cylinder[0] += v.ctrl[STEERING] * dt
+    v.ctrl[STEERING] = 0.0
+
+
+@kernel
 def relieve(v: Views, oil: Oil) -> None:
     """Open the relief valves: the oil columns never wind up past relief pressure, nor past the stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
-    low, high = angle - oil.steer_windup, angle + oil.steer_windup
-    v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
+    if oil.steer_play <= 0.0:
+        low, high = angle - oil.steer_windup, angle + oil.steer_windup
+        v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
     wheel += oil.drive_lead * speed
@@ -119,12 +138,16 @@ def run_steps(
     voltages: tuple[float, float],
     samples: Array,
 ) -> None:
-    """One tick: as many physics steps as `samples` (2, n) has columns; steering and pedal are written into it."""
-    oil, valve, valve_memory, drive, drive_memory = actuators
+    """One tick: as many physics steps as `samples` (4, n) has columns; the angles of the virtual wheel, the pedal, the
+    left and the right knuckle are written into its rows."""
+    oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
     for i in range(samples.shape[1]):
-        v.ctrl[STEERING] = valve_step(valve, valve_memory, voltages[0]) / oil.displacement
+        flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
+        v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
+        if oil.steer_play > 0.0:
+            take_up_play(v, oil, cylinder, drive.dt)
         relieve(v, oil)
         step1(v.model, v.data)  # positions and velocities are known now, forces are not yet
         if loaded:
@@ -136,6 +159,7 @@ def run_steps(
         step2(v.model, v.data)
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]
+        samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
     # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
     kinematics(v.model, v.data)
 

@@ -23,6 +23,8 @@ class Views(NamedTuple):
     """Address of the mjData."""
     ctrl: Array
     act: Array
+    torques: Array
+    """Torques of the actuators in the last step, shape (2,) [N m]."""
     qpos: Array
     qvel: Array
     xpos: Array
@@ -40,6 +42,8 @@ class Views(NamedTuple):
     """Index of the virtual steering angle in qpos."""
     spins_q: Index
     """Indices of the driven wheels' angles in qpos, shape (2,)."""
+    knuckles_q: Index
+    """Indices of the left and right knuckle's angles in qpos, shape (2,)."""
     steer_v: int
     """Index of the virtual steering rate in qvel."""
     spins_v: Index
@@ -55,6 +59,7 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         data=data._address,
         ctrl=data.ctrl,
         act=data.act,
+        torques=data.actuator_force,
         qpos=data.qpos,
         qvel=data.qvel,
         xpos=data.xpos,
@@ -67,6 +72,7 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
         steer_q=int(model.joint("steer").qposadr[0]),
         spins_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("rl", "rr")], dtype=np.int64),
+        knuckles_q=np.array([model.joint(f"steer_{w}").qposadr[0] for w in ("fl", "fr")], dtype=np.int64),
         steer_v=int(model.joint("steer").dofadr[0]),
         spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
     )

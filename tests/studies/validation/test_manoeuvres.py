@@ -7,6 +7,7 @@ from agrobot_mj.studies.validation.base import force_tyres
 from agrobot_mj.studies.validation.suite import MANOEUVRES
 
 SOME_TYRES = {
+    "kingpins": {"magic_formula"},
     "tipping": {"linear", "magic_formula"},
     "implements": {"linear", "magic_formula"},
     "ruts": {"ruts"},

@@ -13,6 +13,7 @@ from agrobot_mj.studies.validation import (
     convergence,
     cornering,
     energy,
+    kingpins,
     loads,
     parking,
     ruts,
@@ -119,6 +120,17 @@ def test_steering_sees_another_valve(monkeypatch):
     missed = failures(steering.run(quick=True))
     assert {"delay, left", "time constant, left", "dead band, right", "gain, left", "rate limit, right"} <= missed
     assert "gain, right" not in missed
+
+
+def test_kingpins_see_other_kingpins_and_another_relief(monkeypatch):
+    def other(tyre, machine):
+        upright = machine.linkage.model_copy(update={"kingpin_inclination_deg": 5.0})
+        strong = machine.cylinder.model_copy(update={"relief_pressure_bar": 100.0})
+        return mujoco_plant(tyre, machine=machine._replace(linkage=upright, cylinder=strong))
+
+    monkeypatch.setattr(kingpins, "mujoco_plant", other)
+    missed = failures(kingpins.run(quick=True))
+    assert missed == {"torque of the lifted weight at 20 deg", "steering rate under weak relief, parked"}
 
 
 def test_energy_sees_work_from_nowhere(monkeypatch):

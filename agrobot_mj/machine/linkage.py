@@ -1,0 +1,44 @@
+"""Front axle's steering geometry and linkage: kingpins, caster, play and friction between cylinder and wheels.
+
+The axis of a kingpin meets the ground, at the static load, `kingpin_offset_m` inside the wheel's centre plane; its top
+leans inwards by the inclination and backwards by the caster. Then the forces on a tyre have an arm about it, and the
+cylinder feels them: the push of a stone, the weight that steering lifts, the side force times the caster trail. All
+defaults are zero: wheels that turn about their own centres, without play. Only the backlash counts for the bicycle.
+"""
+
+from math import radians, tan
+from typing import Annotated
+
+from pydantic import Field
+
+from agrobot_mj.core.spec import NonNegative, Spec
+
+
+class Linkage(Spec):
+    """Kingpins and linkage; `[steering.linkage]`."""
+
+    kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
+    """Distance on the ground from a kingpin's axis to its wheel's centre plane, scrub radius, outwards positive [m].
+    Estimate: none; 0.02-0.08 for compact tractors."""
+    kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
+    """Inclination of the kingpins, tops inwards [deg]. Estimate: none; 5-10 for tractors."""
+    caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
+    """Caster of the kingpins, tops backwards [deg]. Estimate: none; 0-5 for tractors."""
+    backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
+    """Play between the cylinder and the wheels, from one side to the other, at the wheel [deg]. Estimate: none;
+    0.3-1 for good joints, 2-4 for worn ones."""
+    friction_n_m: NonNegative = 0.0
+    """Friction of kingpins and seals, both wheels together [N m]. Estimate: none; 5-20."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the kingpins stand elsewhere than upright in the wheels' centres."""
+        return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
+
+    def axis(self, side: int) -> tuple[float, float, float]:
+        """Direction of a kingpin, upwards, of length above 1; `side` 1 left, -1 right, vehicle axes."""
+        return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
+
+    def foot(self, side: int, radius: float) -> tuple[float, float, float]:
+        """Point where it meets the ground from the centre of a wheel of loaded `radius` [m], vehicle axes [m]."""
+        return radius * tan(radians(self.caster_deg)), -side * self.kingpin_offset_m, -radius

@@ -1,0 +1,72 @@
+"""Obstructed sky over a part of the field: trees along an edge, a yard between buildings.
+
+Where the antenna stands below it the receiver loses its fix and floats, or has no solution at all; lapses without any
+come and go as a Markov chain of two states. Outside it floats until the ambiguities are resolved again. Places are ENU
+[m], of the antenna.
+"""
+
+from math import inf
+from typing import Annotated, Literal, NamedTuple
+
+from numpy.random import Generator
+from pydantic import Field, model_validator
+
+from agrobot_mj.core.geometry import check_polygon, in_polygon
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import TICK_S, Quality
+from agrobot_mj.core.spec import HUGE, NonNegative, Spec
+
+ROUNDING_S = 1e-6
+"""Tolerance on times, far above their rounding and far below a tick [s]."""
+Place = Annotated[float, Field(ge=-HUGE, le=HUGE)]
+
+
+class CanopyState(NamedTuple):
+    """A canopy between two ticks."""
+
+    generator: Generator
+    """Random stream of the lapses; advances in place."""
+    lapsed: bool
+    """Whether there is a lapse, for whoever stands below."""
+    outside_s: float = inf
+    """Time since the antenna left it, infinite if it has not been below [s]."""
+
+
+class Canopy(Spec):
+    """A polygon of the field with an obstructed sky; `[[sensors.gnss.canopy]]`."""
+
+    points: Annotated[tuple[tuple[Place, Place], ...], Field(min_length=3, max_length=1000)] = (
+        *((-5.0, -5.0), (5.0, -5.0)),
+        (0.0, 5.0),
+    )
+    """Corners [east, north], in either sense; the last is joined to the first [m]."""
+    sky: Literal["float", "none"] = "float"
+    """Best solution below it: `float`, or `none` at all."""
+    lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
+    """Share of the time without any solution [-]. Estimate (0-0.5: broad leaves, wet, in summer)."""
+    lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
+    """Mean duration of such a lapse [s]. Estimate: two metres of a trunk or a branch."""
+    refix_s: NonNegative = 8.0
+    """Time that the receiver floats after it has left [s]. Estimate (2-30: ambiguities are resolved again)."""
+
+    @model_validator(mode="after")
+    def _encloses_an_area(self) -> "Canopy":
+        check_polygon(self.points)
+        return self
+
+    def init(self, seed: int, index: int) -> CanopyState:
+        """State before the first tick, the `index`-th canopy of the receiver."""
+        generator = stream(seed, f"gnss.canopy.{index}")
+        return CanopyState(generator, bool(generator.random() < self.lapse_share))
+
+    def look(self, state: CanopyState, x: float, y: float, dt: float) -> tuple[CanopyState, int]:
+        """Best `Quality` of a solution at (x, y) [m] after a tick of length `dt` [s]."""
+        chance, leaves = state.generator.random(), dt / self.lapse_s
+        enters = leaves * self.lapse_share / (1.0 - self.lapse_share)
+        lapsed = chance >= leaves if state.lapsed else chance < enters
+        if not in_polygon(self.points, x, y):
+            outside = state.outside_s + dt
+            quality = Quality.FLOAT if outside + ROUNDING_S < self.refix_s else Quality.FIX
+            return CanopyState(state.generator, lapsed, outside), quality
+        none = lapsed or self.sky == "none"
+        return CanopyState(state.generator, lapsed, 0.0), Quality.NONE if none else Quality.FLOAT

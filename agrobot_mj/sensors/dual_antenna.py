@@ -1,0 +1,62 @@
+"""Heading from two antennas of one receiver, side by side across the roof.
+
+The receiver knows the vector from the right antenna to the left one to millimetres and takes its direction less 90
+degrees for the heading. Error = relative position across the baseline (white, and a slow first-order Gauss-Markov part
+[Brown2012], since each antenna has multipath of its own) over the baseline, and a constant error of the mounting. A
+roof that rolls and pitches at once turns the baseline: with pitch theta and roll phi its plan lies
+atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities.
+"""
+
+from math import atan, nan, radians, sin, tan
+from typing import Annotated, NamedTuple
+
+from numpy.random import Generator
+from pydantic import Field
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.signals import Quality, Truth
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
+
+
+class DualAntennaState(NamedTuple):
+    """Both antennas between two ticks."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    wander: float
+    """Slow error, in units of its standard deviation [-]."""
+
+
+class DualAntenna(Spec):
+    """A second antenna on the roof, which the paper's tractor does not have; `[sensors.gnss.dual_antenna]`."""
+
+    enabled: bool = False
+    """Whether there is one; a fix has no heading without."""
+    baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
+    """Distance between the antennas [m]. Estimate (0.5-1.5, the width of a roof)."""
+    sigma_m: NonNegative = 0.003
+    """White error of one antenna from the other, across the baseline [m]. Estimate (2-4 mm, carrier phase)."""
+    wander_sigma_m: NonNegative = 0.003
+    """Slow error of one antenna from the other, likewise [m]. Estimate (2-6 mm, multipath)."""
+    wander_time_s: Positive = 115.0
+    """Correlation time of the slow error [s]. Carrier phase on short baselines [Miller2012]."""
+    mounting_deg: float = 0.0
+    """Constant error of the mounting, left positive [deg]. Estimate (up to 1 before calibration)."""
+
+    def init(self, seed: int) -> DualAntennaState:
+        """The slow error drawn from its stationary distribution."""
+        generator = stream(seed, "gnss.dual_antenna")
+        return DualAntennaState(generator, float(generator.standard_normal()))
+
+    def measure(self, state: DualAntennaState, truth: Truth, quality: int, dt: float) -> tuple[DualAntennaState, float]:
+        """Heading [rad], wrapped; NaN without antennas or without fixed ambiguities."""
+        if not self.enabled:
+            return state, nan
+        w_slow, w = state.generator.standard_normal(2).tolist()
+        wander = gauss_markov(state.wander, w_slow, dt, self.wander_time_s)
+        aside = self.wander_sigma_m * wander + self.sigma_m * w
+        error = atan(aside / self.baseline_m) + radians(self.mounting_deg)
+        leaning = -atan(sin(truth.pitch) * tan(truth.roll))
+        heading = wrap(truth.yaw + leaning + error) if quality == Quality.FIX else nan
+        return DualAntennaState(state.generator, wander), heading

@@ -1,0 +1,151 @@
+"""Steering linkage: kingpins move no wheel, the play is crossed at each reversal, a sensor sits on one knuckle."""
+
+from math import atan2, degrees, radians, tan
+
+import numpy as np
+import pytest
+
+from agrobot_mj import Simulation, load_scenario
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
+from agrobot_mj.machine import Cylinder, Driveline, Linkage, Machine, TractorParameters, Valve
+from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.model import tractor_spec
+from agrobot_mj.sensors import Sensors, SteeringPotentiometer
+from agrobot_mj.studies.validation import kingpins
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tyres import MagicFormula
+
+ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SMOOTH = MagicFormula(patch_half_length_m=0.0, trail_m=0.0)
+
+
+def plant_of(kind, linkage, valve=None, tyre=SMOOTH):
+    machine = Machine(valve=valve or Valve(delay_s=0.0, time_constant_s=0.01), linkage=linkage)
+    ground = Flat(half_size_m=50).ground()
+    return (
+        BicyclePlant(Bicycle(), machine, ground)
+        if kind == "bicycle"
+        else MujocoPlant(Mujoco(tyre=tyre), machine, ground)
+    )
+
+
+def steered(plant, volts, ticks):
+    """Steering angle at the end of so many ticks [deg]."""
+    for _ in range(ticks):
+        truth = plant.advance(Drive(NEUTRAL_V + volts, NEUTRAL_V))
+    return degrees(truth.steer)
+
+
+def test_kingpins_leave_masses_and_wheels_where_they_are():
+    tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
+    upright, laid = (tractor_spec(tractor, Cylinder(), Driveline(), linkage).compile() for linkage in kinds)
+    assert np.array_equal(upright.body_pos, laid.body_pos)
+    assert np.array_equal(upright.body_inertia, laid.body_inertia)
+    assert np.array_equal(upright.jnt_type, laid.jnt_type)
+
+
+def test_the_axis_meets_the_ground_inside_the_wheel_and_ahead_of_it():
+    linkage = Linkage(kingpin_offset_m=0.05, kingpin_inclination_deg=8.0, caster_deg=4.0)
+    for side in (1, -1):
+        foot, axis = np.array(linkage.foot(side, 0.27)), np.array(linkage.axis(side))
+        assert foot == pytest.approx([0.27 * tan(radians(4.0)), -side * 0.05, -0.27])
+        at_hub = foot + axis * 0.27  # at the height of the wheel's centre
+        assert at_hub[0] == pytest.approx(0.0, abs=1e-12)
+        assert -side * at_hub[1] == pytest.approx(0.05 + 0.27 * tan(radians(8.0)))
+
+
+@pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
+def test_a_reversal_crosses_the_play(kind):
+    """Left, then right: 2 deg of play are missing on the way back; friction keeps the wheels from coasting."""
+    backlash, found = 2.0, {}
+    for play in (0.0, backlash):
+        plant = plant_of(kind, Linkage(backlash_deg=play, friction_n_m=100.0))
+        plant.reset(ORIGIN)
+        steered(plant, 2.0, 20)
+        out = steered(plant, 0.0, 20)
+        steered(plant, -2.2, 10)
+        found[play] = out - steered(plant, 0.0, 20)
+    assert found[0.0] - found[backlash] == pytest.approx(backlash, abs=0.1)
+
+
+def test_inside_the_play_there_is_no_pressure_and_the_wheels_stay():
+    plant = plant_of("mujoco", Linkage(backlash_deg=4.0, friction_n_m=20.0))
+    plant.reset(ORIGIN)
+    steered(plant, 2.0, 20)
+    out = steered(plant, 0.0, 20)
+    steered(plant, -1.2, 3)
+    inside = steered(plant, 0.0, 10)
+    assert inside == pytest.approx(out, abs=0.15)
+    assert abs(plant.actuation()[1]) < 1e3
+
+
+def test_the_play_is_the_bicycle_s_operator():
+    """Against the definition: the wheel stays unless the cylinder is more than half the play away."""
+    plant, half = plant_of("bicycle", Linkage(backlash_deg=3.0)), radians(1.5)
+    plant.reset(ORIGIN)
+    delta = 0.0
+    for k in range(120):
+        plant.advance(Drive(NEUTRAL_V + 2.0 * np.sin(0.2 * k), NEUTRAL_V))
+        oil = plant.state[7]
+        assert abs(plant.state[5] - oil) <= half + 1e-12
+        if abs(delta - oil) < half:
+            assert abs(plant.state[5] - delta) < 0.02  # no more than the cylinder has moved
+        delta = plant.state[5]
+    assert delta != 0.0
+
+
+@pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
+def test_a_restored_run_crosses_the_play_alike(kind):
+    changes = {"plant.kind": kind, "steering.linkage.backlash_deg": 1.5, "duration_s": 4.0}
+    sim = Simulation("figure_eight", changes)
+    sim.reset()
+    for _ in range(40):
+        sim.step()
+    saved, found = sim.save(), []
+    for _ in range(2):
+        sim.restore(saved)
+        for _ in range(39):
+            sim.step()
+        found.append(sim.truth.steer)
+    assert found[0] == found[1]
+
+
+def test_the_knuckles_follow_ackermann():
+    for kind in ("bicycle", "mujoco"):
+        plant = plant_of(kind, Linkage())
+        plant.reset(ORIGIN)
+        steered(plant, 3.0, 30)
+        truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V))
+        share = 1.0 / 2.8  # track over twice the wheelbase
+        for side, angle in zip((1, -1), truth.knuckle_samples[:, -1], strict=True):
+            exact = atan2(tan(truth.steer), 1 - side * share * tan(truth.steer))
+            assert degrees(angle) == pytest.approx(degrees(exact), abs=0.5 if kind == "mujoco" else 1e-9)
+        assert truth.knuckle_samples[0, -1] > truth.steer > truth.knuckle_samples[1, -1] > 0.1
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_sensor_on_a_knuckle_reads_that_wheel_through_its_characteristic(side):
+    fine = {"resolution_deg": 1e-6, "noise_sigma_deg": 0.0}
+    plant = plant_of("bicycle", Linkage())
+    plant.reset(ORIGIN)
+    steered(plant, 3.0, 30)
+    for _ in range(2):
+        truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V))
+    wheel = degrees(truth.knuckle_samples[0 if side == "left" else 1, -1])
+    straight, bent = (
+        SteeringPotentiometer(at=side, **fine, **more)
+        for more in ({}, {"second_order_deg": 2.0, "third_order_deg": -3.0})
+    )
+    readings = []
+    for pot in (straight, bent):
+        _, measured = Sensors(steering_pot=pot).measure(Sensors(steering_pot=pot).init(1), truth, NOMINAL, 0.05)
+        readings.append(degrees(measured.steer))
+    assert readings[0] == pytest.approx(wheel, abs=0.02)
+    assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
+
+
+def test_the_library_has_the_steering_of_the_validation():
+    steering = load_scenario("steering_backlash").steering
+    assert steering.cylinder == kingpins.CYLINDER
+    assert steering.valve == kingpins.VALVE
+    assert steering.linkage == kingpins.LINKAGE.model_copy(update={"backlash_deg": 1.0})
