@@ -130,7 +130,8 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
             axes.barh(y + 0.18, index.total, 0.36, xerr=index.total_half, color=BLUE, error_kw={"elinewidth": 0.8})
             axes.barh(y - 0.18, index.first, 0.36, xerr=index.first_half, color=ORANGE, error_kw={"elinewidth": 0.8})
         axes.set_yticks(range(len(keys)), keys)
-        axes.set(title=each.group, xlabel=f"share of the variance of {metric} [-]", xlim=(-0.1, 1.1))
+        axes.set(title=each.group if len(found) > 1 else "", xlabel=f"share of the variance of {metric} [-]")
+        axes.set_xlim(min(-0.05, axes.get_xlim()[0]), max(1.05, axes.get_xlim()[1]))
         axes.axvline(0.0, color="black", linewidth=0.6)
     handles = [grid[0].barh([0], [0], color=colour) for colour in (BLUE, ORANGE)]
     figure.legend(handles, ["total, with interactions", "first order"], loc="outside upper center", ncols=2)
@@ -139,7 +140,8 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
 
 def importance_table(found: Sequence[Influence]) -> str:
     """Markdown table: a row per draw, total and first-order index of each group."""
-    names = [f"{each.group}: {index}" for each in found for index in ("total", "first order")]
+    groups = [f"{each.group}: " if len(found) > 1 else "" for each in found]
+    names = [group + index for group in groups for index in ("total", "first order")]
     lines = ["| number | " + " | ".join(names) + " |", "|---|" + "---:|" * len(names)]
     for leading in found[0].indices:
         cells = []
