@@ -95,7 +95,8 @@ class SteeringPotentiometer(Potentiometer):
             return delta
         share = delta / FULL_LOCK
         error: Array = np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
-        return delta + error
+        found: Array = delta + error
+        return found
 
     def seen(self, truth: Truth) -> Array:
         """True angles of its wheel after each physics step, shape (n,) [rad]."""
