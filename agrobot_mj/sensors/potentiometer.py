@@ -95,14 +95,14 @@ class SteeringPotentiometer(Potentiometer):
             return delta
         share = delta / FULL_LOCK
         error: Array = np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
-        found: Array = delta + error
-        return found
+        return delta + error
 
     def seen(self, truth: Truth) -> Array:
         """True angles of its wheel after each physics step, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return truth.steer_samples
-        return truth.knuckle_samples[0 if self.at == "left" else 1]
+        knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
+        return knuckle
 
     def init(self, seed: int) -> SteeringPotState:
         """No reading yet."""
