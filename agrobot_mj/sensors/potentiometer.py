@@ -101,7 +101,8 @@ class SteeringPotentiometer(Potentiometer):
         """True angles of its wheel after each physics step, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return truth.steer_samples
-        return truth.knuckle_samples[0 if self.at == "left" else 1]
+        knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
+        return knuckle
 
     def init(self, seed: int) -> SteeringPotState:
         """No reading yet."""

@@ -37,7 +37,7 @@ WEAK_BAR = 25.0
 """Relief pressure below what parking takes [bar]."""
 
 
-class Sweep(NamedTuple):
+class Turning(NamedTuple):
     """Means of a sweep."""
 
     torque: float
@@ -61,7 +61,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
     return driver
 
 
-def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Sweep:
+def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
     """Turn left, right and left about an angle; means of the torque within `WITHIN_DEG` of it, after the first turn."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
@@ -73,7 +73,7 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Sweep:
             if side * angle > ENDS_DEG:
                 break
     left, right = (float(np.mean(torques[side])) for side in (1, -1))
-    return Sweep((left - right) / 2, (left + right) / 2)
+    return Turning((left - right) / 2, (left + right) / 2)
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
