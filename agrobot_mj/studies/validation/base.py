@@ -113,7 +113,8 @@ class Findings(NamedTuple):
 
 def tyres() -> list[Any]:
     """A default instance of every kind of tyre on firm ground; soil that sinks has a manoeuvre of its own."""
-    return [tyre for tyre in (kind() for kind in every(Tyre)) if tyre.structure().bearing == FIRM]
+    found: list[Any] = [kind() for kind in every(Tyre)]
+    return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
