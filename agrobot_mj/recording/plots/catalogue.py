@@ -28,6 +28,8 @@ UNITS = {
 """Factor from the unit of the log to the unit of a plot."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
+UNPLOTTED = ("gnss_z",)
+"""Columns that a sensor reports for every run and that stay in the table: no stage uses the height."""
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
 
 
