@@ -13,6 +13,7 @@ from agrobot_mj.studies.validation import (
     convergence,
     cornering,
     energy,
+    implements,
     kingpins,
     loads,
     parking,
@@ -183,3 +184,18 @@ def test_ruts_see_another_soil_and_a_soil_that_does_not_remember(monkeypatch):
     harder = ruts.load_cell
     monkeypatch.setattr(ruts, "load_cell", lambda soil, k, *rest: harder(soil, 1.05 * k, *rest))
     assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts.run(True))
+
+
+def test_implements_see_a_softer_tool_a_longer_drawbar_and_another_draught(monkeypatch):
+    made = implements.Hauler.__init__
+
+    def other(self, implement, *rest):
+        stiffness, draught = 0.8 * implement.tool.cornering_stiffness_n_deg, 1.05 * implement.tool.draught_scale
+        tool = implement.tool.model_copy(update={"cornering_stiffness_n_deg": stiffness, "draught_scale": draught})
+        bar = {"axle_behind_m": 1.3 * implement.axle_behind_m} if implement.kind == "drawn" else {}
+        made(self, implement.model_copy(update={"tool": tool, **bar}), *rest)
+
+    monkeypatch.setattr(implements.Hauler, "__init__", other)
+    found = failures(implements.run(True))
+    for words in ("mounted tool, yaw gain", "trailer, angle at the pin", "radius of its axle", "draught of a chisel"):
+        assert any(words in quantity for quantity in found), words
