@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.vectors import Vector
-from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, SoilMemory, tile_of
+from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, AnyArray, SoilMemory, tile_of
 
 ITERATIONS = 8
 """Most Newton steps for the pressure where soil yields [-]."""
@@ -34,6 +34,9 @@ of the physics) and a cubic stands for the power (within 2e-6) [-]."""
 MOST_SLIP = 0.8
 """Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
 there."""
+
+Cell = tuple[int, int, int]
+"""Tile, row and column of a cell in the store."""
 
 
 class Bearing(NamedTuple):
@@ -151,14 +154,24 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 
 @kernel
-def yield_cell(
-    soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
-) -> float:
-    """Pressure [Pa] on a cell of the grid, which remembers it; one beyond the store of tiles is always untouched."""
-    tile = tile_of(memory, row // TILE, column // TILE)
+def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
+    """Pressure [Pa] on a cell of the store that does not yield further, as most do in most steps; -1 if it does."""
+    tile, y, x = at
+    if tile < 0:
+        return -1.0
+    trial, q = E * (D - cells[tile, y, x, SINKAGE]), cells[tile, y, x, YIELD]
+    if trial > cells[tile, y, x, LEVEL] * q:
+        return -1.0
+    cells[tile, y, x, LEVEL] = trial / q if trial > 0.0 else 0.0
+    return float(max(trial, 0.0))
+
+
+@kernel
+def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
+    """Pressure [Pa] on a cell of the store, which remembers it; one beyond the store is always untouched."""
+    tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
-    y, x, cells = row % TILE, column % TILE, memory.cells
     before = SoilCell(
         0.0,
         cells[tile, y, x, SINKAGE],
@@ -172,6 +185,16 @@ def yield_cell(
         cells[tile, y, x, SINKAGE] = after.sinkage
         cells[tile, y, x, YIELD], cells[tile, y, x, HARDENING] = after.yielded, after.hardened
     return after.pressure
+
+
+@kernel
+def press_cell(
+    soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
+) -> float:
+    """Pressure [Pa] on a cell of the grid."""
+    at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
+    pressure = hold_cell(E, D, memory.cells, at)
+    return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
 
 
 @kernel
@@ -218,7 +241,7 @@ def press(
             cover = min(0.5 + (half - abs(l)) * per_cell, 1.0)
             if D <= 0.0 or cover <= 0.0:
                 continue
-            pressure = yield_cell(soil, k, E, factor, D, memory, row, column)
+            pressure = press_cell(soil, k, E, factor, D, memory, row, column)
             if pressure > 0.0:
                 force = pressure * cover
                 load += force
