@@ -8,12 +8,15 @@ import argparse
 import json
 import re
 import shutil
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
+import tomli_w
 
+from agrobot_mj.core.resources import SCENARIOS
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.style import save
@@ -21,6 +24,7 @@ from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.importance import importance, importance_table
 from agrobot_mj.studies.verdict import claims, figures, judgement, survival, validity
 from agrobot_mj.studies.verdict.ablation import ablation_table
+from agrobot_mj.studies.verdict.ranking import by_ground, compare_sets, compared_text, ranking_table
 from agrobot_mj.studies.verdict.rows import complete, read_rows, select
 
 ROOT = Path(__file__).parent.parent
@@ -36,8 +40,10 @@ PARTS: dict[str, tuple[Mapping[str, Any], Callable[..., Any]]] = {
     "survival": (survival.survival_jobs(), survival.survival_search),
 }
 """Jobs of each part, and what does one."""
-SWEEPS = ("ablation", "importance")
-"""Parts that are sweeps of the package."""
+AGAIN = range(21, 41)
+"""Seeds of the second set of `controllers`."""
+SWEEPS = ("ablation", "importance", "controllers", "controllers_again")
+"""Parts that are sweeps of the package; the last one is `controllers` with the seeds of `AGAIN`."""
 
 
 def put(text: str, name: str, content: str) -> str:
@@ -58,8 +64,18 @@ def run_part(name: str, jobs: int) -> None:
 
 def run_sweep(name: str, jobs: int) -> None:
     """Do what is missing of a sweep that comes with the package."""
-    found = sweep(name, RUNS / name, SweepOptions(jobs=jobs))
+    source = again() if name == "controllers_again" else name
+    found = sweep(source, RUNS / name, SweepOptions(jobs=jobs))
     print(f"{name}: {found.total} runs, {found.errors} with an error")
+
+
+def again() -> Path:
+    """A copy of the sweep `controllers` with the seeds of `AGAIN`."""
+    content = tomllib.loads((SCENARIOS / "sweeps" / "controllers.toml").read_text("utf-8"))
+    file = RUNS / "controllers_again.toml"
+    RUNS.mkdir(parents=True, exist_ok=True)
+    file.write_text(tomli_w.dumps({**content, "seeds": list(AGAIN)}), encoding="utf-8")
+    return file
 
 
 def publish() -> None:
@@ -79,12 +95,21 @@ def publish() -> None:
     if rows := read_rows(COMPARED):
         text = put(text, "closed", validity.closed_loop_table(rows))
     if whole("ablation"):
-        text = put(text, "ablation", ablation_table(pq.read_table(RUNS / "ablation" / "sweep.parquet").to_pylist()))
+        text = put(text, "ablation", ablation_table(sweep_rows("ablation")))
+    if whole("controllers") and whole("controllers_again"):
+        sets = [by_ground(sweep_rows(name)) for name in ("controllers", "controllers_again")]
+        text = put(text, "ranking", ranking_table(*sets))
+        text = put(text, "ranked", compared_text(compare_sets(*sets)))
     if whole("importance"):
         found = importance(RUNS / "importance")
         text = put(text, "importance", importance_table(found))
         shutil.copyfile(RUNS / "importance" / "importance.png", IMAGES / "verdict_importance.png")
     PAGE.write_text(text, encoding="utf-8")
+
+
+def sweep_rows(name: str) -> list[dict[str, Any]]:
+    """The rows of a sweep."""
+    return pq.read_table(RUNS / name / "sweep.parquet").to_pylist()
 
 
 def whole(name: str) -> bool:

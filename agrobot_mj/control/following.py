@@ -26,6 +26,8 @@ SLOWEST_M_S = 0.3
 """Laws whose gains depend on the speed take no smaller one [m/s]."""
 LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
+ASTRAY_M, ASTRAY = 0.3, radians(20.0)
+"""Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 
@@ -117,10 +119,16 @@ class Following(Guidance):
         )
 
     def _speed(self, beside: "Beside", situation: Situation) -> float:
-        """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction."""
+        """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction.
+
+        It catches up only near the path: haste makes the rate of the steering a limit on the way back.
+        """
         r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
         along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
-        return beside.direction * max(beside.direction * (along + k_s * tanh(k_e * lead)), 0.0)
+        astray = max(abs(beside.cross_track) / ASTRAY_M, abs(beside.heading) / ASTRAY)
+        ahead = k_s * tanh(k_e * lead) * beside.direction
+        pace = beside.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
+        return beside.direction * max(pace, 0.0)
 
     @property
     def columns(self) -> tuple[Column, ...]:

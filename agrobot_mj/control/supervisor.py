@@ -8,7 +8,7 @@ exceeded it returns the pedal to neutral and ends the run as `stopped`, with the
 
 from collections.abc import Sequence
 from enum import IntEnum
-from math import degrees, hypot, isfinite, radians
+from math import copysign, degrees, hypot, isfinite, radians
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
@@ -41,8 +41,8 @@ class SupervisorState(NamedTuple):
     """Distance of the nearest point along the path [m]."""
     offset: float = 0.0
     """Estimated cross-track error, left positive [m]."""
-    mismatch: float = 0.0
-    """Difference of commanded and measured steering angle [rad]."""
+    measured: float = 0.0
+    """Last measured steering angle [rad]."""
     mismatch_s: float = 0.0
     """Time for which the wheels have not followed the command [s]."""
     aligning_s: float = 0.0
@@ -112,14 +112,16 @@ class Supervisor(Reporting):
         estimate = situation.estimate
         age = estimate.fix_age if isfinite(estimate.fix_age) else 0.0
         beside = situation.route.nearest(estimate.x, estimate.y, state.place, situation.t)
-        mismatch = abs(state.steer - situation.steer)
-        closing = mismatch < state.mismatch - SLOWEST_STEERING * dt  # a jump of the command takes its time
-        following = closing or mismatch < radians(self.max_steer_mismatch_deg)
+        mismatch, moved = state.steer - situation.steer, situation.steer - state.measured
+        coming = (
+            copysign(1.0, mismatch) * moved > SLOWEST_STEERING * dt
+        )  # a jump or a ramp of the command takes its time
+        following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         return state._replace(
             fix_age=age,
             place=beside.s,
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
-            mismatch=mismatch,
+            measured=situation.steer,
             mismatch_s=0.0 if following else state.mismatch_s + dt,
         )
 

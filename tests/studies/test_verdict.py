@@ -14,7 +14,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.studies.style import save
 from agrobot_mj.studies.sweep.work import Done
-from agrobot_mj.studies.verdict import claims, figures, judgement, survival, validity
+from agrobot_mj.studies.verdict import claims, figures, judgement, ranking, survival, validity
 from agrobot_mj.studies.verdict.rows import complete, read_rows, select
 from agrobot_mj.studies.verdict.statistics import estimate, ratio
 
@@ -219,3 +219,35 @@ def test_the_page_shows_its_figures_and_has_its_blocks():
     for page in ("README.md", "docs/results.md", "docs/studies.md"):
         assert "verdict.md" in (ROOT / page).read_text(encoding="utf-8")
     assert len(select([{"a": 1}, {"a": 2}], a=1)) == 1
+
+
+def controllers(seeds, **offsets):
+    """Rows of a sweep of laws whose cross-track errors scatter together, each off by its own amount."""
+    noise = np.random.default_rng(min(seeds)).normal(0, 0.01, len(seeds))
+    own = np.random.default_rng(max(seeds)).normal(0, 1e-4, (len(offsets), len(seeds)))
+    return [
+        {"plant.tyre.kind": "soil", "terrain": '{"kind": "slope", "grade_deg": 10}', "variant": law, "seed": seed}
+        | {"outcome": "completed", "xte_rms": 0.1 + offset + noise[k] + own[j, k]}
+        for j, (law, offset) in enumerate(offsets.items())
+        for k, seed in enumerate(seeds)
+    ]
+
+
+def test_ranks_follow_paired_differences_and_ties_share_one():
+    first = ranking.by_ground(controllers(range(1, 21), good=0.0, fair=0.002, bad=0.03))
+    assert list(first) == [("soil", "slope 10")]
+    assert ranking.ranks(first["soil", "slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
+    same = {"a": {1: 0.1, 2: 0.2, 3: 0.15}, "b": {1: 0.2, 2: 0.1, 3: 0.16}, "c": {1: 0.9, 2: 0.9, 3: 0.91}}
+    assert ranking.ranks(same) == {"a": 1, "b": 1, "c": 3}
+
+
+def test_a_second_set_of_seeds_confirms_contradicts_or_leaves_open():
+    first = ranking.by_ground(controllers(range(1, 21), a=0.0, b=0.01, c=0.02))
+    again = ranking.by_ground(controllers(range(21, 41), a=0.0, b=0.01, c=0.005))
+    assert ranking.compare_sets(first, first) == (3, 3, 0, 0)
+    found = ranking.compare_sets(first, again)
+    assert (found.pairs, found.confirmed, found.contradicted) == (3, 2, 1)
+    few = ranking.by_ground(controllers(range(50, 51), a=0.0, b=0.01, c=0.02))
+    assert ranking.compare_sets(first, few).undecided == 3
+    assert "| b | 11." in ranking.ranking_table(first, again)
+    assert "1 in the opposite" in ranking.compared_text(found)
