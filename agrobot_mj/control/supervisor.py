@@ -18,7 +18,9 @@ from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 SLOWEST_STEERING = radians(4.0)
-"""Rate at which wheels that follow the command come nearer to it, even with a worn valve [rad/s]. Estimate."""
+"""Rate at which wheels on their way to the command move, even with a worn valve [rad/s]. Estimate."""
+STEERING_RATE_S = 0.5
+"""Time over which that rate is smoothed: 0.3 deg of noise then count as 0.6 deg/s [s]. Estimate."""
 
 
 class Mode(IntEnum):
@@ -41,8 +43,10 @@ class SupervisorState(NamedTuple):
     """Distance of the nearest point along the path [m]."""
     offset: float = 0.0
     """Estimated cross-track error, left positive [m]."""
-    measured: float = 0.0
-    """Last measured steering angle [rad]."""
+    measured: float | None = None
+    """Last measured steering angle; None before the first tick [rad]."""
+    rate: float = 0.0
+    """Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]."""
     mismatch_s: float = 0.0
     """Time for which the wheels have not followed the command [s]."""
     aligning_s: float = 0.0
@@ -112,16 +116,18 @@ class Supervisor(Reporting):
         estimate = situation.estimate
         age = estimate.fix_age if isfinite(estimate.fix_age) else 0.0
         beside = situation.route.nearest(estimate.x, estimate.y, state.place, situation.t)
-        mismatch, moved = state.steer - situation.steer, situation.steer - state.measured
-        coming = (
-            copysign(1.0, mismatch) * moved > SLOWEST_STEERING * dt
-        )  # a jump or a ramp of the command takes its time
+        mismatch, before = state.steer - situation.steer, state.measured
+        moved = 0.0 if before is None else situation.steer - before
+        rate = state.rate + (moved - state.rate * dt) / STEERING_RATE_S
+        # a jump or a ramp of the command takes its time, as long as the wheels are on their way
+        coming = copysign(1.0, mismatch) * rate > SLOWEST_STEERING
         following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         return state._replace(
             fix_age=age,
             place=beside.s,
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
             measured=situation.steer,
+            rate=rate,
             mismatch_s=0.0 if following else state.mismatch_s + dt,
         )
 

@@ -130,6 +130,23 @@ def test_the_speed_never_turns_against_the_leg(law: Following, speed: float) -> 
     assert state.s == pytest.approx(17.0, abs=0.2)  # the place is found at once, wherever the law takes over
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_who_is_late_catches_up_near_the_path_only(law: Following) -> None:
+    """On its way back to the path it drives at the path's speed: haste would make the steering too slow."""
+    path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
+    r, route = path.at(10.0), SampledRoute(path)
+
+    def speed(offset: float, heading: float) -> float:
+        x, y, yaw = r.x - 2.0 * cos(r.yaw) - offset * sin(r.yaw), r.y - 2.0 * sin(r.yaw) + offset, r.yaw + heading
+        e = Estimate(x, y, yaw, 1.2, 0.0, x - l_r * cos(yaw), y - l_r * sin(yaw), np.eye(3))
+        return law.update(law.init(), Situation(10.0, e, r, route, MACHINE, 0.0), TICK_S)[1].speed
+
+    on_path = speed(0.0, 0.0)
+    assert on_path == pytest.approx(1.2 + law.saturation_m_s * np.tanh(law.gain_per_m * 2.0), abs=0.01)
+    assert speed(0.25, radians(10)) == pytest.approx(on_path, abs=0.01)
+    assert speed(1.0, 0.0) == speed(0.0, radians(45)) == pytest.approx(1.2, abs=0.01)
+
+
 def test_the_rear_axle_follows_the_path_behind_and_in_reverse_the_path_ahead() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5

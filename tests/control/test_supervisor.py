@@ -67,6 +67,25 @@ def test_a_jump_of_the_command_from_lock_to_lock_is_no_fault_while_the_wheels_mo
     assert state.mode is Mode.TRACKING
 
 
+def ramp(steer_of):
+    """State after a command that goes from lock to lock at 25 deg/s, twice, while the wheels do as `steer_of` says."""
+    supervisor, commands = Supervisor(), np.radians(45 - np.abs((25 * TICK * np.arange(288)) % 180 - 90))
+    state, noise = supervisor.init(), np.random.default_rng(1).normal(0, np.radians(0.3), len(commands))
+    for k, command in enumerate(commands):
+        situation = seen(steer=steer_of(commands, k) + noise[k])
+        measured = Measurement(situation.t, FIX, Quality.FIX, situation.steer, 0.24, 0.0)
+        state, _ = supervisor.update(state, situation, measured, Command(command, 1.2), TICK)
+    return state
+
+
+def test_wheels_behind_a_ramp_of_the_command_are_no_fault_and_wheels_that_stay_are():
+    late = ramp(lambda commands, k: commands[max(k - 11, 0)])  # 0.55 s, 14 deg
+    assert late.mode is Mode.TRACKING
+    stuck = ramp(lambda commands, k: np.radians(45))
+    assert stuck.mode is Mode.STOPPING
+    assert "steering command" in stuck.reason
+
+
 def test_a_stop_is_final_even_if_all_is_well_again():
     state, _ = drive(Supervisor(), [seen(), seen(y=3.0)] + [seen()] * 50)
     assert state.mode is Mode.STOPPING
