@@ -36,6 +36,8 @@ class Column(NamedTuple):
     """SI, with rad for angles; "-" without one."""
     description: str
     """One line: what it is, in which frame, with which sign."""
+    drawn: bool = True
+    """Whether recordings draw it on a plot of its own if no other plot shows it; the table has it in any case."""
 
 
 class Truth(NamedTuple):

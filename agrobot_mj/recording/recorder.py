@@ -16,7 +16,7 @@ from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.info import broken, resolved, summary, unfinished
 from agrobot_mj.recording.plots.axes import Frame
-from agrobot_mj.recording.plots.catalogue import UNPLOTTED, reported_plots
+from agrobot_mj.recording.plots.catalogue import reported_plots
 from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
 from agrobot_mj.recording.plots.signals import Signals
 from agrobot_mj.recording.plots.states import LANES, States
@@ -55,7 +55,7 @@ class Recording:
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
         self.motion = BodyMotion(rows, scene, ground, scenario)
-        elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES), *UNPLOTTED)
+        elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES))
         more = (*network_plots(rows.columns), *reported_plots(rows.table, elsewhere))
         self.signals, self.firing = Signals(rows, more), Firing(rows)
         self.states = States(rows, scenario.fault)

@@ -134,7 +134,7 @@ class Gnss(Sensor):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Height, and heading where there are two antennas."""
-        height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without")
+        height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
 

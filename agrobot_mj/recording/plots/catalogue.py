@@ -28,8 +28,6 @@ UNITS = {
 """Factor from the unit of the log to the unit of a plot."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
-UNPLOTTED = ("gnss_z",)
-"""Columns that a sensor reports for every run and that stay in the table: no stage uses the height."""
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
 
 
@@ -157,7 +155,7 @@ REPORTED = "reported/"
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """A plot for each column of a log that stages report and nothing else shows.
+    """A plot for each column of a log that stages report, that wants to be drawn, and nothing else shows.
 
     `elsewhere` are the columns that other plots and lanes show.
     """
@@ -165,7 +163,7 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
     return [
         _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)
         for c in table
-        if c.name not in known and SHOWN_IN.get(c.unit, c.unit) in UNITS
+        if c.drawn and c.name not in known and SHOWN_IN.get(c.unit, c.unit) in UNITS
     ]
 
 
