@@ -49,7 +49,7 @@ from agrobot_mj.estimation.full_model import (
     wheel_row,
     with_sideslip,
 )
-from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
+from agrobot_mj.estimation.kalman import CompiledEkf
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -142,13 +142,8 @@ class Core(NamedTuple):
     """NIS of the position of the last tick, NaN without a fix."""
 
 
-class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
+class FullFilter(Workspace, CompiledEkf):
     """The filter for one set of levels; `step` is a function of its arguments."""
-
-    x: Array
-    """Mean, shape (n,)."""
-    P: Array
-    """Covariance, shape (n, n)."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
@@ -176,7 +171,7 @@ class FullFilter(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
             mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
             core = core._replace(mean=mean, covariance=covariance)
-        self.x, self.P, self._I = core.mean, core.covariance, np.eye(len(core.mean))
+        self.x, self.P = core.mean, core.covariance
         noise = self.noises[core.quality]
         self.predict((inputs.side, dt, noise.correlation_time, core.search is None))
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED

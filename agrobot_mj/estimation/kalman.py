@@ -1,4 +1,7 @@
-"""The two Kalman filters of filterpy, imported without the statistics that only its other members use.
+"""The two Kalman filters of filterpy with compiled steps, imported without what only its other members use.
+
+`CompiledKalman` and `CompiledEkf` are filterpy's classes with the same hooks and results; their matrix algebra runs in
+`equations`, and they keep only what these estimators read. A test compares them with their bases.
 
 filterpy loads `scipy.stats` and `scipy.ndimage` for densities and discrete filters: half a second, a quarter of a run
 of one simulated second. While filterpy is imported, names stand in for the functions that it takes from them; each
@@ -6,11 +9,16 @@ fetches the real one when it is called. So all of filterpy works for whoever imp
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import ModuleType
 from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.estimation.equations import posterior, prior
 
 LATER = {"scipy.stats": ("norm", "multivariate_normal"), "scipy.ndimage": ("convolve", "shift")}
 """Names that filterpy takes from each module."""
@@ -56,4 +64,46 @@ def _deferred() -> Iterator[None]:
 with _deferred():
     from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 
-__all__ = ["ExtendedKalmanFilter", "KalmanFilter"]
+class CompiledKalman(KalmanFilter):  # type: ignore[misc]
+    """filterpy's linear filter."""
+
+    x: Array
+    """Mean, shape (n,)."""
+    P: Array
+    """Covariance, shape (n, n)."""
+
+    def predict(self, F: Array, Q: Array) -> None:
+        """Prior of the transition F (n, n) with process noise Q (n, n)."""
+        self.x, self.P = F @ self.x, prior(self.P, F, Q)
+
+    def update(self, z: Array | None, R: Array) -> None:
+        """Posterior of a measurement (m,) with noise R (m, m) that sees H; the prior where there is none."""
+        if z is not None:
+            self.x, self.P, _ = posterior(self.x, self.P, self.H, z - self.H @ self.x, R)
+
+
+class CompiledEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+    """filterpy's extended filter; a kind overrides `predict_x`, filterpy's hook, and sets F and Q there."""
+
+    x: Array
+    """Mean, shape (n,)."""
+    P: Array
+    """Covariance, shape (n, n)."""
+    nis: float
+    """Normalised innovation squared of the last measurement [-]."""
+
+    def predict(self, u: Any) -> None:
+        """Prior for the inputs `u`."""
+        self.predict_x(u)
+        self.P = prior(self.P, self.F, self.Q)
+
+    def update(
+        self, z: Array | None, HJacobian: Callable[[Array], Array], Hx: Callable[[Array], Array], R: Array
+    ) -> None:
+        """Posterior of a measurement (m,) with noise R (m, m); the prior where there is none."""
+        if z is not None:
+            y = z - Hx(self.x)
+            self.x, self.P, self.nis = posterior(self.x, self.P, HJacobian(self.x), y, R)
+
+
+__all__ = ["CompiledEkf", "CompiledKalman", "ExtendedKalmanFilter", "KalmanFilter"]

@@ -10,16 +10,11 @@ import numpy as np
 
 from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import ExtendedKalmanFilter
+from agrobot_mj.estimation.kalman import CompiledEkf
 
 
-class FixEkf(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
+class FixEkf(Workspace, CompiledEkf):
     """The filter; a kind overrides `predict_x`, filterpy's hook."""
-
-    x: Array
-    """Mean, shape (n,)."""
-    P: Array
-    """Covariance, shape (n, n)."""
 
     def __init__(self, states: int) -> None:
         super().__init__(dim_x=states, dim_z=2)
@@ -42,4 +37,4 @@ class FixEkf(Workspace, ExtendedKalmanFilter):  # type: ignore[misc]
         self.predict(inputs)
         z = None if fix is None else np.array((fix.x, fix.y))
         self.update(z, *sees, R=noise)
-        return self.x, self.P, nan if z is None else float(self.y @ self.SI @ self.y)
+        return self.x, self.P, nan if z is None else self.nis

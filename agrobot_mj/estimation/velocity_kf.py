@@ -13,7 +13,7 @@ import numpy as np
 
 from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import KalmanFilter
+from agrobot_mj.estimation.kalman import CompiledKalman
 
 
 def transition(dt: float) -> Array:
@@ -37,7 +37,7 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
     return M @ mean, M @ covariance @ M.T
 
 
-class _MotionFilter(Workspace, KalmanFilter):  # type: ignore[misc]
+class _MotionFilter(Workspace, CompiledKalman):
     """filterpy's filter, which may be copied at any time."""
 
 
