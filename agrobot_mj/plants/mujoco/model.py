@@ -218,13 +218,17 @@ def is_physical_inertia(inertia: Array) -> bool:
 
 
 def simulation_model(
-    spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None
+    spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """The tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do."""
+    """The tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do.
+
+    A model that is not `drawn` keeps only what can touch: MuJoCo would place a hundred lugs and panels in every step.
+    """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt
     spec.option.impratio = contact.impratio
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a blown-up run must not start anew
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # all bodies are one island, sought in every step
     for wheel in WHEELS:
         tyre = spec.geom(f"tyre_{wheel}")
         tyre.contype = tyre.conaffinity = int(native is not None)
@@ -238,7 +242,16 @@ def simulation_model(
                 intprm=[2, 3, 1],
             )
     _add_ground(spec, ground)
+    if not drawn:
+        _strip(spec)
     return spec.compile()
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Take away the geoms that touch nothing; bodies have their own masses, so that the physics stay."""
+    for geom in list(spec.geoms):
+        if not (geom.contype or geom.conaffinity):
+            spec.delete(geom)
 
 
 def _add_ground(spec: mujoco.MjSpec, ground: Ground) -> None:

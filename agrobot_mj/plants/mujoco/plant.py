@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Condition
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
-from agrobot_mj.machine.hydraulics import loaded_flow, reset_valve, static_flow, valve_law, worn
+from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
@@ -36,7 +36,7 @@ from agrobot_mj.plants.mujoco.saving import (
     write,
 )
 from agrobot_mj.plants.mujoco.stability import check_stability
-from agrobot_mj.plants.mujoco.stepping import Actuators, Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.mujoco.stepping import ACTUATION, MOTION, Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
@@ -97,7 +97,8 @@ class MujocoPlant:
         hitched = machine.implement.hitched(machine.tractor)
         if hitched is not None:
             add_implement(parts, hitched, machine.tractor, native is not None)
-        self.model = simulation_model(parts, ground, clock.dt, native)
+        self.scene = scene_of(parts.compile())
+        self.model = simulation_model(parts, ground, clock.dt, native, drawn=False)
         if native is None:
             check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
@@ -115,13 +116,12 @@ class MujocoPlant:
         self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
-        self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(18), np.zeros(1)
+        self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(MOTION), np.zeros(1)
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
-        self.scene = scene_of(self.model)
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
         self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
-        self._observe = bound(observe, self.views, *self.sites, self.motion)
+        self._observe = bound(observe, self.views, self._actuators, *self.sites, self.motion)
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Let the tractor settle under these conditions, so that it stands at rest with its CG above the path's start.
@@ -170,7 +170,7 @@ class MujocoPlant:
         limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
-            self._observe(self.views, *self.sites, self.motion)
+            self._look()
             late[tick % len(late)] = max(float(np.linalg.norm(self.motion[6:9])), abs(float(self.motion[17])))
             if not isfinite(late[tick % len(late)]):
                 return nan
@@ -196,8 +196,15 @@ class MujocoPlant:
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """Arguments of `run_steps`."""
-        actuators = Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
-        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, self.samples
+        return self.views, self.tyred, self.attached, self.loads, self._actuators, voltages, self.samples
+
+    @property
+    def _actuators(self) -> Actuators:
+        return Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
+
+    def _look(self) -> None:
+        """Write the present motion into `motion`."""
+        self._observe(self.views, self._actuators, *self.sites, self.motion)
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -258,31 +265,32 @@ class MujocoPlant:
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
-        self._observe(self.views, *self.sites, self.motion)
-        motion, q, w = self.motion.tolist(), self.data.qpos, self.data.qvel
+        self._look()
+        m = self.motion.tolist()
         antenna = self.implement.antenna if self.implement else None
+        samples = self.samples.copy()
         return Truth(
             t=self.ticks * self.tick_s,
-            x=motion[0],
-            y=motion[1],
-            z=motion[2],
-            yaw=wrap(motion[12]),
-            pitch=motion[13],
-            roll=motion[14],
-            speed=motion[15],
-            lateral_speed=motion[16],
-            yaw_rate=motion[17],
-            steer=float(q[self.views.steer_q]),
-            pedal=float(self.drive_memory.pedal[0]),
-            rear_x=float(q[0]),
-            rear_y=float(q[1]),
-            antenna=antenna.place if antenna else (motion[3], motion[4], motion[5]),
-            antenna_velocity=antenna.velocity if antenna else (motion[9], motion[10], motion[11]),
-            steer_samples=self.samples[0].copy(),
-            pedal_samples=self.samples[1].copy(),
-            knuckle_samples=self.samples[2:].copy(),
-            wheel_speed=self.tractor.rear_wheel_radius_m * float(np.mean(self.data.qvel[self.views.spins_v])),
-            body_rates=(float(w[3]), float(w[4]), float(w[5])),
+            x=m[0],
+            y=m[1],
+            z=m[2],
+            yaw=wrap(m[12]),
+            pitch=m[13],
+            roll=m[14],
+            speed=m[15],
+            lateral_speed=m[16],
+            yaw_rate=m[17],
+            steer=m[18],
+            pedal=m[19],
+            rear_x=m[20],
+            rear_y=m[21],
+            antenna=antenna.place if antenna else (m[3], m[4], m[5]),
+            antenna_velocity=antenna.velocity if antenna else (m[9], m[10], m[11]),
+            steer_samples=samples[0],
+            pedal_samples=samples[1],
+            knuckle_samples=samples[2:],
+            wheel_speed=self.tractor.rear_wheel_radius_m * m[22],
+            body_rates=(m[23], m[24], m[25]),
         )
 
     def poses(self) -> Array:
@@ -314,10 +322,8 @@ class MujocoPlant:
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
-        flow = static_flow(self.valve, float(self.valve_memory.spool[0]))
-        steering, drive = self.data.actuator_force.tolist()
-        pressure = steering / self.oil.displacement
-        return loaded_flow(self.valve, flow, pressure), pressure, drive
+        flow, pressure, torque = self.motion[ACTUATION:].tolist()
+        return flow, pressure, torque
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
@@ -325,7 +331,7 @@ class MujocoPlant:
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""
-        x, y, *motion = self.motion.tolist()
+        x, y, *motion = self.motion[:18].tolist()
         if not isfinite(x + y + sum(motion)) or max(map(abs, motion[4:10])) > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:

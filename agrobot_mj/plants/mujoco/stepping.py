@@ -7,7 +7,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import cross
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
-from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, valve_step
+from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
@@ -18,6 +18,8 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
+ACTUATION, MOTION = 26, 29
+"""Where `observe` writes the actuation, and how many numbers it writes."""
 
 
 class Oil(NamedTuple):
@@ -165,9 +167,10 @@ def run_steps(
 
 
 @kernel
-def observe(v: Views, cg: Array, antenna: Array, out: Array) -> None:
-    """Write the chassis' motion into `out` (18,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll,
-    speed, lateral speed, yaw rate; `cg` and `antenna` (3,) in the chassis frame [m]."""
+def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Array) -> None:
+    """Write the motion into `out` (MOTION,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll, speed,
+    lateral speed, yaw rate; virtual wheel and pedal, R east and north, mean spin of the driven wheels [rad/s], body
+    rates (3); oil flow, pressure, torque on the driven wheels. `cg` and `antenna` (3,) in the chassis frame [m]."""
     R = v.xmat[CHASSIS]
     q, w = v.qpos, v.qvel
     omega = (
@@ -190,3 +193,10 @@ def observe(v: Views, cg: Array, antenna: Array, out: Array) -> None:
     out[15] = cos(yaw) * out[6] + sin(yaw) * out[7]
     out[16] = -sin(yaw) * out[6] + cos(yaw) * out[7]
     out[17] = omega[2]
+    out[18], out[19] = q[v.steer_q], actuators.drive_memory.pedal[0]
+    out[20], out[21] = q[0], q[1]
+    out[22] = 0.5 * (w[v.spins_v[0]] + w[v.spins_v[1]])
+    out[23], out[24], out[25] = w[3], w[4], w[5]
+    pressure = v.torques[STEERING] / actuators.oil.displacement
+    flow = static_flow(actuators.valve, actuators.valve_memory.spool[0])
+    out[26], out[27], out[28] = loaded_flow(actuators.valve, flow, pressure), pressure, v.torques[DRIVE]
