@@ -24,14 +24,15 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.control.t2fnn_laws import (
-    Limits,
+    Learning,
     Rates,
     T2FnnState,
     firing,
     inference,
     laws,
+    report_of,
     sgn,
-    update_widths,
+    tick,
 )
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Fraction, Positive, Spec
@@ -129,9 +130,10 @@ class T2Fnn(Spec):
         Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
         x1, x2 = self._bounded(x1), self._bounded(x2)
-        state = _plain(self._followed(state, x1, x2), x1, x2)
-        tau_n, rates = self._laws(state, x1, x2, tau_c)
-        return (self._learnt(state, x1, x2, rates, dt) if learn else state), tau_n
+        if state.x1 is None or state.x2 is None:
+            state = state._replace(x1=x1, x2=x2)
+        plain = _plain(state, float(state.x1), float(state.x2))
+        return tick(plain, x1, x2, self._bounded(tau_c), dt, self._learning, learn)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -146,36 +148,29 @@ class T2Fnn(Spec):
         x1, x2 = state.x1, state.x2
         if x1 is None or x2 is None:
             return np.full(len(self.columns), np.nan)
-        W_lower, W_upper = firing(_plain(state, x1, x2), x1, x2)
-        return np.concatenate([*state[:6], state.f.ravel(), W_lower.ravel(), W_upper.ravel()])
+        return report_of(_plain(state, x1, x2), x1, x2)
 
     def _bounded(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
-
-    def _followed(self, s: T2FnnState, x1: float, x2: float) -> T2FnnState:
-        if self.centres == "fixed" or s.x1 is None or s.x2 is None:
-            return s
-        c1 = s.c1 + (x1 - s.x1)  # [agrobots: 16]
-        c2 = s.c2 + (x2 - s.x2)  # [agrobots: 16ek]
-        return s._replace(c1=c1, c2=c2)
 
     def _laws(self, state: T2FnnState, x1: float, x2: float, tau_c: float) -> tuple[float, Rates]:
         alpha_sgn = self.alpha * sgn(self._bounded(tau_c), self.delta_s)
         return laws(state, x1, x2, alpha_sgn, self.floor)
 
-    def _learnt(self, s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float) -> T2FnnState:
-        d1_lower, d1_upper, d2_lower, d2_upper = s[2:6]
-        if self.adapt_widths:
-            changes, limits = [dt * rate for rate in rates[:4]], Limits(self.d_min, self.d_max)
-            d1_lower, d1_upper = update_widths(x1, s.c1, d1_lower, d1_upper, changes[0], changes[1], limits)
-            d2_lower, d2_upper = update_widths(x2, s.c2, d2_lower, d2_upper, changes[2], changes[3], limits)
-        if self.type_1:
-            d1_lower, d2_lower = d1_upper, d2_upper
-        f = s.f + dt * rates.f
-        q = s.q + dt * rates.q
-        if not self.adapt_q or self.type_1 or not 0 <= q <= 1:  # guard 4
-            q = s.q
-        return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, x1, x2)
+    @property
+    def _learning(self) -> Learning:
+        """The settings, as the compiled equations take them."""
+        return Learning(
+            self.alpha,
+            self.delta_s,
+            self.floor,
+            self.d_min,
+            self.d_max,
+            self.centres == "follow",
+            self.adapt_widths,
+            self.adapt_q,
+            self.type_1,
+        )
 
 
 class T1Fnn(T2Fnn):

@@ -55,6 +55,29 @@ class Rates(NamedTuple):
     q: float
 
 
+class Learning(NamedTuple):
+    """Settings of a network's learning, those of `T2Fnn`."""
+
+    alpha: float
+    """Learning rate [rad/s]."""
+    delta_s: float
+    """Smoothing of the sign function [rad]."""
+    floor: float
+    """Least magnitude of a denominator."""
+    d_min: float
+    """Smallest width [unit of the input]."""
+    d_max: float
+    """Largest width [unit of the input]."""
+    follow: bool
+    """Whether the centres move with the inputs."""
+    adapt_widths: bool
+    """Whether the widths learn."""
+    adapt_q: bool
+    """Whether q learns."""
+    type_1: bool
+    """Whether the lower bounds coincide with the upper ones."""
+
+
 class Limits(NamedTuple):
     """Limits of the widths [unit of the input]."""
 
@@ -194,3 +217,49 @@ def update_widths(
         new_lower, new_upper = lower, upper
     new_upper = np.minimum(np.maximum(new_upper, limits.d_min), limits.d_max)  # a state built outside
     return np.minimum(np.maximum(new_lower, limits.d_min), new_upper), new_upper
+
+
+@jit
+def stand_at(s: T2FnnState, x1: float, x2: float, follow: bool) -> T2FnnState:
+    """The network at the inputs; its centres follow them from the last ones."""
+    c1, c2 = s.c1, s.c2
+    if follow:
+        c1 = c1 + (x1 - s.x1)  # [agrobots: 16]
+        c2 = c2 + (x2 - s.x2)  # [agrobots: 16ek]
+    return T2FnnState(c1, c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f, s.q, x1, x2)
+
+
+@jit
+def learnt(s: T2FnnState, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
+    """The network after widths, f and q have moved at their rates for dt [s], within the guards."""
+    d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
+    if learning.adapt_widths:
+        limits = Limits(learning.d_min, learning.d_max)
+        change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
+        d1_lower, d1_upper = update_widths(s.x1, s.c1, d1_lower, d1_upper, change, upper_change, limits)
+        change, upper_change = dt * rates.d2_lower, dt * rates.d2_upper
+        d2_lower, d2_upper = update_widths(s.x2, s.c2, d2_lower, d2_upper, change, upper_change, limits)
+    if learning.type_1:
+        d1_lower, d2_lower = d1_upper, d2_upper
+    f, q = s.f + dt * rates.f, s.q + dt * rates.q
+    if not learning.adapt_q or learning.type_1 or not 0 <= q <= 1:  # guard 4
+        q = s.q
+    return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, s.x1, s.x2)
+
+
+@jit
+def tick(
+    s: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learning: Learning, learn: bool
+) -> tuple[T2FnnState, float]:
+    """One tick of the network as one compiled call: the state after dt [s], and tau_n [rad] before it learnt."""
+    s = stand_at(s, x1, x2, learning.follow)
+    tau_n, rates = laws(s, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
+    return (learnt(s, rates, dt, learning) if learn else s), tau_n
+
+
+@jit
+def report_of(s: T2FnnState, x1: float, x2: float) -> Array:
+    """Centres, widths, consequents and normalised firing at the inputs, shape (3 (I + J + I J),)."""
+    W_lower, W_upper = firing(s, x1, x2)
+    rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
+    return np.concatenate(rows)
