@@ -165,8 +165,10 @@ class Gnss(Sensor):
         w = state.generator.standard_normal(6).tolist()
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
         dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt)
-        state = state._replace(
+        state = GnssState(
+            generator=state.generator,
             correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
+            float_generator=state.float_generator,
             float_correlated=_correlated(
                 state.float_correlated, _pair(state.float_generator), dt, self.float_correlation_time_s
             ),
@@ -175,10 +177,11 @@ class Gnss(Sensor):
             drift=state.drift.after(dt, self.drift_time_s) if self.drift_sigma_m else state.drift,
             dual=dual,
             canopies=canopies,
+            pending=state.pending,
         )
         found = None
         if quality != Quality.NONE:
-            found = self._fix(state, truth, conditions.gnss_offset, quality, w[2:])._replace(heading=heading)
+            found = self._fix(state, truth, conditions.gnss_offset, quality, w[2:], heading)
         pending = (*state.pending, GnssReading(found, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
@@ -195,8 +198,10 @@ class Gnss(Sensor):
             found.append(after)
         return tuple(found), quality
 
-    def _fix(self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: list[float]) -> Fix:
-        """The solution of the antenna, without its heading."""
+    def _fix(
+        self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: list[float], heading: float
+    ) -> Fix:
+        """The solution of the antenna."""
         fixed = quality == Quality.FIX
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
@@ -214,6 +219,7 @@ class Gnss(Sensor):
             vy=vy + self.velocity_sigma_m_s * white[3],
             t=truth.t,
             z=z + self.height_ratio * up,
+            heading=heading,
         )
 
     def _further(self, state: GnssState) -> Axes:

@@ -63,8 +63,8 @@ class Sensors(Spec):
     ) -> tuple[SensorState, Measurement]:
         """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`."""
         states, readings = {}, {}
-        for name, sensor in self.all.items():
-            states[name], readings[name] = sensor.measure(state.states[name], truth, conditions, dt)
+        for name, last in state.states.items():
+            states[name], readings[name] = getattr(self, name).measure(last, truth, conditions, dt)
         gnss, imu = readings["gnss"], readings["imu"]
         measurement = Measurement(
             t=truth.t,
@@ -82,4 +82,4 @@ class Sensors(Spec):
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Values of `columns` after a tick."""
-        return tuple(v for name, sensor in self.all.items() for v in sensor.report(state.readings[name]))
+        return tuple(v for name, reading in state.readings.items() for v in getattr(self, name).report(reading))
