@@ -15,8 +15,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from agrobot_mj.core.signals import Array
 from agrobot_mj.estimation.equations import posterior, prior
 
@@ -63,6 +61,7 @@ def _deferred() -> Iterator[None]:
 
 with _deferred():
     from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
+
 
 class CompiledKalman(KalmanFilter):  # type: ignore[misc]
     """filterpy's linear filter."""
