@@ -17,8 +17,9 @@ While centres follow, the width laws leave the normalised firing as it is (appen
 an integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unfloored.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -34,6 +35,7 @@ from agrobot_mj.control.t2fnn_laws import (
     sgn,
     tick,
 )
+from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Fraction, Positive, Spec
 
@@ -133,7 +135,8 @@ class T2Fnn(Spec):
         if state.x1 is None or state.x2 is None:
             state = state._replace(x1=x1, x2=x2)
         plain = _plain(state, float(state.x1), float(state.x2))
-        return tick(plain, x1, x2, self._bounded(tau_c), dt, self._learning, learn)
+        advanced, tau_n = _compiled().tick(plain, x1, x2, self._bounded(tau_c), dt, self._learning, learn)
+        return advanced, tau_n
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -148,7 +151,8 @@ class T2Fnn(Spec):
         x1, x2 = state.x1, state.x2
         if x1 is None or x2 is None:
             return np.full(len(self.columns), np.nan)
-        return report_of(_plain(state, x1, x2), x1, x2)
+        found: Array = _compiled().report_of(_plain(state, x1, x2), x1, x2)
+        return found
 
     def _bounded(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
@@ -178,6 +182,24 @@ class T1Fnn(T2Fnn):
 
     type_1: ClassVar[bool] = True
     """Always True: the bounds coincide."""
+
+
+class _Compiled(NamedTuple):
+    """What runs in every tick, without numba's dispatch."""
+
+    tick: Callable[..., Any]
+    report_of: Callable[..., Any]
+
+
+@lru_cache(maxsize=1)
+def _compiled() -> _Compiled:
+    network = T2Fnn()
+    state = network.init(0.0, 0.0)
+    at = 0.0, 0.0
+    return _Compiled(
+        bound(tick, state, *at, 0.0, 0.0, network._learning, True),
+        bound(report_of, state, *at),
+    )
 
 
 @lru_cache(maxsize=16)

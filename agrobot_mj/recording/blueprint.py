@@ -1,6 +1,7 @@
 """The layout of a recording: tabs as an engineer thinks, whole runs on the axes, a camera that follows."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -133,6 +134,7 @@ def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
     return time, rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
 
 
+@lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
     """A time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))

@@ -14,11 +14,13 @@ from numpy.random import Generator
 from pydantic import Field, model_validator
 from scipy.linalg import lstsq
 
+from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 FULL_LOCK = pi / 4
 """Angle at which the errors of a characteristic are given [rad]."""
 
@@ -59,11 +61,11 @@ class Potentiometer(Sensor):
 
     def read(self, history: Array, generator: Generator) -> float:
         """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
-        counts = self.degrees_per_unit / self.resolution_deg
-        raw = _resampling(len(history), self.samples) @ history
-        raw *= counts
-        raw += (self.noise_sigma_deg / self.resolution_deg) * generator.standard_normal(self.samples)
-        return float(self.weights @ np.rint(raw, out=raw)) / counts
+        counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
+        before, shares = _resampling(len(history), self.samples)
+        return _rounded_mean(
+            history, before, shares, generator.standard_normal(self.samples), self.weights, counts, sigma
+        )
 
 
 class SteeringPotState(NamedTuple):
@@ -138,11 +140,28 @@ class PedalPotentiometer(Potentiometer):
         return state, self.read(truth.pedal_samples, state)
 
 
+@jit
+def _rounded_mean(
+    history: Array, before: Index, shares: Array, noise: Array, weights: Array, counts: float, sigma: float
+) -> float:
+    """Weighted mean of the samples, each with its noise and rounded to a count, in the unit of `history` (n,)."""
+    total = 0.0
+    for i in range(noise.size):
+        left = before[i]
+        sample = shares[i, 0] * history[left] + shares[i, 1] * history[min(left + 1, history.size - 1)]
+        total += weights[i] * np.rint(sample * counts + sigma * noise[i])
+    return total / counts
+
+
 @lru_cache(maxsize=16)
-def _resampling(n: int, samples: int) -> Array:
-    """Linear interpolation (samples, n) between even samplings of a tick, held before the first value."""
-    given, wanted = np.arange(1, n + 1) / n, np.arange(1, samples + 1) / samples
-    return _frozen(np.transpose([np.interp(wanted, given, row) for row in np.eye(n)]))
+def _resampling(n: int, samples: int) -> tuple[Index, Array]:
+    """Linear interpolation between even samplings of a tick, held before the first value.
+
+    Index (samples,) of the value before each sample, and the shares (samples, 2) of that value and of the next.
+    """
+    place = np.maximum(n * np.arange(1, samples + 1) / samples - 1, 0.0)
+    before = place.astype(np.int64)
+    return before, np.stack([1 - (place - before), place - before], axis=1)
 
 
 @lru_cache(maxsize=16)

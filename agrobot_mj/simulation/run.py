@@ -10,8 +10,9 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
-CHUNK_TICKS = 200
-"""Number of new rows after which watchers are called: 10 s of simulated time."""
+CHUNK_TICKS = 600
+"""Number of new rows after which watchers are called: 30 s of simulated time, since a recording's cost goes with the
+number of pieces more than with their length."""
 LONG_TICKS, LONG_CHUNK_TICKS = 12_000, 1200
 """Length of a run beyond which watchers are called only every 60 s, since each piece of a recording costs memory until
 its end: 10 min."""
