@@ -132,10 +132,9 @@ class T2Fnn(Spec):
         Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
         x1, x2 = self._bounded(x1), self._bounded(x2)
-        if state.x1 is None or state.x2 is None:
-            state = state._replace(x1=x1, x2=x2)
-        plain = _plain(state, float(state.x1), float(state.x2))
-        advanced, tau_n = _compiled().tick(plain, x1, x2, self._bounded(tau_c), dt, self._learning, learn)
+        last = (x1, x2) if state.x1 is None or state.x2 is None else (float(state.x1), float(state.x2))
+        plain, tau_c = _plain(state, x1, x2), self._bounded(tau_c)
+        advanced, tau_n = _compiled().tick(plain, last, x1, x2, tau_c, dt, self._learning, learn)
         return advanced, tau_n
 
     @property
@@ -197,7 +196,7 @@ def _compiled() -> _Compiled:
     state = network.init(0.0, 0.0)
     at = 0.0, 0.0
     return _Compiled(
-        bound(tick, state, *at, 0.0, 0.0, network._learning, True),
+        bound(tick, state, at, *at, 0.0, 0.0, network._learning, True),
         bound(report_of, state, *at),
     )
 

@@ -220,41 +220,48 @@ def update_widths(
 
 
 @jit
-def stand_at(s: T2FnnState, x1: float, x2: float, follow: bool) -> T2FnnState:
+def stand_at(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
     """The network at the inputs; its centres follow them from the last ones."""
     c1, c2 = s.c1, s.c2
     if follow:
-        c1 = c1 + (x1 - s.x1)  # [agrobots: 16]
-        c2 = c2 + (x2 - s.x2)  # [agrobots: 16ek]
+        c1 = c1 + (x1 - last[0])  # [agrobots: 16]
+        c2 = c2 + (x2 - last[1])  # [agrobots: 16ek]
     return T2FnnState(c1, c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f, s.q, x1, x2)
 
 
 @jit
-def learnt(s: T2FnnState, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """The network after widths, f and q have moved at their rates for dt [s], within the guards."""
+def learnt(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
+    """The network at the inputs after widths, f and q have moved at their rates for dt [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         limits = Limits(learning.d_min, learning.d_max)
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
-        d1_lower, d1_upper = update_widths(s.x1, s.c1, d1_lower, d1_upper, change, upper_change, limits)
+        d1_lower, d1_upper = update_widths(x1, s.c1, d1_lower, d1_upper, change, upper_change, limits)
         change, upper_change = dt * rates.d2_lower, dt * rates.d2_upper
-        d2_lower, d2_upper = update_widths(s.x2, s.c2, d2_lower, d2_upper, change, upper_change, limits)
+        d2_lower, d2_upper = update_widths(x2, s.c2, d2_lower, d2_upper, change, upper_change, limits)
     if learning.type_1:
         d1_lower, d2_lower = d1_upper, d2_upper
     f, q = s.f + dt * rates.f, s.q + dt * rates.q
     if not learning.adapt_q or learning.type_1 or not 0 <= q <= 1:  # guard 4
         q = s.q
-    return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, s.x1, s.x2)
+    return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, x1, x2)
 
 
 @jit
 def tick(
-    s: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learning: Learning, learn: bool
+    s: T2FnnState,
+    last: tuple[float, float],
+    x1: float,
+    x2: float,
+    tau_c: float,
+    dt: float,
+    learning: Learning,
+    learn: bool,
 ) -> tuple[T2FnnState, float]:
-    """One tick of the network as one compiled call: the state after dt [s], and tau_n [rad] before it learnt."""
-    s = stand_at(s, x1, x2, learning.follow)
+    """One tick from the `last` inputs as one compiled call: state after dt [s], and tau_n [rad] before it learnt."""
+    s = stand_at(s, last, x1, x2, learning.follow)
     tau_n, rates = laws(s, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
-    return (learnt(s, rates, dt, learning) if learn else s), tau_n
+    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n
 
 
 @jit

@@ -1,7 +1,8 @@
-"""The two equations of a Kalman filter that a tick spends its time in, compiled.
+"""The two equations of a Kalman filter in which a tick spends its time, compiled.
 
-The same operations in the same order as filterpy's `KalmanFilter` and `ExtendedKalmanFilter`, whose Python takes some
-60 us for matrices this small. Mean (n,), covariance (n, n), measurement (m,); the units are the filter's.
+As filterpy's `KalmanFilter` and `ExtendedKalmanFilter` have them, whose Python takes 60 us for matrices this small.
+Plain loops, since a call of a linear algebra library costs more than the arithmetic here. Mean (n,), covariance
+(n, n), measurement (m,); the units are the filter's.
 """
 
 import numpy as np
@@ -11,22 +12,70 @@ from agrobot_mj.core.signals import Array
 
 
 @jit
-def prior(P: Array, F: Array, Q: Array) -> Array:
-    """Covariance after a transition F (n, n) with process noise Q (n, n)."""
-    P_prior: Array = F @ P @ F.T + Q
-    return P_prior
+def prior(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
+    """Mean and covariance after a transition F (n, n) with process noise Q (n, n)."""
+    return applied(F, x), times(times(F, P), F.T) + Q
 
 
 @jit
-def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, float]:
-    """Mean, covariance and normalised innovation squared after the innovation `y` (m,).
+def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, Array, float]:
+    """Mean and covariance after the innovation `y` (m,); its covariance S (m, m), and its normalised square.
 
     H (m, n) is the Jacobian of the measurement, R (m, m) the covariance of its noise. Raises `LinAlgError` where the
-    innovation has no finite covariance that can be inverted.
+    innovation has no covariance that can be inverted.
     """
-    PHT = P @ H.T
-    SI = np.linalg.inv(H @ PHT + R)
-    K = PHT @ SI
-    I_KH = np.eye(x.size) - K @ H
-    P_post = I_KH @ P @ I_KH.T + K @ R @ K.T  # Joseph's form: symmetric and positive whatever the rounding
-    return x + K @ y, P_post, (y @ SI) @ y
+    PHT = times(P, H.T)
+    S = times(H, PHT) + R
+    SI = inverse(S)
+    K = times(PHT, SI)
+    I_KH = np.eye(x.size) - times(K, H)
+    # Joseph's form: symmetric and positive whatever the rounding
+    P_post = times(times(I_KH, P), I_KH.T) + times(times(K, R), K.T)
+    return x + applied(K, y), P_post, S, (y * applied(SI, y)).sum()
+
+
+@jit
+def innovation(z: Array, H: Array, x: Array) -> Array:
+    """What a measurement (m,) tells beyond the mean, where it sees H (m, n) of it."""
+    return z - applied(H, x)
+
+
+@jit
+def applied(A: Array, x: Array) -> Array:
+    """Product of a matrix and a vector."""
+    y = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for j in range(x.size):
+            y[i] += A[i, j] * x[j]
+    return y
+
+
+@jit
+def times(A: Array, B: Array) -> Array:
+    """Product of two matrices."""
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                C[i, j] += A[i, k] * B[k, j]
+    return C
+
+
+@jit
+def inverse(S: Array) -> Array:
+    """Inverse of a symmetric positive definite matrix by Gauss and Jordan, which needs no pivots there."""
+    A, found = S.copy(), np.eye(S.shape[0])
+    for k in range(A.shape[0]):
+        pivot = A[k, k]
+        if not np.isfinite(pivot):
+            raise np.linalg.LinAlgError("array must not contain infs or NaNs")
+        if pivot <= 0.0:
+            raise np.linalg.LinAlgError("matrix is not positive definite")
+        A[k] /= pivot
+        found[k] /= pivot
+        for i in range(A.shape[0]):
+            if i != k:
+                factor = A[i, k]
+                A[i] -= factor * A[k]
+                found[i] -= factor * found[k]
+    return found

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.estimation.equations import posterior, prior
+from agrobot_mj.estimation.equations import innovation, posterior, prior
 
 LATER = {"scipy.stats": ("norm", "multivariate_normal"), "scipy.ndimage": ("convolve", "shift")}
 """Names that filterpy takes from each module."""
@@ -73,12 +73,12 @@ class CompiledKalman(KalmanFilter):  # type: ignore[misc]
 
     def predict(self, F: Array, Q: Array) -> None:
         """Prior of the transition F (n, n) with process noise Q (n, n)."""
-        self.x, self.P = F @ self.x, prior(self.P, F, Q)
+        self.x, self.P = prior(self.x, self.P, F, Q)
 
     def update(self, z: Array | None, R: Array) -> None:
         """Posterior of a measurement (m,) with noise R (m, m) that sees H; the prior where there is none."""
         if z is not None:
-            self.x, self.P, _ = posterior(self.x, self.P, self.H, z - self.H @ self.x, R)
+            self.x, self.P, *_ = posterior(self.x, self.P, self.H, innovation(z, self.H, self.x), R)
 
 
 class CompiledEkf(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -94,15 +94,15 @@ class CompiledEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def predict(self, u: Any) -> None:
         """Prior for the inputs `u`."""
         self.predict_x(u)
-        self.P = prior(self.P, self.F, self.Q)
+        _, self.P = prior(self.x, self.P, self.F, self.Q)
 
     def update(
         self, z: Array | None, HJacobian: Callable[[Array], Array], Hx: Callable[[Array], Array], R: Array
     ) -> None:
         """Posterior of a measurement (m,) with noise R (m, m); the prior where there is none."""
         if z is not None:
-            y = z - Hx(self.x)
-            self.x, self.P, self.nis = posterior(self.x, self.P, HJacobian(self.x), y, R)
+            self.y = z - Hx(self.x)
+            self.x, self.P, self.S, self.nis = posterior(self.x, self.P, HJacobian(self.x), self.y, R)
 
 
 __all__ = ["CompiledEkf", "CompiledKalman", "ExtendedKalmanFilter", "KalmanFilter"]

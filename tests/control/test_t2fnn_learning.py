@@ -1,12 +1,13 @@
 from math import copysign
+from typing import Any
 
 import numpy as np
 import pytest
 from network_states import far_from_guards, plain_firing, printed_laws, random_state
 
-from agrobot_mj.control.t2fnn import Rates, T2Fnn, T2FnnState
+from agrobot_mj.control.t2fnn import Rates, T1Fnn, T2Fnn, T2FnnState
 
-ALPHA, STEP = 0.3, 1e-6
+ALPHA, STEP, TICK = 0.3, 1e-6, 0.05
 NETWORK = T2Fnn(alpha=ALPHA)
 
 
@@ -169,3 +170,30 @@ def test_theorem_1_at_length(seed: int) -> None:
     rng = np.random.default_rng(seed)
     size = {"rules_1": int(rng.integers(1, 6)), "rules_2": int(rng.integers(1, 6))}
     _reaching(T2Fnn(alpha=10 ** rng.uniform(-2, 0.5), delta_s=1e-6, **size), seed, int(rng.integers(3000)))
+
+
+@pytest.mark.parametrize("kind", [T2Fnn, T1Fnn])
+@pytest.mark.parametrize("changes", [{}, {"centres": "fixed"}, {"adapt_widths": False}, {"adapt_q": False}])
+def test_a_compiled_tick_is_the_steps_it_joins(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
+    """To the last bit, over a hundred ticks with and without learning."""
+    network, rng = kind(alpha=0.3, **changes), np.random.default_rng(5)
+    state = network.init(0.1, -0.2)
+    for k in range(100):
+        x1, x2, tau_c = rng.uniform(-0.4, 0.4, 3).tolist()
+        found, tau_n = network.update(state, x1, x2, tau_c, TICK, learn=k % 3 != 0)
+        follow = network.centres == "follow"
+        at = state._replace(
+            c1=state.c1 + (x1 - state.x1) * follow, c2=state.c2 + (x2 - state.x2) * follow, x1=x1, x2=x2
+        )
+        expected, rates = network.infer(at, x1, x2), network.derivatives(at, x1, x2, tau_c)
+        assert tau_n == expected
+        assert np.array_equal(found.c1, at.c1)
+        if k % 3 == 0:
+            assert all(np.array_equal(one, other) for one, other in zip(found, at, strict=True))
+        else:
+            assert np.array_equal(found.f, at.f + TICK * rates.f)
+            q = at.q + TICK * rates.q
+            learns = network.adapt_q and not network.type_1 and 0 <= q <= 1
+            assert found.q == (q if learns else at.q)
+            assert network.adapt_widths or np.array_equal(found.d1_upper, at.d1_upper)
+        state = found

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.estimation.equations import posterior, prior
+from agrobot_mj.estimation.equations import applied, innovation, inverse, posterior, prior, times
 from agrobot_mj.estimation.kalman import CompiledEkf, CompiledKalman, ExtendedKalmanFilter, KalmanFilter
 
 
@@ -56,17 +56,22 @@ def test_the_linear_filter_is_that_of_filterpy():
 
 
 def test_compiled_equations_are_the_plain_ones():
-    """The same Python, run by the interpreter: equal to rounding, whichever linear algebra library each has."""
+    """The same Python run by the interpreter, to the last bit; and what numpy makes of the matrices."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)
     x, y = rng.standard_normal(5), rng.standard_normal(2)
-    for compiled, arguments in ((prior, (P, F, covariance(rng, 5))), (posterior, (x, P, H, y, R))):
+    arguments = {prior: (x, P, F, covariance(rng, 5)), posterior: (x, P, H, y, R), innovation: (y, H, x), inverse: (P,)}
+    for compiled, given in arguments.items():
         plain = getattr(compiled, "py_func", compiled)
-        for one, other in zip(compiled(*arguments), plain(*arguments), strict=True):
-            assert np.allclose(one, other, rtol=1e-12, atol=1e-12)
+        for one, other in zip(compiled(*given), plain(*given), strict=True):
+            assert np.array_equal(one, other)
+    assert np.allclose(times(F, P), F @ P, rtol=1e-14, atol=1e-14)
+    assert np.allclose(applied(H, x), H @ x, rtol=1e-14, atol=1e-14)
+    assert np.allclose(inverse(P), np.linalg.inv(P), rtol=1e-10)
 
 
-def test_an_innovation_without_a_covariance_is_refused():
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_an_innovation_without_a_covariance_is_refused(bad):
     one = np.eye(2)
-    with pytest.raises(np.linalg.LinAlgError):
-        posterior(np.zeros(2), 0 * one, one, np.ones(2), 0 * one)
+    with pytest.raises(np.linalg.LinAlgError, match=r"infs or NaNs|not positive"):
+        posterior(np.zeros(2), 0 * one, one, np.ones(2), np.diag((bad, bad)))

@@ -45,6 +45,15 @@ def test_weights_are_savitzky_golay_then_mean():
         assert pot.weights @ raw == pytest.approx(chain, abs=1e-12)
 
 
+@pytest.mark.parametrize(("steps", "samples"), [(25, 100), (10, 100), (100, 100), (1, 5), (50, 21), (7, 40)])
+def test_a_compiled_reading_is_interpolation_noise_rounding_and_weights(steps, samples):
+    pot, rng = Potentiometer(samples=samples, savgol_window=3, savgol_polyorder=1), np.random.default_rng(steps)
+    history = rng.uniform(-0.5, 0.5, steps)
+    given, wanted = np.arange(1, steps + 1) / steps, np.arange(1, samples + 1) / samples
+    degrees = np.degrees(np.interp(wanted, given, history)) + 0.5 * stream(4, "pot").standard_normal(samples)
+    assert pot.read(history, stream(4, "pot")) == pytest.approx(np.radians(pot.weights @ np.rint(degrees)), abs=1e-13)
+
+
 def test_weights_follow_a_changed_filter():
     pot = Potentiometer()
     assert not np.allclose(pot.weights, pot.model_copy(update={"savgol_window": 5}).weights)
