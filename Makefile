@@ -25,7 +25,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack help install demo demo-link test plain slow check validate bench figures verdict learning library snapshots lock reference results ros third-party
+.PHONY: attack help install demo demo-link test plain slow check validate bench performance figures verdict learning library snapshots lock reference results ros third-party
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -63,6 +63,9 @@ validate: $(STAMP) ## Drive the manoeuvres with a known answer, on every plant a
 
 bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 	@$(PY) scripts/bench.py
+
+performance: $(STAMP) ## Measure what a run costs, beside peers and as it grows, and write docs/performance.md
+	@$(PY) scripts/make_performance.py
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
 	@$(PY) scripts/attack.py

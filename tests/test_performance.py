@@ -1,0 +1,135 @@
+"""The benchmark restores all that a round changes, its page keeps what cannot be measured, and the model that runs is
+the model as drawn. No test here asks how long anything takes."""
+
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.signals import NEUTRAL_V, Drive
+from agrobot_mj.core.spec import every
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.implements import Implement
+from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
+from agrobot_mj.terrain import Flat, Rough
+from agrobot_mj.tyres import Contact, MagicFormula, Ruts
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+import bench
+import make_performance
+
+PAGE = """# Title
+<!-- peers -->
+| package | what |
+|---|---|
+| absent | measured last year |
+| present | measured last year |
+<!-- end of peers -->
+the end
+"""
+
+
+def moving(tyre, nodes=100):
+    s = load_scenario("straight_line")
+    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5, settle_limit_s=0.5), Machine(), bench.rough_ground(nodes))
+    plant.reset(s.path.at(0.0))
+    for _ in range(10):
+        plant.advance(Drive(NEUTRAL_V, 8.0))
+    return plant
+
+
+def left_behind(plant):
+    """All that the next round begins with."""
+    state = plant.save()
+    ruts = plant.ruts()
+    return [state.physics, *state.memories, *([] if ruts is None else [ruts.depth])]
+
+
+@pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
+def test_every_round_of_the_benchmark_begins_and_ends_alike(tyre):
+    """Soil that is not restored becomes a hole, and each round dearer than the one before."""
+    plant = moving(tyre)
+    start = plant.save()
+    bench.tyred_over_bare(plant, start)
+    first = left_behind(plant)
+    bench.tyred_over_bare(plant, start)
+    for one, other in zip(first, left_behind(plant), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_a_ratio_is_one_of_costs():
+    plant = moving(MagicFormula())
+    assert 1.0 < bench.tyred_over_bare(plant, plant.save()) < 20.0
+
+
+def test_a_second_in_the_run_is_a_second_of_both_bare_models():
+    """The stripped model and the one as drawn step alike, to the last bit."""
+    bare = bench.BareModel(load_scenario("figure_eight", {"duration_s": 1.0}))
+    drawn = bare.as_drawn()
+    assert drawn.model.ngeom > 5 * bare.model.ngeom
+    for model in (bare, drawn):
+        mujoco.mj_setState(model.model, model.data, bare.start, bare.kind)
+        mujoco.mj_step(model.model, model.data, nstep=300)
+    assert np.array_equal(bare.data.qpos, drawn.data.qpos)
+    assert np.array_equal(bare.data.qvel, drawn.data.qvel)
+
+
+@pytest.mark.parametrize("implement", [kind() for kind in every(Implement)], ids=lambda one: one.kind)
+@pytest.mark.parametrize("native", [None, Contact().native], ids=["tyres", "contact"])
+@pytest.mark.parametrize("terrain", [Flat(), Rough()], ids=lambda one: one.kind)
+def test_a_tumbling_tractor_touches_the_ground_alike(implement, native, terrain):
+    """What is only drawn neither weighs nor touches, and islands change nothing: hood, roll bar and wheels bounce."""
+    found = []
+    for drawn in (True, False):
+        machine = Machine(implement=implement)
+        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
+        hitched = implement.hitched(machine.tractor)
+        if hitched is not None:
+            add_implement(parts, hitched, machine.tractor, native is not None)
+        model = simulation_model(parts, terrain.ground(), 0.002, native, drawn)
+        if drawn:
+            model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        data = mujoco.MjData(model)
+        data.qpos[:7] = 0.0, 0.0, 1.5, 0.3, 0.9, 0.2, 0.1
+        data.qvel[:6] = 1.0, 0.5, 0.0, 2.0, 1.0, 0.5
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        touched = 0
+        for _ in range(600):
+            mujoco.mj_step(model, data)
+            touched += data.ncon
+        found.append((touched, data.qpos.copy(), data.qvel.copy()))
+    (touched, q, v), (touched_too, q_too, v_too) = found
+    assert touched == touched_too > 50
+    assert np.array_equal(q, q_too)
+    assert np.array_equal(v, v_too)
+
+
+def test_no_implement_is_among_the_drawn():
+    bare = bench.BareModel(load_scenario("plough", {"duration_s": 1.0}))
+    with pytest.raises(TypeError, match="without an implement"):
+        bare.as_drawn()
+
+
+def test_a_peer_that_is_not_installed_keeps_its_row(monkeypatch, capsys):
+    def absent():
+        raise ImportError("No module named 'absent'")
+
+    row = make_performance.Row("a step", "1 us", "2 us", "2.0")
+    monkeypatch.setattr(make_performance, "PEERS", {"absent": absent, "present": lambda: [row]})
+    text = make_performance.put(PAGE, "peers", make_performance.peers(PAGE))
+    assert "| absent | measured last year |" in text
+    assert "| present | a step | 1 us | 2 us | 2.0 |" in text
+    assert "present | measured last year" not in text
+    assert text.endswith("the end\n")
+    assert "skipped: absent" in capsys.readouterr().err
+
+
+def test_the_page_has_all_its_blocks():
+    text = make_performance.PAGE.read_text(encoding="utf-8")
+    for name in ("aims", "tick", "physics", "peers", "growth"):
+        assert make_performance.block(text, name)[1].startswith("|")
