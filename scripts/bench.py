@@ -53,6 +53,8 @@ AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
 way [-]."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 2.0}
 """Command lines and the aims for their wall times [s]."""
+UNDISTURBED = 10
+"""Percentile of the ticks, and of as many bare steps, that counts as undisturbed by other work on the machine [%]."""
 HELD_STEPS = 500
 """Number of steps after which the bare model restarts: held tyre forces balance it only for a while."""
 MOVING_S = 12.0
@@ -101,6 +103,11 @@ class BareModel:
             steps -= count
         return spent
 
+    def undisturbed(self, steps: int, count: int = 2000) -> float:
+        """Tenth percentile of the time of `steps` steps: those that nothing interrupts [s]."""
+        found = [self.seconds(steps) for _ in range(count)]
+        return float(np.percentile(found, UNDISTURBED))
+
 
 class Cost(NamedTuple):
     """Medians over the repetitions."""
@@ -109,6 +116,12 @@ class Cost(NamedTuple):
     """A run without recording over as many calls of mj_step [-]."""
     run_over_drawn: float
     """The same with the bare step of a model that has all that is drawn [-]."""
+    tick_over_bare: float
+    """An undisturbed tick over as many undisturbed calls of mj_step [-]."""
+    tick_over_drawn: float
+    """The same with the model that has all that is drawn [-]."""
+    tick_s: float
+    """An undisturbed tick [s]."""
     run_over_batched: float
     """Cost of a run without recording over that of mj_step(nstep=...) [-]."""
     recording_share: float
@@ -158,8 +171,11 @@ def compare_costs(scenario: Scenario, repeats: int) -> Cost:
             thread = (time.thread_time() - middle) / (middle - began)
             rounds.append((one_by_one, batched, whole, plain, recorded, thread))
             file.unlink()
-    kept = rounds[1:]
+    kept, tick, in_a_tick = rounds[1:], undisturbed_tick(scenario), scenario.steps_per_tick
     return Cost(
+        tick_over_bare=tick / bare.undisturbed(in_a_tick),
+        tick_over_drawn=tick / drawn.undisturbed(in_a_tick),
+        tick_s=tick,
         run_over_bare=median(plain / one for one, _, _, plain, _, _ in kept),
         run_over_drawn=median(plain / whole for _, _, whole, plain, _, _ in kept),
         run_over_batched=median(plain / batched for _, batched, _, plain, _, _ in kept),
@@ -169,6 +185,17 @@ def compare_costs(scenario: Scenario, repeats: int) -> Cost:
         bare_s=min(one for one, *_ in kept),
         drawn_s=min(whole for _, _, whole, *_ in kept),
     )
+
+
+def undisturbed_tick(scenario: Scenario) -> float:
+    """Tenth percentile of the processor time of a tick in a run: those that nothing interrupts [s]."""
+    simulation, found = Simulation(scenario), []
+    simulation.reset()
+    while not simulation.done:
+        began = time.thread_time()
+        simulation.step()
+        found.append(time.thread_time() - began)
+    return float(np.percentile(found, UNDISTURBED))
 
 
 @contextmanager
@@ -206,21 +233,19 @@ def stopwatches(scenario: Scenario) -> Iterator[dict[str, float]]:
         yield spent
 
 
-def tick_parts(scenario: Scenario, repeats: int) -> dict[str, float]:
-    """Least time per tick of each part, and of the rest of the loop [s]."""
-    rounds = []
-    for _ in range(repeats + 1):
-        with stopwatches(scenario) as spent:
-            simulation = Simulation(scenario)
-            simulation.reset()
-            spent.clear()  # the settling
+def tick_parts(scenario: Scenario) -> dict[str, float]:
+    """Processor time of each part of an undisturbed tick, and of the rest of it [s]."""
+    simulation, ticks = Simulation(scenario), list[dict[str, float]]()
+    simulation.reset()
+    with stopwatches(scenario) as spent:
+        while not simulation.done:
+            spent.clear()
             began = time.thread_time()
-            while not simulation.done:
-                simulation.step()
-            loop_s = time.thread_time() - began
-        rounds.append({**spent, "the rest": loop_s - sum(spent.values())})
+            simulation.step()
+            total = time.thread_time() - began
+            ticks.append({**spent, "the rest": total - sum(spent.values())})
     order = ("plant", "sensors", "estimator", "guidance and control", "log", "the rest")
-    return {part: min(each[part] for each in rounds[1:]) / scenario.ticks for part in order}
+    return {part: float(np.percentile([each.get(part, 0.0) for each in ticks], UNDISTURBED)) for part in order}
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
@@ -308,6 +333,8 @@ def report(scenario: Scenario, cost: Cost, parts: dict[str, float], tyres: dict[
             f"{'closed-loop run / bare mj_step':34}{cost.run_over_bare:6.2f}   aim: at most {AIM_RATIO}",
             f"{'  or over mj_step(nstep=...)':34}{cost.run_over_batched:6.2f}",
             f"{'  or over that of the drawn model':34}{cost.run_over_drawn:6.2f}",
+            f"{'  undisturbed ticks':34}{cost.tick_over_bare:6.2f}",
+            f"{'  and over that of the drawn model':34}{cost.tick_over_drawn:6.2f}",
             f"{'recording adds':34}{cost.recording_share:6.1%}   aim: at most {AIM_RECORDING:.0%}",
             f"{'  in all threads':34}{cost.recording_threads:6.1%}",
             "",
@@ -338,7 +365,7 @@ def main() -> None:
         print(start_up_report(start_up_times(arguments.repeats)))
         return
     cost = compare_costs(scenario, arguments.repeats)
-    parts = tick_parts(scenario, min(3, arguments.repeats))
+    parts = tick_parts(scenario)
     physics = tyre_costs(arguments.repeats) | implement_costs(arguments.repeats)
     print(report(scenario, cost, parts, physics))
     print(start_up_report(start_up_times(arguments.repeats)))
