@@ -210,7 +210,7 @@ def draw_tick(found: dict[str, float]) -> None:
         FigureCanvasAgg(figure)
         axes = figure.subplots()
         axes.barh(list(found)[::-1], [1e6 * time for time in found.values()][::-1], color="#0072B2", height=0.6)
-        axes.set_xlabel("processor time of an undisturbed tick [us]")
+        axes.set_xlabel("undisturbed tick [us]")
         axes.grid(axis="y", visible=False)
         figure.savefig(TICK, dpi=160)
 
