@@ -65,7 +65,7 @@ bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 	@$(PY) scripts/bench.py
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
-	@$(PY) scripts/attack.py
+	@$(PY) scripts/attack
 
 figures: $(STAMP) ## Draw the README's results again
 	@$(PY) scripts/make_figures.py

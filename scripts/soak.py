@@ -156,7 +156,7 @@ def work(hours: float, recorded: bool) -> bool:
         f"{log.metrics['physics_warnings']}, {time.monotonic() - began:.0f} s"
     )
     print(
-        f"memory [MB]: {later[0]:.0f} after ten minutes, {driving:+.0f} at most while driving, {metered - later[0]:+.0f} "
+        f"memory [MB]: {later[0]:.0f} after ten minutes, {driving:+.0f} while driving, {metered - later[0]:+.0f} "
         f"while metrics are made, {written - later[0]:+.0f} while files are written ({size:.0f} MB)"
     )
     return log.outcome in ("completed", "aborted") and driving < FLAT_MB
