@@ -40,11 +40,12 @@ KILLS_S = 900.0
 """Longest time for a command that is killed and run again [s]."""
 
 
-def load() -> None:
-    """Load and compile all that the forked processes need."""
+def load(classes: list[str]) -> None:
+    """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
     keys(), names(), numbers(), sources(), earlier(), guide()
     short = {"duration_s": 0.2, "plant.settle_s": 0.1, "plant.settle_limit_s": 1.0}
-    for kind in ("linear", "magic_formula", "soil", "contact"):
+    tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
+    for kind in (*tyres, "magic_formula"):
         run(load_scenario("circle", {**short, "plant.tyre.kind": kind}))
     run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}))
 
@@ -57,7 +58,7 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(CLASSES), help="some classes, with commas between them")
     parser.add_argument("--number", type=int, help="one input of each class alone")
     given, findings = parser.parse_args(), 0
-    load()
+    load(given.only.split(","))
     for name in given.only.split(","):
         attack, share = CLASSES[name]
         chosen = range(max(1, round(share * given.inputs))) if given.number is None else [given.number]

@@ -90,12 +90,15 @@ BELOW = (
 
 
 def plugins(chance: random.Random) -> str:
-    """A guidance law that is wrong in some way; what the law raises may be shown with its own lines."""
+    """A guidance law that is wrong in some way; what the law raises may be shown, with its own lines."""
     parts = {"above": ABOVE, "kind": KINDS, "key": KEYS, "init": INITS, "update": UPDATES, "below": BELOW}
-    text = LAW.format(**{name: chance.choice(choices) for name, choices in parts.items()})
+    odd = chance.sample(list(parts), chance.choice([1, 1, 2]))
+    text = LAW.format(
+        **{name: chance.choice(choices) if name in odd else choices[0] for name, choices in parts.items()}
+    )
     if chance.random() < 0.1:
         text = chance.choice(["", "x = 1", "\xff" * 10, text[: len(text) // 2]])
     Path("mine.py").write_text(text, encoding="utf-8", errors="surrogateescape")
     twice = ["--plugin", "mine.py"] if chance.random() < 0.1 else []
     found = call(["run", "circle", "--plugin", "mine.py", *twice, *SHORT, *sets("guidance.kind=mine")], (0, 1, 2, 130))
-    return "" if "__pycache__" in found else found
+    return "" if "__pycache__" in found or "mine.py" in found else found

@@ -9,14 +9,16 @@ import mujoco
 
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements.base import HitchedBody
-from agrobot_mj.plants.mujoco.implement import Attached, attached
+from agrobot_mj.plants.mujoco.implement import attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.implement_stability import check_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.stability import check_stability
+from agrobot_mj.plants.mujoco.tools import Attached
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Tyre
-from agrobot_mj.tyres.laws import TyreSet, tyre_set
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.patch import TyreSet
 
 
 class Built(NamedTuple):

@@ -246,3 +246,11 @@ def test_ten_thousand_tractors_are_checked_in_a_minute(plan):
     began = time.process_time()
     found.check()
     assert time.process_time() - began < 0.8
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
+def test_a_number_of_thousands_of_digits_is_told(plan, number):
+    with pytest.raises(ScenarioError) as told:
+        plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
+    assert str(told.value).startswith("mine.toml: ")
+    assert len(str(told.value)) < 300
