@@ -68,7 +68,7 @@ performance: $(STAMP) ## Measure what a run costs, beside peers and as it grows,
 	@$(PY) scripts/make_performance.py
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
-	@$(PY) scripts/attack.py
+	@$(PY) scripts/attack
 
 figures: $(STAMP) ## Draw the README's results again
 	@$(PY) scripts/make_figures.py

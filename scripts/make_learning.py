@@ -107,7 +107,8 @@ def printed_numbers(log: Log) -> dict[str, Any]:
         return found
     q, size = log.column("q"), np.abs(denominator(log))
     tau_rate = np.abs(np.diff(log.column("tau_c") - log.column("tau_n"))) / TICK_S
-    turns = [rows[:-1] for rows in RunView(log).turns]
+    ticks = np.arange(len(q))
+    turns = [((ticks >= rows.start) & (ticks < rows.stop))[:-1] for rows in RunView(log).turns]
     found["den"] = [[float(np.median(size[:-1][rows])), float(size[:-1][rows][-1])] for rows in turns]
     found["eff"] = [effective_rate(log, np.append(rows, False)) for rows in turns]
     found["q_rests"] = [float(np.mean(np.diff(q)[rows] == 0)) for rows in turns]

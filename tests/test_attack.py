@@ -1,5 +1,6 @@
-"""A short attack with hostile inputs finds nothing; `make attack` is the long one."""
+"""A short attack with hostile inputs finds nothing, and what it must find it finds; `make attack` is the long one."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,19 +9,60 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+CLASSES = "overrides,toml,sweeps,limits,files,parquet,plugins,datagrams,nan"
 
 
-@pytest.mark.parametrize("seed", [3])
-def test_hostile_inputs_give_no_traceback_and_no_silence(tmp_path, seed):
-    command = [sys.executable, str(ROOT / "scripts" / "attack.py"), "--seed", str(seed), "--inputs", "60"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [*command, "--only", "overrides,toml,files,nan"],
-        env=environment,
+def python(tmp_path, *arguments):
+    """What Python does with these arguments."""
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+@pytest.mark.parametrize("seed", [3])
+def test_hostile_inputs_give_no_traceback_and_no_silence(tmp_path, seed):
+    arguments = ["--seed", str(seed), "--inputs", "50", "--only", CLASSES]
+    done = python(tmp_path, str(ROOT / "scripts" / "attack"), *arguments)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
-    assert done.stdout.count("0 findings") == 4
+    assert done.stdout.count(" 0 findings") == len(CLASSES.split(","))
+    assert list(tmp_path.iterdir()) == []
+
+
+BROKEN = {
+    "raise ZeroDivisionError": "ZeroDivisionError",
+    "raise SystemExit(7)": "exit status 7",
+    "raise SystemExit(2)": "exit status 2 without a word",
+    "print('x' * 20000, file=sys.stderr)": "20001 characters on stderr",
+    "open('MUJOCO_LOG.TXT', 'w')": "files outside --out: ['MUJOCO_LOG.TXT']",
+    "Path('out').mkdir(); print('no', file=sys.stderr); raise SystemExit(2)": "bad input, but a folder is there",
+    "time.sleep(60)": "no end within 3 s",
+    "x = b'x' * 2_200_000_000": "took 2.",
+    "os.kill(os.getpid(), 11)": "ended by SIGSEGV",
+    "pass": "",
+}
+JUDGE = """
+import json, os, random, sys, time
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import judge
+
+def found(line):
+    judge.cli.main = lambda: exec(line)
+    return judge.judged(lambda chance: judge.call(["run"]), random.Random(1), 3.0 if "sleep" in line else 60.0)
+
+print(json.dumps({line: found(line) for line in json.loads(sys.argv[2])}))
+"""
+
+
+def test_what_must_never_happen_is_found(tmp_path):
+    done = python(tmp_path, "-c", JUDGE, str(ROOT / "scripts" / "attack"), json.dumps(list(BROKEN)))
+    found = json.loads(done.stdout)
+    for line, finding in BROKEN.items():
+        assert finding in found[line]
+    assert found["pass"] == ""
+    assert list(tmp_path.iterdir()) == []

@@ -300,6 +300,7 @@ BAD = [
     (["run", "circle", "--out", "broken.toml"], "broken.toml: is a file"),
     (["run", "circle", "--out", "broken.toml/x", *QUICK], "Not a directory"),
     (["run", "circle", "--out", "/proc/nowhere/x", *QUICK], "/proc/nowhere"),
+    (["run", "circle", "--out", "", *QUICK], "is empty; name a folder"),
     (["run", "circle", "--frobnicate"], "--frobnicate"),
     (["run"], "SCENARIO"),
     (["fly"], "fly"),
@@ -338,6 +339,15 @@ def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments
     assert "Traceback" not in err
     assert "Warning" not in err
     assert names(elsewhere) == {"broken.toml", "wrong.toml"}
+
+
+def test_a_working_directory_that_is_gone_is_told(call, monkeypatch, tmp_path):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    status, _, err = call("run", "circle", "--out", tmp_path / "out", *QUICK)
+    monkeypatch.chdir(tmp_path)
+    assert (status, err) == (2, "the working directory no longer exists; change to another one\n")
 
 
 def test_an_out_folder_that_cannot_be_made_is_told_before_the_run(call, monkeypatch, elsewhere):

@@ -38,6 +38,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # a terminal without the letters of a name still shows the rest
             stream.reconfigure(errors="backslashreplace")
     try:
+        _check_place()
         status, message = _called()
     except ScenarioError as error:
         status, message = 2, str(error)
@@ -47,6 +48,13 @@ def main() -> None:
     if message:
         print(message, file=sys.stderr)
     raise SystemExit(_flushed(status))
+
+
+def _check_place() -> None:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise ScenarioError("the working directory no longer exists; change to another one") from None
 
 
 def _called() -> tuple[int, str]:

@@ -31,7 +31,18 @@ Plugins = Annotated[
     list[Path] | None,
     typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable."),
 ]
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+
+
+def _folder(text: str) -> Path:
+    if not text:
+        raise typer.BadParameter("is empty; name a folder")
+    return Path(text)
+
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
+]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]

@@ -4,7 +4,7 @@ import time
 
 
 class Pace:
-    """Turns of equal length on the wall clock, and how well they were kept."""
+    """Turns of equal length on the wall clock, and how well they were kept; the first one begins the schedule."""
 
     LATE_S = 0.005
     """A turn that begins later than this is late [s]."""
@@ -18,7 +18,9 @@ class Pace:
 
         More than a whole turn behind, the schedule moves: catching up would send positions faster than hosts take them.
         """
-        behind = time.perf_counter() - self.next
+        now = time.perf_counter()
+        behind = now - self.next if self.turns else 0.0
+        self.next = self.next if self.turns else now  # what was compiled or loaded before it made no turn late
         self.turns += 1
         self.late += behind > self.LATE_S
         self.worst = max(self.worst, behind)

@@ -14,7 +14,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import BesidePath, track
 from agrobot_mj.paths import Path
 
-RowMask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+"""Rows of a log: a piece of it, or a mask of shape (ticks,)."""
 
 
 class HasPath(Protocol):
@@ -55,11 +56,13 @@ class RunView:
         return track(self.path, self.column("t"), self.column("x"), self.column("y"))
 
     @cached_property
-    def turns(self) -> list[RowMask]:
-        """For each turn that the run reached, a mask of the rows that belong to it, shape (ticks,)."""
-        t, turns = self.column("t"), self.path.turns_s
-        rows = [(t > start) & (t <= end) | (t == start) & (k == 0) for k, (start, end) in enumerate(turns)]
-        return [of_turn for of_turn in rows if of_turn.any()]
+    def turns(self) -> list[slice]:
+        """For each turn that the run reached, the rows that belong to it; time grows from row to row."""
+        t, rows = self.column("t"), []
+        for k, (start, end) in enumerate(self.path.turns_s):
+            first = np.searchsorted(t, start, "right" if k else "left")
+            rows.append(slice(int(first), int(np.searchsorted(t, end, "right"))))
+        return [of_turn for of_turn in rows if of_turn.stop > of_turn.start]
 
 
 def mean(values: Array, power: int = 1) -> float | None:

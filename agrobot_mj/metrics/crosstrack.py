@@ -20,7 +20,8 @@ WINDOW_M = 10.0
 """Largest distance along the path from the reference at which the nearest point is searched [m]."""
 BEND = radians(80.0)
 """Largest angle of a bend within the window ahead, and behind: less than a right angle [rad]."""
-
+PIECE = 24_000
+"""Rows that are looked at together: the path beside them is sampled, which for a day would take 1 GB."""
 
 Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 
@@ -42,8 +43,15 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 
 def track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
     """Position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,)."""
-    if len(t) == 0:
-        return BesidePath(np.empty(0), np.empty(0))
+    offset, time = np.empty(len(t)), np.empty(len(t))
+    for first in range(0, len(t), PIECE):
+        rows = slice(first, first + PIECE)
+        offset[rows], time[rows] = _track(path, t[rows], x[rows], y[rows])
+    return BesidePath(offset, time)
+
+
+def _track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
+    """`track` of a piece."""
     times, points = _spaced(path, t)
     middle = np.clip(np.searchsorted(times, t), 0, len(times) - 1)
     first, last = _windows(points)

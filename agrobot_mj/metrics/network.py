@@ -4,15 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.metrics.base import RowMask, RunView, mean
+from agrobot_mj.metrics.base import RunView, mean
 
 
 def nn_share(view: RunView) -> dict[str, Any]:
     """`nn_share`: one value per turn, mean|tau_n| / (mean|tau_c| + mean|tau_n|), 0 without a network."""
-    return {"nn_share": [_share(view, rows) for rows in view.turns]}
+    kept, learnt = _sizes(view, "tau_c"), _sizes(view, "tau_n")
+    return {"nn_share": [n / (c + n) if n else 0.0 for c, n in zip(kept, learnt, strict=True)]}
 
 
-def _share(view: RunView, rows: RowMask) -> float:
-    tau_c = mean(np.abs(view.column("tau_c")[rows])) or 0.0
-    tau_n = mean(np.abs(view.column("tau_n")[rows])) or 0.0
-    return tau_n / (tau_c + tau_n) if tau_n else 0.0
+def _sizes(view: RunView, name: str) -> list[float]:
+    """Mean magnitude of a column in each turn."""
+    values = view.column(name)
+    return [mean(np.abs(values[rows])) or 0.0 for rows in view.turns]

@@ -6,12 +6,14 @@ t <= end (the first turn also owns its start). A run that ends early lacks the t
 which it ended counts as far as it went and is not `complete`.
 """
 
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LogLike, RowMask, RunView, abs_p95, mean, rms
+from agrobot_mj.metrics.base import LogLike, RowChoice, RunView, abs_p95, mean, rms
 
 COMPLETE = 0.99
 """Share of a turn that a run must cover for the turn to count as complete."""
@@ -19,32 +21,39 @@ COMPLETE = 0.99
 
 def tracking(view: RunView) -> dict[str, Any]:
     """Tracking errors of the complete run, and `per_turn`."""
-    t, ends, xte = view.column("t"), view.path.turns_s, view.beside.offset
-    turns = [
-        {"turn": k + 1, "complete": _covers(t, *ends[k]), **_errors(view, xte, rows)}
-        for k, rows in enumerate(view.turns)
-    ]
-    return {**_errors(view, xte, np.ones(len(xte), dtype=bool)), "per_turn": turns}
+    t, ends, found = view.column("t"), view.path.turns_s, _errors(view, [slice(None), *view.turns])
+    turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
+    return {**found[0], "per_turn": turns}
 
 
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
     """The tracking errors over the rows with start_s < t <= end_s [s]."""
     view = RunView(log)
     t = view.column("t")
-    return _errors(view, view.beside.offset, (t > start_s) & (t <= end_s))
+    return _errors(view, [(t > start_s) & (t <= end_s)])[0]
 
 
-def _errors(view: RunView, xte: Array, rows: RowMask) -> dict[str, float | None]:
-    lateral, longitudinal = view.column("e_lateral")[rows], view.column("e_longitudinal")[rows]
-    return {
-        "lateral_mse": mean(lateral, 2),
-        "lateral_rms": rms(lateral),
-        "lateral_abs_p95": abs_p95(lateral),
-        "longitudinal_rms": rms(longitudinal),
-        "xte_rms": rms(xte[rows]),
-        "xte_abs_p95": abs_p95(xte[rows]),
-        "yaw_rate_error_rms": rms(view.column("e_yaw_rate")[rows]),
+def _errors(view: RunView, choices: Sequence[RowChoice]) -> list[dict[str, float | None]]:
+    """The errors over each choice of rows; columns are read one at a time, since those of a long run are on a disk."""
+    found: list[dict[str, float | None]] = [{} for _ in choices]
+    for names, values in _columns(view):
+        for name, statistic in names.items():
+            for of_choice, rows in zip(found, choices, strict=True):
+                of_choice[name] = statistic(values[rows])
+    return found
+
+
+def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
+    """Each column of errors, with the statistics made of it."""
+    lateral: dict[str, Callable[[Array], float | None]] = {
+        "lateral_mse": partial(mean, power=2),
+        "lateral_rms": rms,
+        "lateral_abs_p95": abs_p95,
     }
+    yield lateral, view.column("e_lateral")
+    yield {"longitudinal_rms": rms}, view.column("e_longitudinal")
+    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.beside.offset
+    yield {"yaw_rate_error_rms": rms}, view.column("e_yaw_rate")
 
 
 def _covers(t: Array, start: float, end: float) -> bool:

@@ -18,6 +18,7 @@ from typing import Annotated, Any, TypeGuard, TypeVar, Union, get_args, get_orig
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticSerializationError
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import Spec, members
@@ -42,6 +43,10 @@ def register(member: Member, name: str | None = None) -> Member:
     except ValidationError as error:
         keys = ", ".join(str(part["loc"][0]) for part in error.errors() if part["loc"])
         raise ScenarioError(f"register: {member.__name__}: every key needs a valid default ({keys})") from None
+    try:
+        default.model_dump_json()
+    except PydanticSerializationError as error:
+        raise ScenarioError(f"register: {member.__name__}: has a key that TOML cannot hold ({error})") from None
     if issubclass(member, Sensor):
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     else:
@@ -160,7 +165,7 @@ def _run(path: Path) -> ModuleType:
                 register(part)
     except ScenarioError as error:
         raise ScenarioError(f"--plugin {path}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         place = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
         raise ScenarioError(f"--plugin {path}: {place}{type(error).__name__}: {error}") from error
     return module

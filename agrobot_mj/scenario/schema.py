@@ -215,16 +215,16 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
 
 
-def check_files(scenario: Scenario, source: str) -> None:
+def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
     """Build path and ground, which reads the files that they name, and check that they fit the tractor and each other.
 
-    Raises `ScenarioError` with all that is wrong; `source` names the scenario.
+    Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
     """
     try:
         scenario.path.check()
     except ValueError as error:
         raise ScenarioError(f"{source}: {below('path', str(error))}") from None
-    if errors := [*_path_errors(scenario), *_ground_errors(scenario)]:
+    if errors := [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 
 

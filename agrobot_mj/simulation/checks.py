@@ -9,13 +9,15 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from agrobot_mj.core.errors import NotFiniteError
+from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.signals import Command, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
 """Readings that are NaN where there is no sensor."""
+LONGEST_TEXT = 200
+"""Characters of a value in a message."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Errors that numbers which are not finite give rise to, among others."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
@@ -83,9 +85,27 @@ def check_reference(reference: Reference, path: str) -> None:
 
 
 def check_command(command: Command, guidance: str) -> None:
-    """Raise `NotFiniteError` if a command is not finite."""
-    if not isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0)):
+    """Raise `NotFiniteError` if a command is not finite, `ScenarioError` if it holds no numbers."""
+    try:
+        finite = isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0))
+    except (TypeError, ValueError):
+        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {shortened(command)}") from None
+    if not finite:
         refuse("command", command, Command._fields, f"the guidance law ({guidance})")
+
+
+def answered(found: Any, guidance: str) -> tuple[Any, Command]:
+    """State and command of a guidance law; raises `ScenarioError` where that is not what it has returned."""
+    if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Command):
+        return found
+    text = f"the guidance law ({guidance}): update must return its state and a Command, got {shortened(found)}"
+    raise ScenarioError(text)
+
+
+def shortened(value: Any) -> str:
+    """A value as text, not too long for a message."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
 def check_drive(drive: Drive) -> None:

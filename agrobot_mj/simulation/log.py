@@ -1,10 +1,11 @@
 """The record of a run: one row per tick.
 
 `Rows` is filled during the run; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
-that does not exist (no fix, no network) is NaN here and null in the table.
+that does not exist (no fix, no network) is NaN here and null in the table. Of a long run only the last rows are in
+memory (`spill`), and the table is made piece by piece.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,10 +17,13 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
+from agrobot_mj.simulation.spill import Spilled
 from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
 """Rows in a block of a saved log."""
+PIECE = 24_000
+"""Rows of the table that are made at a time, and in a row group of the file: 20 min, 20 MB."""
 
 
 class SavedRows(NamedTuple):
@@ -34,14 +38,16 @@ class SavedRows(NamedTuple):
 
 
 class Rows:
-    """Preallocated arrays for the complete run, filled row by row."""
+    """Arrays for the complete run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """`wheels` is the size of the wheels' report, 0 for none; `reported` are the columns of the stages."""
+        """`ticks` is the most rows, `wheels` the size of the wheels' report, 0 for none; `reported` are the columns of
+        the stages."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
-        self.values = np.full((ticks, len(self.columns)), np.nan)
-        self.poses = np.zeros((ticks, bodies, 7))
+        self.ticks = ticks
+        self.values = Spilled(ticks, (len(self.columns),))
+        self.poses = Spilled(ticks, (bodies, 7))
         self.filled = 0
         self._blocks: list[tuple[Array, Array]] = []
         self._wheels = slice(len(COLUMNS), len(COLUMNS) + wheels)
@@ -49,13 +55,23 @@ class Rows:
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
-        values = self.values[self.filled]
+        at = self._room()
+        values = self.values.recent[at]
         values[: len(COLUMNS)] = row
         values[self._wheels] = wheels
         if len(self._reported):
             values[self._reported] = report
-        self.poses[self.filled] = poses
+        self.poses.recent[at] = poses
         self.filled += 1
+
+    def _room(self) -> int:
+        """Place in memory of the next row."""
+        at = self.filled - self.values.first
+        if at < len(self.values.recent) or self.filled == self.ticks:
+            return at
+        self.values.spill()
+        self.poses.spill()
+        return self.filled - self.values.first
 
     def save(self) -> SavedRows:
         """The rows so far; copied are only those that no earlier snapshot of this run has."""
@@ -72,14 +88,22 @@ class Rows:
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
-        first = shared * BLOCK
+        self.filled, self._blocks = min(shared * BLOCK, self.filled), list(saved.blocks)
+        self.values.cut(self.filled)
+        self.poses.cut(self.filled)
         for values, poses in (*saved.blocks[shared:], saved.rest):
-            self.values[first : first + len(values)], self.poses[first : first + len(poses)] = values, poses
-            first += len(values)
-        self.filled, self._blocks = saved.filled, list(saved.blocks)
+            self._extend(values, poses)
+
+    def _extend(self, values: Array, poses: Array) -> None:
+        """Add rows (n, columns) with their poses (n, bodies, 7)."""
+        while len(values):
+            at = self._room()
+            fit = len(self.values.recent[at : at + len(values)])
+            self.values.recent[at : at + fit], self.poses.recent[at : at + fit] = values[:fit], poses[:fit]
+            self.filled, values, poses = self.filled + fit, values[fit:], poses[fit:]
 
     def column(self, name: str, first: int = 0) -> Array:
-        """Column `name` from row `first` to the last row filled, shape (n,)."""
+        """Column `name` from row `first` to the last row filled, shape (n,); not to be written to."""
         return self.values[first : self.filled, self.columns.index(name)]
 
 
@@ -102,12 +126,25 @@ class Log:
     @cached_property
     def signals(self) -> pa.Table:
         """One row per tick, float64, null where a value does not exist; unit and description as field metadata."""
-        arrays = [pa.array(self.column(name).copy(), from_pandas=True) for name in self.rows.columns]
-        fields = [
+        return self._piece(0, self.rows.filled)
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Schema of `signals`."""
+        return pa.schema(
             pa.field(column.name, pa.float64(), metadata={"unit": column.unit, "description": column.description})
             for column in self.rows.table
-        ]
-        return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+        )
+
+    def pieces(self) -> Iterator[pa.Table]:
+        """`signals` in pieces of PIECE rows, one after the other."""
+        for first in range(0, max(self.rows.filled, 1), PIECE):
+            yield self._piece(first, min(first + PIECE, self.rows.filled))
+
+    def _piece(self, first: int, end: int) -> pa.Table:
+        values = self.rows.values[first:end]
+        arrays = [pa.array(values[:, k].copy(), from_pandas=True) for k in range(len(self.rows.columns))]
+        return pa.Table.from_arrays(arrays, schema=self.schema)
 
     @property
     def rut_table(self) -> pa.Table | None:

@@ -23,6 +23,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.checks import (
     ARITHMETIC,
     Screen,
+    answered,
     blame,
     check_command,
     check_drive,
@@ -108,9 +109,10 @@ class Loop:
         """Ask the scenario's guidance law for a command; the supervisor may replace it. Raises `NotFiniteError`."""
         state = self.stages
         try:
-            state.guidance, command = self.guidance.update(state.guidance, situation, TICK_S)
+            found = self.guidance.update(state.guidance, situation, TICK_S)
         except ARITHMETIC as error:
             blame(f"the guidance law ({self.scenario.guidance.kind})", error)
+        state.guidance, command = answered(found, self.scenario.guidance.kind)
         check_command(command, self.scenario.guidance.kind)
         state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command

@@ -78,7 +78,7 @@ class Progress:
         self.rows = rows
         if self.bar:
             self.bar.start()
-            self.number = self.bar.add_task(scenario.name or "run", total=len(rows.values))
+            self.number = self.bar.add_task(scenario.name or "run", total=rows.ticks)
 
     def advance(self, first: int) -> None:
         """Move the bar."""

@@ -85,6 +85,8 @@ def followed(
     except BaseException as error:
         for watcher in watchers:
             watcher.fail(error)
+        if isinstance(error, SystemExit):  # else the command would end with the status that a law has chosen
+            raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
         raise
     return log
 

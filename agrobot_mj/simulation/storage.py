@@ -70,7 +70,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     text, data_files = log.scenario.portable()
     writers: dict[str, Writer] = {
         **{name: partial(_copy, path) for name, path in data_files.items()},
-        "signals.parquet": lambda path: pq.write_table(log.signals, path, compression="zstd"),
+        "signals.parquet": partial(_signals, log),
         **({RUTS: lambda path: pq.write_table(ruts, path, compression="zstd")} if (ruts := log.rut_table) else {}),
         "scenario.toml": lambda path: _write(path, text),
         **(more or {}),
@@ -168,6 +168,13 @@ def _reason(error: OSError) -> str:
 
 def _json(content: Any) -> Writer:
     return lambda path: _write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def _signals(log: Log, path: Path) -> None:
+    """The signals, a row group after the other, so that memory does not grow with the length of a run."""
+    with pq.ParquetWriter(path, log.schema, compression="zstd") as writer:
+        for piece in log.pieces():
+            writer.write_table(piece)
 
 
 def _copy(source: Path, target: Path) -> None:

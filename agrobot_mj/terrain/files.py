@@ -87,7 +87,9 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
     """Return what `read` returns; any exception that a library raises on a broken file becomes a message."""
     try:
-        return read()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy's own, of a header with an impossible size, say
+            return read()
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         _refuse(path, f"cannot be read ({reason}); {fix}")

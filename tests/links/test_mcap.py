@@ -3,6 +3,8 @@
 import sys
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
@@ -107,3 +109,28 @@ def test_what_is_missing_is_told_with_the_command_that_installs_it(log, tmp_path
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(ScenarioError, match=r'ros2 needs rclpy; pip install "agrobot-mj\[ros\]"'):
         required("rclpy", "ros", "ros2")
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "words"),
+    [
+        ("x_hat_of_nothing", None, ""),
+        ("yaw", lambda n: ["x"] * n, "'yaw' holds"),
+        ("yaw", lambda n: [1e12] * n, "'yaw' is 1e.12 in row 1"),
+        ("t", lambda n: pa.array(range(n), pa.timestamp("ms")), ""),
+        ("t", lambda n: pa.nulls(n, pa.float64()), "'t' has no number in row 1"),
+        ("gnss_quality", lambda n: pa.nulls(n, pa.float64()), ""),
+    ],
+)
+def test_a_damaged_run_is_told_by_column(log, tmp_path, column, values, words):
+    pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
+    write_log(log, tmp_path)
+    if values:
+        at = log.signals.column_names.index(column)
+        table = log.signals.set_column(at, column, pa.array(values(len(log.signals))))
+        pq.write_table(table, tmp_path / "signals.parquet")
+    if not words:
+        assert export_run(tmp_path)[1] == 60 * 7 + 1
+        return
+    with pytest.raises(ScenarioError, match=words):
+        export_run(tmp_path)

@@ -128,6 +128,12 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b_m: float',
             "own.py: register: A: every key needs a valid default (b_m)",
         ),
+        (
+            "from typing import Any, Literal\nfrom agrobot_mj.paths import Line\n"
+            'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
+            "own.py: register: A: has a key that TOML cannot hold (",
+        ),
+        ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
 def test_a_bad_plugin_is_told_in_one_message(tmp_path, file, message):
@@ -139,3 +145,37 @@ def test_a_bad_plugin_is_told_in_one_message(tmp_path, file, message):
     assert done.returncode == 2
     assert done.stderr.startswith(f"--plugin {message}")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        ("None", "update must return its state and a Command, got None"),
+        ("(state, 0.1)", "update must return its state and a Command, got (None, 0.1)"),
+        ("(state, Command(0.1, 1.0), 3)", "update must return its state and a Command, got (None, Command("),
+        ("(state, Command('left', 1.0))", "commands what is no number: Command(steer='left'"),
+        ("(state, Command(None, None))", "commands what is no number: Command(steer=None"),
+        ("(state, Command([0.1] * 1000, 1.0))", "..."),
+        ("exit(3)", "code of the scenario's kinds has ended the run (SystemExit)"),
+    ],
+)
+def test_a_law_that_answers_with_something_else_is_told(tmp_path, result, message):
+    code = f"""
+from agrobot_mj.control import GuidanceLaw
+from agrobot_mj.core.signals import Command
+from agrobot_mj.core.errors import ScenarioError
+@register
+class Mine(GuidanceLaw):
+    \"\"\"A law.\"\"\"
+    kind: Literal["mine"] = "mine"
+    def update(self, state, situation, dt):
+        return {result}
+try:
+    run(load_scenario("straight_line", {{"guidance.kind": "mine", "duration_s": 1, "plant.kind": "bicycle"}}))
+except ScenarioError as error:
+    print(error)
+"""
+    done = python(tmp_path, code)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert message in done.stdout
+    assert len(done.stdout) < 400

@@ -70,6 +70,7 @@ def test_a_metric_without_a_value_counts_as_failed(text):
         "lateral_rms > 1" + " or lateral_rms > 1" * 200,
         "(" * 300 + "lateral_rms > 1" + ")" * 300,
         "lateral_rms > 1\x00",
+        "0.3and lateral_rms > 1",
     ],
 )
 def test_anything_else_is_refused_with_an_example_and_nothing_is_executed(text, tmp_path, monkeypatch):

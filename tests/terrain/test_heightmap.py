@@ -214,7 +214,7 @@ def lay(folder, name, content):
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_file_that_is_no_heightmap_is_told_by_name_with_the_fix(tmp_path, name):
+def test_a_file_that_is_no_heightmap_is_told_by_name_with_the_fix(tmp_path, name, recwarn):
     content, what = BAD[name]
     lay(tmp_path, name, content)
     (tmp_path / "field.toml").write_text(f'[terrain]\nkind = "heightmap"\nfile = "{name}"\n')
@@ -224,6 +224,7 @@ def test_a_file_that_is_no_heightmap_is_told_by_name_with_the_fix(tmp_path, name
     assert message.startswith(f"field.toml: terrain.file: {name}: ")
     assert what in message
     assert "\n" not in message
+    assert not recwarn.list
 
 
 def test_a_file_is_not_read_beyond_the_limit(tmp_path):

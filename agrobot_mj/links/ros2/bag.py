@@ -8,35 +8,46 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.links.extras import required
 from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
-from agrobot_mj.links.ros2.sample import Heading, samples_of
+from agrobot_mj.links.ros2.sample import Heading, TickSample, samples_of
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import atomic
+from agrobot_mj.studies.fieldlog import check_time, column_names, read_columns
+
+LARGEST = 1e9
+"""Magnitude that no signal of a tractor reaches, in its own SI unit."""
 
 
 def export_run(folder: Path, file: Path | None = None) -> tuple[Path, int]:
     """Write the run of `folder` as `run.mcap` in it, or as `file`; returns the file and its number of messages.
 
-    Raises `ScenarioError` where the folder holds no run, or without the extra `mcap`.
+    Raises `ScenarioError` where the folder holds no run or a damaged one, or without the extra `mcap`.
     """
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
     file = file or folder / "run.mcap"
     scenario = load_scenario(folder / "scenario.toml")
-    try:
-        signals = pq.read_table(folder / "signals.parquet")
-    except (pa.ArrowException, OSError) as error:
-        raise ScenarioError(f"{folder / 'signals.parquet'}: cannot be read: {error}") from None
-    return file, write_mcap(scenario, signals, file)
+    return file, write_mcap(scenario, _signals(folder / "signals.parquet"), file)
+
+
+def _signals(file: Path) -> pa.Table:
+    """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
+    known = column_names(file)
+    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known)])
+    check_time(file.name, "t", columns["t"])
+    for name, values in columns.items():
+        if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
+            raise ScenarioError(f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}; no tractor has that")
+    return pa.table(columns)
 
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:

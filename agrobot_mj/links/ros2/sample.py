@@ -100,7 +100,11 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
     ]
+    columns[QUALITY] = np.nan_to_num(columns[QUALITY], nan=Quality.NONE)  # of a run that diverged at once
     return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
+
+
+QUALITY = TickSample._fields.index("gnss_quality")
 
 
 class Heading:

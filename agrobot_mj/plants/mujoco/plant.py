@@ -17,12 +17,10 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
 from agrobot_mj.plants.base import Clock
-from agrobot_mj.plants.mujoco.drawing import body_poses, scene_of
-from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement, attached
-from agrobot_mj.plants.mujoco.implement_model import add_implement
-from agrobot_mj.plants.mujoco.implement_stability import check_implement
+from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.plants.mujoco.drawing import body_poses
+from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
-from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
 from agrobot_mj.plants.mujoco.placement import pose_on
@@ -35,13 +33,12 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
-from agrobot_mj.plants.mujoco.stability import check_stability
 from agrobot_mj.plants.mujoco.stepping import ACTUATION, MOTION, Actuators, Oil, Tyred, observe, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
 from agrobot_mj.tyres import MagicFormula, Tyre
-from agrobot_mj.tyres.laws import remembering, tyre_set
+from agrobot_mj.tyres.laws import remembering
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
 CLOCK = Clock()
@@ -91,23 +88,13 @@ class MujocoPlant:
     def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
         """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
         self.spec, self.tractor = spec, machine.tractor
-        native, tyres = spec.tyre.native, tyre_set(spec.tyre, machine.tractor)
+        native = spec.tyre.native
+        self.model, self.scene, tyres, hitched, self.attached = build(spec.tyre, machine, ground, clock.dt, seed)
         self.ground = ground = remembering(ground, tyres.bearing)
-        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
-        hitched = machine.implement.hitched(machine.tractor)
-        if hitched is not None:
-            add_implement(parts, hitched, machine.tractor, native is not None)
-        self.scene = scene_of(parts.compile())
-        self.model = simulation_model(parts, ground, clock.dt, native, drawn=False)
-        if native is None:
-            check_stability(self.model, tyres, machine.tractor, spec.tyre)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
-        self.attached = attached(hitched, self.model, spec.tyre, machine.tractor, seed)
         self.implement = hitched and RunningImplement(hitched, self.model, self.data, self.attached)
-        if hitched is not None:
-            check_implement(self.model, machine.implement, hitched, self.attached)
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
         self.oil = oil_of(machine)

@@ -8,6 +8,7 @@ The text is read by Python's own parser and accepted only if it consists of thes
 
 import ast
 import operator
+import warnings
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn, get_args
 
@@ -39,7 +40,9 @@ class Condition:
         if len(text) > LONGEST:
             self._refuse(f"has more than {LONGEST} characters")
         try:
-            self._tree = ast.parse(text.strip(), mode="eval").body
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # of Python's parser, on numbers that run into words
+                self._tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             self._refuse("cannot be read")
         self._check(self._tree)

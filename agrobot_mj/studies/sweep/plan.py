@@ -6,7 +6,7 @@ the draws is kept per run, so that a plan of a million combinations takes no mor
 
 import json
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, check_files
+from agrobot_mj.simulation.possible import check_tractor, tractor_key
 from agrobot_mj.studies.sweep.axes import Listed
 from agrobot_mj.studies.sweep.portable import portable
 from agrobot_mj.studies.sweep.schema import Sweep
@@ -24,7 +25,9 @@ from agrobot_mj.studies.sweep.schema import Sweep
 MAX_RUNS = 100_000
 """Most runs of a sweep unless the command allows more: what a laptop does in a day."""
 MOST_GROUNDS = 300
-"""Most different fields and paths that are built when a plan is checked; further ones are checked by their runs."""
+"""Most different fields that are built when a plan is checked; further ones are checked by their runs."""
+MOST_KEPT = 1000
+"""Most tractors whose check is remembered; with random draws each run has its own."""
 MOST_LINES = 1000
 """Most combinations that a message lists."""
 
@@ -167,10 +170,10 @@ class SweepPlan:
 
 
 class _Checker:
-    """Checks runs one by one; a field or a path that many share is built once."""
+    """Checks runs one by one; a tractor, a field or a path that many share is built once."""
 
     def __init__(self, base: Scenario) -> None:
-        self.base, self.seen = base, dict[object, list[str]]()
+        self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
 
     def faults(self, run: RunPlan) -> list[str]:
         """What is wrong with a run, without the name of the scenario."""
@@ -181,15 +184,36 @@ class _Checker:
         command = scenario.guidance.outside
         if command:
             return [f'guidance.kind: "{scenario.guidance.kind}" is driven by another program and cannot be swept']
+        return [*self._of_tractor(scenario), *self._of_place(scenario)]
+
+    def _of_tractor(self, scenario: Scenario) -> list[str]:
+        """What is wrong with the tractor; remembered by those of its keys that many runs share."""
+        key = tractor_key(scenario)
+        found = self.tractors.get(key)
+        if found is None:
+            found = self._found(partial(check_tractor, scenario))
+            if len(self.tractors) < MOST_KEPT:
+                self.tractors[key] = found
+        return found
+
+    def _of_place(self, scenario: Scenario) -> list[str]:
+        """What is wrong with path and field. Of too many different ones only the path is looked at."""
         tractor = scenario.tractor
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
-        if key not in self.seen and len(self.seen) < MOST_GROUNDS:
-            try:
-                check_files(scenario, self.base.name)
-                self.seen[key] = []
-            except ScenarioError as error:
-                self.seen[key] = self._plain(error)
-        return self.seen.get(key, [])
+        if key not in self.places:
+            fields = len(self.places) < MOST_GROUNDS
+            found = self._found(partial(check_files, scenario, self.base.name, fields))
+            if not fields:
+                return found
+            self.places[key] = found
+        return self.places[key]
+
+    def _found(self, check: Callable[[], None]) -> list[str]:
+        try:
+            check()
+        except ScenarioError as error:
+            return self._plain(error)
+        return []
 
     def _plain(self, error: ScenarioError) -> list[str]:
         return [line.removeprefix(f"{self.base.name}: ").removeprefix("--set ") for line in str(error).splitlines()]

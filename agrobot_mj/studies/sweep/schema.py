@@ -146,7 +146,11 @@ def read_sweep(source: str | Path) -> Sweep:
     if not isinstance(data.get("base"), str):
         raise ScenarioError(f'{path.name}: base: name a scenario, as in base = "side_slope"')
     try:
-        file = SweepFile.model_validate_json(json.dumps(data, default=str))
+        text = json.dumps(data, default=str)
+    except ValueError:
+        raise ScenarioError(f"{path.name}: holds a number of thousands of digits") from None
+    try:
+        file = SweepFile.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError("\n".join(_lines(path.name, error))) from None
     beside = folder / file.base

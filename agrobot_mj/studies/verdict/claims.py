@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.metrics.base import RunView
+from agrobot_mj.metrics.base import RowChoice, RunView
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
@@ -146,13 +146,12 @@ def claim_numbers(log: Log) -> dict[str, Any]:
     found |= {f"{name}_turns": [turn[name] for turn in turns] for name in names}
     found["share_turns"] = m["nn_share"][: len(turns)]
     if "fnn" in log.scenario.controller.kind:
-        masks = RunView(log).turns[: len(turns)]
-        found |= q_numbers(log.column("q"), masks)
+        found |= q_numbers(log.column("q"), RunView(log).turns[: len(turns)])
     return found
 
 
-def q_numbers(q: np.ndarray, turns: Sequence[np.ndarray]) -> dict[str, list[float]]:
-    """For each turn, a mask of ticks: how far q travels, how often it crosses 1/2, and the share of ticks at rest."""
+def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
+    """For each turn, its ticks: how far q travels, how often it crosses 1/2, and the share of ticks at rest."""
     steps, crossings = np.abs(np.diff(q, prepend=q[0])), np.diff(q > 0.5, prepend=q[0] > 0.5)
     return {
         "q_travel": [float(steps[rows].sum()) for rows in turns],

@@ -216,3 +216,41 @@ def test_every_sweep_that_comes_with_the_package_can_be_run(name):
     found.check_size()
     found.check()
     assert found.file.title
+
+
+def test_every_impossible_tractor_is_found_before_anything_runs(plan):
+    """A chassis without inertia, a tyre too stiff for the step, a payload that leaves nothing: not the plan's keys say
+    so, but the tractor that is built of them."""
+    inertia = faults(
+        plan, 'base = "figure_eight"\n[axes]\n"tractor.yaw_inertia_kg_m2" = { from = 100, to = 900, count = 9 }'
+    )
+    assert "leave the chassis an impossible inertia" in inertia[0]
+    places = [line.strip() for line in inertia if line.startswith("  ")]
+    assert "tractor.yaw_inertia_kg_m2=900" in places
+    assert "tractor.yaw_inertia_kg_m2=400" not in places
+    (stiff, *where) = faults(
+        plan, 'base = "figure_eight"\n[axes]\n"tractor.rear_tyre_damping_n_s_m" = [2e3, 1e6]\n"path.radius_m" = [9, 10]'
+    )
+    assert "to be stable with this tractor and tyre at physics_dt_s" in stiff
+    assert len(where) == 2
+    (light,) = faults(
+        plan, 'base = "figure_eight"\nseeds = 3\n[set]\nfault = [{ kind = "payload", mass_kg = -690, start_s = 1.0 }]'
+    )
+    assert light.startswith("fault[0].mass_kg: leaves the chassis")
+
+
+def test_ten_thousand_tractors_are_checked_in_a_minute(plan):
+    """40 of as many draws; the cost grows with their number."""
+    found = plan('base = "figure_eight"\nsamples = 40\n[draws]\n"tractor.mass_kg" = { uniform = [680, 750] }')
+    found.check()
+    began = time.process_time()
+    found.check()
+    assert time.process_time() - began < 0.8
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
+def test_a_number_of_thousands_of_digits_is_told(plan, number):
+    with pytest.raises(ScenarioError) as told:
+        plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
+    assert str(told.value).startswith("mine.toml: ")
+    assert len(str(told.value)) < 300

@@ -1,0 +1,51 @@
+"""A tractor of given parameters as a compiled model, and all that refuses parameters of which there is none.
+
+The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.implements.base import HitchedBody
+from agrobot_mj.plants.mujoco.implement import attached
+from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement_stability import check_implement
+from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
+from agrobot_mj.plants.mujoco.stability import check_stability
+from agrobot_mj.plants.mujoco.tools import Attached
+from agrobot_mj.terrain import Ground
+from agrobot_mj.tyres import Tyre
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.patch import TyreSet
+
+
+class Built(NamedTuple):
+    """A tractor, ready to run."""
+
+    model: mujoco.MjModel
+    tyres: TyreSet
+    hitched: HitchedBody | None
+    """Body of its implement, if there is one."""
+    attached: Attached
+    """The implement, as compiled kernels know it."""
+
+
+def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1) -> Built:
+    """The tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
+
+    Raises ValueError, naming the key, for a tractor that cannot be, or that is not stable at this step.
+    """
+    tyres = tyre_set(tyre, machine.tractor)
+    parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
+    hitched = machine.implement.hitched(machine.tractor)
+    if hitched is not None:
+        add_implement(parts, hitched, machine.tractor, tyre.native is not None)
+    model = simulation_model(parts, ground, dt, tyre.native)
+    if tyre.native is None:
+        check_stability(model, tyres, machine.tractor, tyre)
+    hung = attached(hitched, model, tyre, machine.tractor, seed)
+    if hitched is not None:
+        check_implement(model, machine.implement, hitched, hung)
+    return Built(model, tyres, hitched, hung)

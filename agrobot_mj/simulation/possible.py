@@ -1,0 +1,39 @@
+"""Whether the tractor of a scenario can be, without running it: what a plan of many runs asks of each combination."""
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.faults import loadings
+from agrobot_mj.machine import Machine
+from agrobot_mj.plants import Mujoco
+from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.terrain.grid import plane
+
+LEVEL = plane(0.0, 0.0, 10.0, 10.0)
+"""Ground under a tractor that is only looked at."""
+
+
+def tractor_key(scenario: Scenario) -> object:
+    """All that decides whether the tractor can be; scenarios with the same key share the answer."""
+    s, plant = scenario, scenario.plant
+    if not isinstance(plant, Mujoco):
+        return None
+    parts = (s.tractor, s.steering.cylinder, s.steering.linkage, s.driveline, s.implement)
+    return (plant.tyre, *parts, s.physics_dt_s, tuple(loadings(s.fault)))
+
+
+def check_tractor(scenario: Scenario) -> None:
+    """Raise `ScenarioError` where `loop.build_plant` would: an impossible chassis, tyres that are not stable."""
+    s, steering = scenario, scenario.steering
+    if not isinstance(s.plant, Mujoco):
+        return
+    machine = Machine(s.tractor, steering.valve, steering.cylinder, s.driveline, s.implement, steering.linkage)
+    try:
+        bare = Chassis(build(s.plant.tyre, machine, LEVEL, s.physics_dt_s).model).bare
+        for k, payload in loadings(s.fault):
+            try:
+                with_payload(bare, payload)
+            except ValueError as error:
+                raise ValueError(f"fault[{k}].{error}") from None
+    except ValueError as error:
+        raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None

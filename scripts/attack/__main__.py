@@ -1,0 +1,78 @@
+"""Hostile inputs against the command line, the stages and the link: no traceback, no hang, no silence.
+
+    python scripts/attack [--seed 1] [--inputs 300] [--only toml,nan] [--number 17]
+
+Inputs follow from the seed alone, so that a finding can be seen again: each is printed with its class and number, and
+`--only CLASS --number N` repeats it. A row for each class, a line for each finding, of which any makes the exit
+status 1.
+"""
+
+import argparse
+import random
+import time
+from collections.abc import Callable
+
+from data import earlier, files, parquet, sources
+from judge import LONGEST_S, judged
+from plugins import plugins
+from processes import kills
+from stages import injected
+from texts import extremes, keys, limits, names, numbers, overrides, sweeps, toml
+from wire import datagrams, guide
+
+from agrobot_mj import load_scenario, run
+
+CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
+    "overrides": (overrides, 0.2),
+    "toml": (toml, 0.15),
+    "sweeps": (sweeps, 0.12),
+    "limits": (limits, 0.05),
+    "files": (files, 0.13),
+    "parquet": (parquet, 0.12),
+    "plugins": (plugins, 0.06),
+    "datagrams": (datagrams, 0.06),
+    "extremes": (extremes, 0.06),
+    "nan": (injected, 0.045),
+    "kills": (kills, 0.005),
+}
+"""Each class with its share of the inputs."""
+KILLS_S = 900.0
+"""Longest time for a command that is killed and run again [s]."""
+
+
+def load(classes: list[str]) -> None:
+    """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
+    keys(), names(), numbers(), sources(), earlier(), guide()
+    short = {"duration_s": 0.2, "plant.settle_s": 0.1, "plant.settle_limit_s": 1.0}
+    tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
+    for kind in (*tyres, "magic_formula"):
+        run(load_scenario("circle", {**short, "plant.tyre.kind": kind}))
+    run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}))
+
+
+def main() -> int:
+    """Attack, and tell."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--inputs", type=int, default=300, help="of all classes together")
+    parser.add_argument("--only", default=",".join(CLASSES), help="some classes, with commas between them")
+    parser.add_argument("--number", type=int, help="one input of each class alone")
+    given, findings = parser.parse_args(), 0
+    load(given.only.split(","))
+    for name in given.only.split(","):
+        attack, share = CLASSES[name]
+        chosen = range(max(1, round(share * given.inputs))) if given.number is None else [given.number]
+        began, before = time.monotonic(), findings
+        for k in chosen:
+            if found := judged(
+                attack, random.Random(f"{given.seed} {name} {k}"), KILLS_S if name == "kills" else LONGEST_S
+            ):
+                findings += 1
+                print(f"{name} {k}: {found}", flush=True)
+        seconds = time.monotonic() - began
+        print(f"{name:10} {len(chosen):6} inputs, {findings - before} findings, {seconds:.0f} s", flush=True)
+    return int(findings > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,121 @@
+"""Processes that are killed at any moment: their results are whole or absent, and the next run cleans up.
+
+What must hold of `run`, `compare` and `sweep`: a folder of results holds all files of one run or none that would be
+taken for one; the same command again ends well and leaves no temporary file; nobody is left running.
+"""
+
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
+LONGEST_S = 120.0
+"""Time within which a command ends after it was told to, on a loaded machine [s]."""
+STALE = re.compile(r"\..*\.[0-9a-z_]{8}(\.part)?")
+"""Names of temporary files."""
+SWEEP = """
+base = "circle"
+seeds = 6
+[set]
+"plant.kind" = "bicycle"
+duration_s = 20
+[axes]
+"path.radius_m" = [8, 10]
+"""
+COMMANDS = {
+    "run": ["run", "circle", "--set", "duration_s=60", "--set", "plant.kind=bicycle"],
+    "recorded": ["run", "circle", "--set", "duration_s=20"],
+    "compare": ["compare", "circle", "--controllers", "pd,pd_t2fnn", "--plants", "bicycle", "--set", "duration_s=30"],
+    "sweep": ["sweep", "sweep.toml", "--jobs", "2"],
+}
+
+
+def kills(chance: random.Random) -> str:
+    """One command, told to end at some moment in some way, and the same again."""
+    Path("sweep.toml").write_text(SWEEP)
+    kind, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+    rest = ["--quiet", "--out", "out", *(["--no-rrd"] if kind == "run" else [])]
+    command = [sys.executable, "-m", "agrobot_mj", *COMMANDS[kind], *rest]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+    _wait(process, chance)
+    process.send_signal(number)
+    if number == signal.SIGINT and chance.random() < 0.3:
+        time.sleep(chance.uniform(0.0, 0.3))
+        process.send_signal(number)
+    try:
+        words = process.communicate(timeout=LONGEST_S)[1].decode(errors="replace")
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return f"{kind}: no end {LONGEST_S:g} s after {number.name}"
+    found = _left(kind, number, words, process.returncode) or _orphans(process.pid)
+    return found or _again(kind, command)
+
+
+def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
+    """Until some moment of the command: soon, or when results begin to come."""
+    if chance.random() < 0.5:
+        time.sleep(chance.uniform(0.2, 10.0))
+        return
+    end = time.monotonic() + 60.0
+    while process.poll() is None and time.monotonic() < end and not any(Path().glob("out/**/*")):
+        time.sleep(0.005)
+    time.sleep(chance.choice([0.0, 0.01, 0.05, 0.5, 2.0]) * chance.random())
+
+
+def _left(kind: str, number: signal.Signals, words: str, status: int) -> str:
+    """What is wrong with what the command said and left."""
+    if "Traceback" in words:
+        return f"{kind}, {number.name}: {words[-2000:]}"
+    if number != signal.SIGKILL and status not in (0, 1, 130, -number):
+        return f"{kind}: status {status} after {number.name}: {words[-300:]}"
+    for file in Path("out").rglob("metrics.json"):
+        names = {path.name for path in file.parent.iterdir()}
+        if not names >= FILES:
+            return f"{kind}: after {number.name} metrics without the rest: {sorted(names)}"
+        json.loads(file.read_text())
+    stale = [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
+    return f"{kind}: after {number.name} left {stale}" if stale and number != signal.SIGKILL else ""
+
+
+def _orphans(group: int) -> str:
+    """Processes of the command that go on without it."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        try:
+            os.killpg(group, 0)
+        except (ProcessLookupError, PermissionError):
+            return ""
+        if not (alive := _group(group)):
+            return ""
+        time.sleep(0.1)
+    os.killpg(group, signal.SIGKILL)
+    return f"still running: {alive}"
+
+
+def _group(group: int) -> list[str]:
+    """Processes of a group that are no zombies."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == group and fields[0] != "Z":
+            found.append(stat.parent.name)
+    return found
+
+
+def _again(kind: str, command: list[str]) -> str:
+    """What is wrong with the same command in the same folder."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=4 * LONGEST_S)
+    left = [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
+    if done.returncode or left:
+        return f"{kind} again: status {done.returncode}, {done.stderr[-1000:]}, left {left}"
+    whole = {"sweep": "sweep.parquet", "compare": "comparison.json"}.get(kind, "metrics.json")
+    return "" if (Path("out") / whole).is_file() else f"{kind} again: no {whole}"

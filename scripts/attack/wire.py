@@ -1,0 +1,107 @@
+"""Datagrams: hostile bytes for the boards, for the host, and for a session between both, without sockets."""
+
+import random
+from functools import cache
+
+from agrobot_mj import load_scenario
+from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.links.agopengps.board import Board
+from agrobot_mj.links.agopengps.channels import Incoming
+from agrobot_mj.links.agopengps.guide import Guide, GuideSettings, GuideState, line_of
+from agrobot_mj.links.agopengps.run import run_link
+from agrobot_mj.links.agopengps.session import Options
+from agrobot_mj.links.agopengps.wire import decode, frame
+
+SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
+PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")
+
+
+class Hostile:
+    """A line on which a host answers, and others shout."""
+
+    pace = None
+
+    def __init__(self, chance: random.Random, guide: Guide) -> None:
+        self.chance, self.guide, self.state, self.turn = chance, guide, GuideState(), 0
+        self.answers: list[bytes] = []
+
+    def begin(self, turn: int):
+        """Shouts before a turn."""
+        self.turn = turn
+        return (Incoming(turn * 0.05, "127.0.0.1:9999", hostile(self.chance)) for _ in range(self.chance.randrange(4)))
+
+    def rest(self, turn: int, answered):
+        """Answers of the host, in between shouts, doubled and swapped."""
+        answers, self.answers = [*self.answers, hostile(self.chance)], []
+        answers += answers[: self.chance.randrange(2)]
+        self.chance.shuffle(answers)
+        return (Incoming(turn * 0.05, "127.0.0.1:9999", answer) for answer in answers)
+
+    def send(self, data: bytes, target=None):
+        """To the host; sometimes bent on the way."""
+        bent = hostile(self.chance) if self.chance.random() < 0.1 else data
+        self.state, answers = self.guide.receive(self.state, bent, self.turn * 0.05)
+        self.answers += answers
+        return self.turn * 0.05, "127.0.0.1:9999"
+
+
+def hostile(chance: random.Random) -> bytes:
+    """Bytes that look like a message, or do not."""
+    kind = chance.randrange(5)
+    if kind == 0:
+        return chance.randbytes(chance.choice([0, 1, 5, 20, 70, 1500]))
+    if kind == 1:  # a frame with a right sum, of any number and length
+        return frame(
+            chance.randrange(256),
+            chance.choice([254, 252, 251, 200, 202, 253, 100, 0]),
+            chance.randbytes(chance.randrange(20)),
+        )
+    if kind == 2:
+        message = bytearray(frame(127, 254, chance.randbytes(8)))
+        message[chance.randrange(len(message))] ^= 1 << chance.randrange(8)
+        return bytes(message)
+    words = SENTENCE.split(b",")
+    for _ in range(chance.randint(1, 3)):
+        words[chance.randrange(len(words))] = chance.choice(PIECES)
+    text = b",".join(words)
+    body = text[1:].partition(b"*")[0]
+    total = 0
+    for byte in body:
+        total ^= byte
+    return text if kind == 3 else b"$" + body + b"*%02X\r\n" % total
+
+
+@cache
+def guide() -> Guide:
+    """The host of the package."""
+    return Guide(
+        GuideSettings(
+            line=line_of(0.0, 0.0, 0.0), origin=Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
+        )
+    )
+
+
+def datagrams(chance: random.Random) -> str:
+    """200 messages for parser, board and host, or a second of a run with all of them at once."""
+    if chance.random() < 0.3:
+        keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
+        options = Options(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)
+        try:
+            log = run_link(load_scenario("straight_line", keys), Hostile(chance, guide()), options).log
+        except Exception as error:
+            return "" if type(error).__name__ == "NoHostError" else f"{type(error).__name__}: {error}"
+        return "" if log.outcome in ("completed", "host_lost", "not_engaged") else f"{log.outcome}: {log.metrics}"
+    board, host = Board(AgOpenGps(), 0.78, True), GuideState()
+    state = board.init()
+    for k in range(200):
+        message = hostile(chance)
+        decode(message)
+        state, _ = board.receive(state, message, k * 0.05, k * 0.05, chance.random() < 0.5)
+        state, actuation = board.tick(state, k * 0.05, 0.1)
+        if not abs(actuation.steer) <= 0.78:
+            return f"{message!r} steers to {actuation.steer}"
+        host, answers = guide().receive(host, message, k * 0.05)
+        for answer in answers:
+            decode(answer)
+    return ""

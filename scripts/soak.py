@@ -1,0 +1,226 @@
+"""Long runs: what a minute cannot show. Each prints a row for docs/reliability.md; the exit status is 1 if one fails.
+
+    python scripts/soak.py learning [--ticks 10000000]
+    python scripts/soak.py work [--hours 24] [--recorded]
+    python scripts/soak.py link [--seconds 3600]
+
+`learning`: the paper's controller in a loop with a first-order lag, for ticks that would take days with a tractor: all
+parameters stay finite and within bounds, and memory stays as it is.
+`work`: laps of the figure eight on rough soil in MuJoCo; memory after the first ten simulated minutes and from then on,
+and at the end, while metrics are made and files written.
+`link`: a host of our own drives over UDP at real time while other work loads the machine; ticks that come late, a
+schedule that slips and outages of the watchdog are counted.
+"""
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from math import ceil, inf, pi, radians, sin, tan, tanh
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control.pd_fnn import PdT2fnn
+from agrobot_mj.control.t2fnn import T2FnnState
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.recording import Recording
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log, Rows
+from agrobot_mj.simulation.storage import write_log
+
+SETTLED_S = 600.0
+"""Simulated time after which memory has to stay as it is [s]."""
+FLAT_MB = 50.0
+"""Growth of memory that counts as none [MB]."""
+BOUND = 100.0
+"""Magnitude that no parameter of a network reaches, in its own unit."""
+SAMPLE_S = 5.0
+"""Wall time between two looks at the memory [s]."""
+
+
+def resident_mb(process: int) -> float:
+    """Memory that a process has in RAM [MB]; 0 once it has ended."""
+    try:
+        text = Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return 0.0
+    return next((float(line.split()[1]) / 1e3 for line in text.splitlines() if line.startswith("VmRSS")), 0.0)
+
+
+def own_mb(peak: bool = False) -> float:
+    """Memory of this process [MB]; its peak since `forget_peak`."""
+    name = "VmHWM" if peak else "VmRSS"
+    text = Path("/proc/self/status").read_text()
+    return next(float(line.split()[1]) / 1e3 for line in text.splitlines() if line.startswith(name))
+
+
+def forget_peak() -> None:
+    """Let the peak count from now on."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def largest(state: T2FnnState) -> float:
+    """Largest magnitude of any parameter of a network; inf where one is not finite."""
+    numbers = np.concatenate([np.ravel(part) for part in state])
+    return float(np.abs(numbers).max()) if np.isfinite(numbers).all() else inf
+
+
+def learning(ticks: int) -> bool:
+    """Let the network learn; True if its parameters stay bounded and memory flat.
+
+    The yaw rate follows u tan(delta)/L with a lag of 0.3 s, towards a reference that swings as on the figure eight,
+    with noise of 0.01 rad/s: what learning sees on a tractor, and it never comes to rest.
+    """
+    law, chance, yaw_rate, began = PdT2fnn(), np.random.default_rng(1), 0.0, time.monotonic()
+    state, early, bound, tenth = law.init(), 0.0, 0.0, max(ticks // 10, 1)
+    for first in range(0, ticks, tenth):
+        for k, noise in enumerate(chance.normal(0.0, 0.01, min(tenth, ticks - first)).tolist()):
+            t = (first + k) * TICK_S
+            error = 0.12 * tanh(5 * sin(t * 2 * pi / 120)) - yaw_rate - noise
+            state, command = law.update(state, t, error, TICK_S, radians(45))
+            yaw_rate += TICK_S / 0.3 * (1.2 / 1.4 * tan(command.steer) - yaw_rate)
+        assert state.network is not None
+        bound, early = max(bound, largest(state.network)), early or own_mb()
+        widths = [state.network.d1_lower, state.network.d1_upper, state.network.d2_lower, state.network.d2_upper]
+        print(
+            f"  {first + tenth:.2g} ticks: q {state.network.q:.3f}, f up to {np.abs(state.network.f).max():.3f} rad, "
+            f"widths {min(map(np.min, widths)):.3f} to {max(map(np.max, widths)):.3f}, {own_mb():.0f} MB",
+            flush=True,
+        )
+    grown = own_mb() - early
+    print(
+        f"learning: {ticks:.0e} ticks in {time.monotonic() - began:.0f} s, no parameter beyond {bound:.3g}, "
+        f"memory {grown:+.1f} MB since the first tenth"
+    )
+    return bound < BOUND and grown < FLAT_MB
+
+
+class Memory:
+    """A watcher that notes the memory every simulated minute."""
+
+    def __init__(self) -> None:
+        self.samples: list[tuple[float, float]] = []
+
+    def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        """Before the first tick."""
+        self.rows = rows
+
+    def advance(self, first: int) -> None:
+        """A piece of the run is done."""
+        before, now = first * TICK_S, self.rows.filled * TICK_S
+        self.samples.append((now, own_mb()))
+        if before < SETTLED_S <= now:
+            forget_peak()
+        if now // 3600 > before // 3600:
+            print(f"  {now / 3600:.0f} h: {own_mb():.0f} MB", flush=True)
+
+    def finish(self, log: Log) -> None:
+        """Metrics are there."""
+
+    def fail(self, error: BaseException) -> None:
+        """Something ended the run."""
+
+
+def work(hours: float, recorded: bool) -> bool:
+    """Drive laps for so long; True if memory stays flat after the first ten simulated minutes.
+
+    Interrupted, it tells of the hours that it has driven.
+    """
+    keys = {"path.turns": ceil(hours * 3600 / 119.0), "duration_s": hours * 3600, "terrain.half_size_m": 60.0}
+    rough = {"terrain.kind": "rough", "terrain.grade_deg": 0.0, "plant.tyre.kind": "soil"}
+    memory, began, stopped = Memory(), time.monotonic(), list[int]()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: stopped.append(number))
+    with tempfile.TemporaryDirectory() as folder:
+        recording = (Recording(Path(folder) / "run.rrd"),) if recorded else ()
+        log = run(load_scenario("figure_eight", {**keys, **rough}), (memory, *recording), lambda: bool(stopped))
+        metered = own_mb(peak=True)
+        forget_peak()
+        write_log(log, Path(folder), recorded=recorded)
+        written = own_mb(peak=True)
+        size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
+    later = [mb for t, mb in memory.samples if t >= SETTLED_S] or [own_mb()]
+    driving = max(later) - later[0]
+    print(
+        f"work: {log.outcome} after {log.rows.filled * TICK_S / 3600:.2f} h, {log.metrics['real_time_factor']:.0f} x "
+        f"real time, lateral rms {log.metrics['lateral_rms']:.4f} m, physics warnings "
+        f"{log.metrics['physics_warnings']}, {time.monotonic() - began:.0f} s"
+    )
+    print(
+        f"memory [MB]: {later[0]:.0f} after ten minutes, {driving:+.0f} while driving, {metered - later[0]:+.0f} "
+        f"while metrics are made, {written - later[0]:+.0f} while files are written ({size:.0f} MB)"
+    )
+    return log.outcome in ("completed", "aborted") and driving < FLAT_MB
+
+
+def free_ports() -> tuple[int, int]:
+    """Two ports of UDP that nothing listens on."""
+    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
+        for each in (a, b):
+            each.bind(("127.0.0.1", 0))
+        return a.getsockname()[1], b.getsockname()[1]
+
+
+def followed(command: list[str]) -> tuple[int, list[tuple[float, float]]]:
+    """Run a command; its status, and time [s] and memory [MB] as it went."""
+    began, samples = time.monotonic(), []
+    with subprocess.Popen(command) as process:
+        while process.poll() is None:
+            samples.append((time.monotonic() - began, resident_mb(process.pid)))
+            time.sleep(SAMPLE_S)
+        return process.returncode, samples
+
+
+def link(seconds: float) -> bool:
+    """Drive over the link at real time; True if the host steered throughout and no outage was counted."""
+    board, host = free_ports()
+    lasting = ["--duration", str(seconds + 120), "--idle", "30"]
+    serving = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={host}", f"--board-port={board}"]
+    driving = [sys.executable, "-m", "agrobot_mj", "link", "straight_line", "--set", "guidance.position=paogi"]
+    driving += ["--set", "terrain.half_size_m=10000"]
+    ports = ["--port", str(board), "--host-port", str(host)]
+    with tempfile.TemporaryDirectory() as folder, subprocess.Popen([*serving, *lasting]) as server:
+        try:
+            rest = ["--duration", str(seconds), "--start", "engaged", "--no-rrd", "--out", folder, *ports]
+            status, samples = followed([*driving, *rest])
+        finally:
+            server.terminate()
+        found: dict[str, Any] = json.loads((Path(folder) / "metrics.json").read_text())
+    load = os.getloadavg()[2]
+    keys = ("turns", "late_turns", "worst_lateness_ms", "slipped_s", "latency_ms_median", "latency_ms_p95")
+    keys = (*keys, "latency_ms_worst", "positions", "steer_messages", "outages", "engaged_fraction")
+    words = [f"{key} {found['link'][key]:.6g}" for key in keys]
+    print(
+        f"link: {found['outcome']}, status {status}, {', '.join(words)}, load {load:.1f}, "
+        f"memory {samples[-2][1]:.0f} MB at the end, {max(m for _, m in samples):.0f} MB at most"
+    )
+    print(json.dumps([(round(t), round(m)) for t, m in samples[:: max(1, len(samples) // 60)]]))
+    return status == 0 and found["link"]["outages"] == 0
+
+
+def main() -> int:
+    """Soak, and tell."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    kinds.add_parser("learning").add_argument("--ticks", type=int, default=10_000_000)
+    working = kinds.add_parser("work")
+    working.add_argument("--hours", type=float, default=24.0)
+    working.add_argument("--recorded", action="store_true")
+    kinds.add_parser("link").add_argument("--seconds", type=float, default=3600.0)
+    given = parser.parse_args()
+    if given.kind == "learning":
+        return int(not learning(given.ticks))
+    return int(not (work(given.hours, given.recorded) if given.kind == "work" else link(given.seconds)))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
