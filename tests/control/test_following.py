@@ -178,6 +178,18 @@ def test_the_integral_of_the_lqr_rests_at_the_limits() -> None:
     assert abs(integral).max() < 0.3 * abs(plain).max()
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_integral_of_the_lqr_grows_to_its_own_limit_and_no_farther(side: int) -> None:
+    """Behind a bias larger than it may hold it stands at the limit, so that the rest shows as an offset."""
+    law = Lqr(integral_limit_deg=4.0)
+    d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
+    integral = np.array([report[-1] for report in d.reports])
+    assert abs(integral).max() <= radians(4.0) * (1 + 1e-12)
+    assert abs(integral[-1]) == pytest.approx(radians(4.0))
+    free = drive(Lqr(), Bend(1.2), 40.0, bias=side * radians(9.0))
+    assert abs(d.offset[-1]) > abs(free.offset[-1]) + 0.02
+
+
 @given(st.sampled_from(SPEEDS), st.booleans())
 def test_the_closed_loop_of_the_lqr_is_stable_at_every_speed_of_its_grid(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
