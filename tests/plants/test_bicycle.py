@@ -240,3 +240,11 @@ def test_a_state_that_is_no_number_is_a_divergence_and_a_saved_one_goes_on():
     assert again[:14] == ahead[:14]
     plant.state[3] = np.nan
     assert plant.trouble() == "diverged"
+
+
+def test_what_is_drawn_stands_where_the_bicycle_does():
+    plant, truths = driven((8.0, 8.0), 2.0)
+    poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
+    assert {"chassis", "wheel_fl", "wheel_rr"} <= set(poses)
+    assert poses["chassis"][:2] == pytest.approx((truths[-1].rear_x, truths[-1].rear_y), abs=1e-9)
+    assert plant.configuration()[:2] == pytest.approx(poses["chassis"][:2])
