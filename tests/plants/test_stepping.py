@@ -152,7 +152,7 @@ def test_against_wheels_that_are_held_the_pressure_rises_to_that_of_the_relief_v
 
 
 def test_held_at_relief_pressure_for_long_the_column_lets_go_at_once():
-    """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad of stroke, 0.4 s with the valve's lag."""
+    """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
     assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
 
 
