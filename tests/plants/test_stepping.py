@@ -12,7 +12,7 @@ from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.plants.mujoco.loads import CENTRE, HUNG, SIDE, apply_loads, no_loads
+from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, apply_loads, no_loads
 from agrobot_mj.plants.mujoco.payload import Chassis, Inertial, with_payload
 from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, observe, relieve, take_up_play
 from agrobot_mj.plants.mujoco.views import CHASSIS
@@ -196,6 +196,38 @@ def test_a_side_force_alone_does_not_turn_a_tractor_in_the_air():
     assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
 
 
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_implement_pulls_at_the_hitch_against_its_way_in_the_chassis_own_plane(way):
+    """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
+    plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
+    plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
+    mujoco.mj_forward(plant.model, plant.data)
+
+    def hitch(step):
+        qpos = plant.data.qpos.copy()
+        mujoco.mj_integratePos(plant.model, qpos, plant.data.qvel, step)
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, qpos[3:7])
+        return qpos[:3] + R.reshape(3, 3) @ [-behind, 0.0, height]
+
+    R = plant.data.xmat[CHASSIS].reshape(3, 3)
+    velocity = R.T @ (hitch(1e-6) - hitch(-1e-6)) / 2e-6
+    along = R @ [*velocity[:2], 0.0]
+    loads = no_loads(behind, height)
+    loads[PULL], loads[CENTRE:HUNG] = pull, plant.model.body_ipos[CHASSIS]
+    for _ in range(400):
+        apply_loads(plant.views, loads, 0.002)
+    found = plant.data.xfrc_applied[CHASSIS]
+    assert found[:3] == pytest.approx(-pull * along / np.linalg.norm(along), rel=0.01, abs=2.0)
+    assert np.linalg.norm(found[:3]) == pytest.approx(pull, rel=0.01)
+    arm = hitch(0.0) - plant.data.xipos[CHASSIS]
+    assert found[3:] == pytest.approx(np.cross(arm, found[:3]))
+    loads[PULL] = 0.0
+    apply_loads(plant.views, loads, 0.002)
+    assert not plant.data.xfrc_applied[CHASSIS].any()
+    assert not loads[AHEAD : LEFT + 1].any()  # lifted, it forgets
+
+
 # --- masses -------------------------------------------------------------------------------------------------------
 
 LEANING = """<mujoco><worldbody><body name="chassis"><freejoint/>
@@ -226,6 +258,20 @@ def test_a_chassis_whose_principal_axes_lean_is_read_as_it_is_and_written_back()
     assert tensor(model) == pytest.approx(FULL + reduced * (d @ d * np.eye(3) - np.outer(d, d)))
     chassis.carry(())
     assert tensor(model) == pytest.approx(FULL)
+
+
+def test_a_payload_turns_the_principal_axes_of_a_straight_chassis():
+    """MuJoCo takes a body's axes for those of its inertia where they were the same when the model was made."""
+    text = LEANING.replace('fullinertia="60 180 200 -12 -25 8"', 'diaginertia="60 180 200"')
+    model = mujoco.MjModel.from_xml_string(text)
+    Chassis(model).carry((PointMass(100.0, 1.5, -0.4, 1.1),))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.xipos[CHASSIS] == pytest.approx([0.7, 0.0, 0.7])
+    axes = data.ximat[CHASSIS].reshape(3, 3)
+    found = axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
+    assert found == pytest.approx(tensor(model))
+    assert abs(found[0, 1]) > 10.0
 
 
 def test_what_is_taken_away_leaves_less_inertia():
