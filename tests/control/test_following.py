@@ -252,6 +252,18 @@ def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
     assert x == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_the_model_of_the_lqr_answers_a_command_as_many_ticks_later_as_the_valve(n: int) -> None:
+    a, wheelbase = _slip(Lqr(), MACHINE, 1.0)
+    (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
+    x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
+    x[:3] = y[:3] = 0.1, -0.05, 0.02
+    for k, command in enumerate(commands):
+        x = late @ x + given_late[:, 0] * command
+        y = prompt @ y + given_now[:, 0] * (commands[k - n] if k >= n else 0.0)
+        assert [*x[:3], x[-1]] == pytest.approx(y)
+
+
 def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     from agrobot_mj.control import nmpc
 
