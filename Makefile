@@ -16,8 +16,7 @@ PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guard
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
 	tests/simulation/test_loop.py::test_physics_that_blow_up_end_the_run_before_anything_senses_them
 KERNELS := tests/machine tests/plants/test_stepping.py tests/plants/test_bicycle.py tests/control/test_t2fnn_inference.py \
-	tests/tyres/test_moments.py tests/tyres/test_linear.py tests/terrain/test_grid.py tests/tyres/test_ruts.py \
-	-k "not multipass"
+	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/tyres/test_moments.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
 # One line per package out of what pip says; fails if pip did. Its errors are on stderr and pass by.

@@ -1,7 +1,7 @@
 """Mutation test: does a test fail when the source is changed in one place?
 
     python scripts/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
-    python scripts/mutate.py --again          those that survived, with the slow tests too
+    python scripts/mutate.py --again --whole  those that survived, with the slow tests too
 
 From each group of modules of scripts/mutants.toml a sample is drawn; a module's tests are those named there, not the
 whole suite. Each mutant runs in a forked process over a copy of the tree, with the libraries loaded already. Kernels
@@ -40,7 +40,7 @@ from mutants import Mutant, changed, mutants
 ROOT = Path(__file__).parents[1]
 PARTS = ("agrobot_mj", "models", "scenarios", "tests", "docs", "scripts", "examples", "pyproject.toml", "README.md")
 SLOW_S = 1.5
-"""CPU time of a test that is tried on survivors alone [s]."""
+"""CPU time beyond which a test is left out, unless all are asked for [s]."""
 LONGEST_S = 1200
 """Longest time of a mutant by the clock [s]."""
 
@@ -235,7 +235,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, help="mutants of each group, instead of the numbers of the plan")
     parser.add_argument("--only", default=",".join(("named", *groups)), help="groups, separated by commas")
-    parser.add_argument("--again", action="store_true", help="only those that survived before, with the slow tests too")
+    parser.add_argument("--again", action="store_true", help="only those that survived before")
+    parser.add_argument("--whole", action="store_true", help="with the slow tests too")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "mutants")
     given = parser.parse_args()
     bench, file = Bench(given.out.resolve()), given.out / "mutants.jsonl"
@@ -248,7 +249,7 @@ def main() -> None:
             row = known.get(key)
             if row["killed"] or not given.again if row else given.again:
                 continue
-            killed, used = bench.try_out(module, mutant, tests, given.again)
+            killed, used = bench.try_out(module, mutant, tests, given.whole)
             known[key] = {
                 "group": name,
                 "module": module,

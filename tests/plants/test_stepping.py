@@ -9,12 +9,13 @@ import pytest
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.implements import Mounted
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, apply_loads, no_loads
 from agrobot_mj.plants.mujoco.payload import Chassis, Inertial, with_payload
-from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, observe, relieve, take_up_play
+from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, observe, relieve, take_up_play
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
@@ -94,6 +95,16 @@ def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, pla
     assert side * column == pytest.approx(stop - 0.4 * 49 * dt, abs=0.4 * 2 * dt)
 
 
+@pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
+def test_inside_its_play_the_cylinder_pushes_no_wheel(cylinder, column):
+    """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
+    plant = placed(linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
+    v = plant.views
+    v.qpos[v.steer_q], plant.cylinder[0] = 0.10, cylinder
+    take_up_play(v, plant.oil, plant.cylinder, 0.002)
+    assert v.act[STEERING] == pytest.approx(column)
+
+
 def driving(speed, stretch):
     """Torque of the hydrostat after its relief valves, with its column `stretch` [rad] ahead of the wheels."""
     plant = placed()
@@ -163,6 +174,27 @@ def test_a_valve_without_compensation_stalls_at_its_supply_pressure():
     assert flow == pytest.approx(0.0, abs=0.5)
 
 
+def test_every_tyre_slides_as_its_own_place_on_the_tractor_does():
+    """One step from rest: the bristles move with the wheels' centres, less what the rims turn."""
+    plant = MujocoPlant(Mujoco(tyre=Linear(rolling_resistance=0.0)), Machine(), Flat().ground())
+    plant.reset(ORIGIN)
+    v_x, v_y, omega, spin, dt = 0.4, 0.1, 0.3, 2.0, 0.002
+    plant.data.qvel[:] = 0.0
+    plant.data.qvel[:6] = v_x, v_y, 0.0, 0.0, 0.0, omega
+    plant.data.qvel[plant.views.spins_v] = spin
+    mujoco.mj_forward(plant.model, plant.data)
+    tyred = plant.tyred
+    tyred.bristles[:] = 0.0
+    apply_tyres(plant.views, plant.views.wheels, tyred, dt)
+    half, r_e = TRACTOR.track_m / 2, TRACTOR.rear_wheel_radius_m - 0.007
+    for i, (ahead, left) in enumerate(
+        [(TRACTOR.wheelbase_m, half), (TRACTOR.wheelbase_m, -half), (0, half), (0, -half)]
+    ):
+        rim = spin * r_e if i > 1 else 0.0
+        slide = v_x - omega * left - rim, v_y + omega * ahead
+        assert tyred.bristles[i, :2] / dt == pytest.approx(slide, abs=0.02), i
+
+
 # --- loads --------------------------------------------------------------------------------------------------------
 
 
@@ -194,6 +226,19 @@ def test_a_side_force_alone_does_not_turn_a_tractor_in_the_air():
     mujoco.mj_fullM(plant.model, plant.data, M)
     gained = (M @ (plant.data.qacc - before))[:3]
     assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
+
+
+def test_beside_an_implement_the_side_force_acts_on_the_tractor_alone():
+    plant = placed(0.7, 0.2, -0.3, implement=Mounted())
+    model, data, loads = plant.model, plant.data, no_loads(0.5, 0.4)
+    body = plant.attached.body
+    hung = model.body_subtreemass[body]
+    own = model.body_subtreemass[CHASSIS] - hung
+    loads[SIDE], loads[CENTRE:HUNG], loads[HUNG] = 500.0, model.body_ipos[CHASSIS], hung / own
+    apply_loads(plant.views, loads, 0.002)
+    alone = (model.body_subtreemass[CHASSIS] * data.subtree_com[CHASSIS] - hung * data.subtree_com[body]) / own
+    found = data.xfrc_applied[CHASSIS]
+    assert found[3:] == pytest.approx(np.cross(alone - data.xipos[CHASSIS], found[:3]), abs=1e-6)
 
 
 @pytest.mark.parametrize("way", [1, -1])
