@@ -15,6 +15,8 @@ DEMO := runs/demo
 PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
 	tests/simulation/test_loop.py::test_physics_that_blow_up_end_the_run_before_anything_senses_them
+KERNELS := tests/machine tests/plants/test_stepping.py tests/plants/test_bicycle.py tests/control/test_t2fnn_inference.py \
+	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/tyres/test_moments.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
 # One line per package out of what pip says; fails if pip did. Its errors are on stderr and pass by.
@@ -25,7 +27,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack help install demo demo-link test plain slow check validate bench performance figures verdict learning library snapshots lock reference results ros third-party
+.PHONY: attack bench check coverage demo demo-link figures help install learning library lock mutate performance plain reference results ros slow snapshots test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -48,6 +50,16 @@ test: $(STAMP) ## Run the tests
 
 plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
+
+coverage: $(STAMP) ## Count the lines that tests execute, kernels as plain Python, and print them by package (ten minutes)
+	@rm -f .coverage .coverage.*
+	@$(PY) -m coverage run -m pytest -m "not slow" -n 2
+	@NUMBA_DISABLE_JIT=1 $(PY) -m coverage run -m pytest -q $(KERNELS)
+	@$(PY) -m coverage combine -q
+	@$(PY) scripts/covered.py
+
+mutate: $(STAMP) ## Change the source in one place at a time, and see whether a test fails (an hour)
+	@$(PY) scripts/mutate.py
 
 slow: $(STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2

@@ -178,6 +178,58 @@ def test_the_integral_of_the_lqr_rests_at_the_limits() -> None:
     assert abs(integral).max() < 0.3 * abs(plain).max()
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_integral_of_the_lqr_grows_to_its_own_limit_and_no_farther(side: int) -> None:
+    """Behind a bias larger than it may hold it stands at the limit, so that the rest shows as an offset."""
+    law = Lqr(integral_limit_deg=4.0)
+    d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
+    integral = np.array([report[-1] for report in d.reports])
+    assert abs(integral).max() <= radians(4.0) * (1 + 1e-12)
+    assert abs(integral[-1]) == pytest.approx(radians(4.0))
+    free = drive(Lqr(), Bend(1.2), 40.0, bias=side * radians(9.0))
+    assert abs(d.offset[-1]) > abs(free.offset[-1]) + 0.02
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_behind_a_cusp_the_reference_tells_the_direction(law: Following) -> None:
+    """A law that has driven forward all the way reverses as soon as its reference does."""
+    path = Bend(-1.2)
+    r, m = path.at(5.0), MACHINE
+    e = Estimate(
+        r.x, r.y, r.yaw, 0.0, 0.0, r.x - m.cg_to_rear_axle * cos(r.yaw), r.y - m.cg_to_rear_axle * sin(r.yaw), np.eye(3)
+    )
+    state = law.init()._replace(direction=1.0)
+    state, command = law.update(state, Situation(5.0, e, r, SampledRoute(path), m, 0.0), TICK_S)
+    assert state.direction == -1.0
+    assert command.speed == pytest.approx(-1.2, abs=0.05)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.5, 3.0])
+def test_slip_in_a_steady_bend_is_that_of_the_bicycle(speed: float) -> None:
+    """Forces of both axles hold the circle: their slip angles are the moments' shares over the stiffnesses."""
+    law, m, gamma = Lqr(), MACHINE, 0.1
+    force = m.mass_kg * speed * gamma
+    rear = force * m.cg_to_front_axle / m.wheelbase_m / law.rear_cornering_stiffness_n_rad
+    front = force * m.cg_to_rear_axle / m.wheelbase_m / law.front_cornering_stiffness_n_rad
+    lateral = m.cg_to_rear_axle * gamma - speed * rear  # of the CG, to the left
+    steer = m.wheelbase_m * gamma / speed + front - rear
+    assert _slip(law, m, speed) == pytest.approx((lateral / gamma, steer * speed / gamma))
+
+
+@pytest.mark.parametrize(
+    ("key", "gain", "grows"),
+    [("offset_m", 0, True), ("heading_deg", 1, True), ("integral_m_s", -1, True), ("steer_deg", 0, False)],
+)
+def test_an_error_that_costs_more_is_corrected_harder_and_steering_that_costs_more_less(
+    key: str, gain: int, grows: bool
+) -> None:
+    """A key says how large a deviation costs 1: half of it means four times the price."""
+    law = Lqr()
+    dear = law.model_copy(update={key: 0.5 * getattr(law, key)})
+    before, after = (abs(one.gains(MACHINE, 1.2)[gain]) for one in (law, dear))
+    assert (after > 1.05 * before) if grows else (after < 0.95 * before)
+
+
 @given(st.sampled_from(SPEEDS), st.booleans())
 def test_the_closed_loop_of_the_lqr_is_stable_at_every_speed_of_its_grid(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
@@ -198,6 +250,18 @@ def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
         gamma = u * delta / wheelbase
         x = x + TICK_S / 5000 * np.array([u * e + a * gamma, gamma, (command - delta) / law.steering_lag_s, e_y])
     assert x == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_the_model_of_the_lqr_answers_a_command_as_many_ticks_later_as_the_valve(n: int) -> None:
+    a, wheelbase = _slip(Lqr(), MACHINE, 1.0)
+    (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
+    x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
+    x[:3] = y[:3] = 0.1, -0.05, 0.02
+    for k, command in enumerate(commands):
+        x = late @ x + given_late[:, 0] * command
+        y = prompt @ y + given_now[:, 0] * (commands[k - n] if k >= n else 0.0)
+        assert [*x[:3], x[-1]] == pytest.approx(y)
 
 
 def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

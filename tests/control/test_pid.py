@@ -4,7 +4,7 @@ from math import copysign, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.control.pid import NEUTRAL_V, FilteredRate, Pid, SpeedLoop, SteeringLoop, over_dead_band
+from agrobot_mj.control.pid import NEUTRAL_V, FilteredRate, Pid, PidState, SpeedLoop, SteeringLoop, over_dead_band
 
 TICK = 0.05
 
@@ -143,3 +143,29 @@ def test_the_steering_reference_changes_no_faster_than_it_may() -> None:
     assert seen == pytest.approx([0, 1, 2, 3, 4, 5, there, there - 1, there - 2])
     free = SteeringLoop()
     assert free.update(free.init(), -1.0, 0.1, TICK)[0].reference == -1.0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("at_once", [False, True])
+def test_neither_limit_winds_the_integral_up(side: int, at_once: bool) -> None:
+    """Held at a limit, by the error alone or by the term beside it, the integral stays and comes back when it may."""
+    pid, state = Pid(kp=0.0, ki=1.0), PidState(integral=0.3 * side)
+    for _ in range(200):
+        state, output = pid.update(state, 2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side if at_once else 0.0)
+    assert output == pytest.approx(side)
+    assert side * state.integral <= 1.0
+    if at_once:
+        assert state.integral == pytest.approx(0.3 * side)
+    before = state.integral
+    state, _ = pid.update(state, -2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side)
+    assert state.integral == pytest.approx(before - side * 2.0 * TICK), "away from the limit it may go"
+
+
+def test_the_inner_loop_alone_keeps_the_outer_integral() -> None:
+    loop = SpeedLoop()
+    state, _ = loop.update(loop.init(), 1.2, 0.7, 0.2, TICK)
+    held, (pedal_ref, voltage) = loop.hold(state, 0.5, 0.4, TICK)
+    assert held.outer == state.outer
+    assert pedal_ref == 0.5
+    assert voltage == pytest.approx(NEUTRAL_V + 6.0 * 0.1 + 0.25)
+    assert loop.hold(state, 0.4, 0.5, TICK)[1][1] == pytest.approx(NEUTRAL_V - 6.0 * 0.1 - 0.25)

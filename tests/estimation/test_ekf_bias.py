@@ -113,3 +113,31 @@ def test_its_stated_uncertainty_is_honest_on_level_ground():
 
     assert 1.0 < nees("ekf_bias") < 3.0
     assert nees("ekf") > 4.0
+
+
+@pytest.mark.parametrize("bias_deg", [2.0, -2.0])
+@pytest.mark.parametrize("side", [1, -1])
+def test_in_a_bend_the_bias_is_taken_from_what_the_potentiometer_reads(side, bias_deg):
+    """The yaw rate follows the wheels, not the turned sensor; left and right bends tell the sign of either."""
+    estimator, radius = EkfBias(yaw_rate_source="kinematic"), 10.0
+    state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
+    for measurement in measurements(1200, side * radius):
+        reading = measurement._replace(steer=measurement.steer + radians(bias_deg))
+        state, estimate = estimator.update(state, reading, DT)
+    assert degrees(estimate.steer_bias) == pytest.approx(bias_deg, abs=0.15)
+    assert estimate.yaw_rate == pytest.approx(side * 1.2 / radius, rel=0.02)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_without_fixes_the_velocity_turns_with_the_wheels_and_not_with_the_bias(side):
+    estimator, radius, bias = EkfBias(), 10.0, radians(4.0)
+    state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
+    pose, P = np.array([0.0, 0.0, 0.0, bias, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
+    state = state._replace(pose=pose, pose_covariance=P, motion=np.array([0.0, 1.2, 0.0, 0.0]))
+    for measurement in measurements(51, side * radius, lost=range(51)):
+        reading = measurement._replace(steer=measurement.steer + bias)
+        state, estimate = estimator.update(state, reading, DT)
+    turned_by = side * 1.2 * 50 * DT / radius
+    assert np.arctan2(state.motion[3], state.motion[1]) == pytest.approx(turned_by, rel=0.01)
+    assert estimate.yaw == pytest.approx(turned_by, rel=0.01)
+    assert estimate.speed == pytest.approx(1.2, rel=1e-3)

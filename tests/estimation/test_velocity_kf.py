@@ -86,3 +86,12 @@ def test_it_smooths_the_velocity():
     assert spread < 0.7 * 0.03
     assert spread < np.sqrt(covariance[1, 1]) < 0.03  # it allows for a walk that is not there
     assert np.mean(speeds[100:]) == pytest.approx(1.2, abs=0.005)
+
+
+def test_noise_over_a_tick_is_that_of_its_parts():
+    """A random walk of the velocity: its variance grows with the time, and two ticks make one of twice the length."""
+    walk, a, b = 0.3, 0.05, 0.12
+    F = np.kron(np.eye(2), [[1.0, b], [0.0, 1.0]])
+    both = F @ process_noise(walk, a) @ F.T + process_noise(walk, b)
+    assert process_noise(walk, a + b) == pytest.approx(both, rel=1e-12)
+    assert process_noise(walk, a)[[1, 3], [1, 3]] == pytest.approx(walk**2 * a)

@@ -15,6 +15,7 @@ from agrobot_mj.machine.hydraulics import (
     static_flow,
     valve_law,
     valve_step,
+    worn,
 )
 
 DT = 0.002
@@ -68,7 +69,8 @@ def test_the_static_map_is_continuous_and_never_falls():
 
 
 @pytest.mark.parametrize(
-    ("delay_s", "dt", "steps"), [(0.1, 0.002, 50), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)]
+    ("delay_s", "dt", "steps"),
+    [(0.1, 0.002, 50), (0.1, 0.004, 25), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)],
 )
 def test_the_delay_is_its_number_of_steps(delay_s, dt, steps):
     spool = spool_response(Valve(delay_s=delay_s), [9.0] * (steps + 3), dt)
@@ -147,3 +149,14 @@ def test_a_compensated_valve_does_not_feel_the_load():
 @pytest.mark.parametrize(("deflection", "left"), [(0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (1.5, 0.5), (-1.5, -0.5)])
 def test_a_play_takes_its_half_width(deflection, left):
     assert beyond_play(deflection, 1.0) == left
+
+
+@pytest.mark.parametrize(
+    ("voltage", "flow"), [(8.0, 1.3 * 1.6), (4.0, -1.3 * 1.4), (12.0, 6.0), (0.0, -6.0), (6.6, 0.0)]
+)
+def test_a_worn_valve_has_half_of_either_gain_and_of_the_pump_beyond_a_wider_band(voltage, flow):
+    """Half of 3.2 and 2.8 l/(min V) beyond 0.4 + 0.3 V, at most half of 12 l/min."""
+    law, _ = valve_law(Valve(), DT)
+    found = static_flow(worn(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE
+    assert found == pytest.approx(flow)
+    assert worn(law, 1.0, 0.0) == law

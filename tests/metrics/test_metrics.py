@@ -9,7 +9,7 @@ import pytest
 
 from agrobot_mj.metrics import errors, metrics
 from agrobot_mj.metrics.crosstrack import cross_track
-from agrobot_mj.paths import Circle, FigureEight, Line
+from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
 from agrobot_mj.simulation.columns import COLUMNS
 
 
@@ -172,3 +172,22 @@ def test_a_run_in_belongs_to_no_turn() -> None:
     m = metrics(FakeLog(path, t, e_lateral=lateral))
     assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1.0, 1.0])
     assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))
+
+
+def test_a_turn_is_complete_once_all_but_a_hundredth_of_it_is_driven() -> None:
+    assert [turn["complete"] for turn in metrics(four_ticks())["per_turn"]] == [True, True]
+    circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
+    for end, complete in ((1.985, False), (1.995, True)):
+        log = FakeLog(circle, [0.0, 1.0, 1.5, end])
+        assert [turn["complete"] for turn in metrics(log)["per_turn"]] == [True, complete]
+
+
+def test_the_metrics_of_a_field_hold_those_of_its_passes() -> None:
+    field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
+    t = np.arange(0.0, field.duration_s, 0.05)
+    x, y = beside(field, t, 0.0, 0.12)
+    found = metrics(FakeLog(field, t, x=x, y=y))["iso_12188_2_style"]
+    assert found["pass_xte_abs_p95_m"] == pytest.approx(0.12, abs=1e-3)
+    assert [one["xte_mean"] for one in found["per_pass"]] == pytest.approx([0.12] * 3, abs=1e-3)
+    # 12 cm to the left of each pass's own direction: swaths too wide and too narrow in turn
+    assert found["pass_to_pass_p95_m"] == pytest.approx(0.24, abs=2e-3)

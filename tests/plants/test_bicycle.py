@@ -6,9 +6,10 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
-from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.core.signals import NOMINAL, Drive, Reference
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
+from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.bicycle import Bicycle, BicycleLaw, BicyclePlant, lateral_dynamics, step
 from agrobot_mj.terrain import Flat
@@ -141,3 +142,109 @@ def test_a_driven_bicycle_stops_its_steering_at_the_limit_and_leaves_the_field()
             break
     assert plant.trouble() == "left_terrain"
     assert truth.rear_x == pytest.approx(truth.x - LAW.l_r * np.cos(truth.yaw))
+
+
+def driven(voltages, seconds, machine=Machine(), start=Reference(4.0, -3.0, 0, 0, 0.8, 0)):
+    """A bicycle and its truths, from rest, under constant voltages."""
+    plant = BicyclePlant(SPEC, machine, Flat(half_size_m=200).ground())
+    plant.reset(start)
+    return plant, [plant.advance(Drive(*voltages)) for _ in range(round(seconds / 0.05))]
+
+
+@pytest.mark.parametrize("pedal_v", [8.0, 4.0])
+def test_the_antenna_moves_as_its_velocity_says(pedal_v):
+    """In a bend the antenna above the rear axle is slower and heads elsewhere than the CG."""
+    _, truths = driven((7.5, pedal_v), 6.0)
+    before, now, after = truths[-3:]
+    rate = (np.array(after.antenna) - np.array(before.antenna)) / 0.1
+    assert abs(now.yaw_rate) > 0.1
+    assert now.antenna_velocity == pytest.approx(rate, abs=0.01 * abs(now.speed))
+    assert now.antenna[:2] == pytest.approx((now.rear_x, now.rear_y))
+    assert now.antenna[2] == TRACTOR.antenna_height_m
+    heading = np.array([np.cos(now.yaw), np.sin(now.yaw)])
+    assert np.array([now.x, now.y]) - [now.rear_x, now.rear_y] == pytest.approx(LAW.l_r * heading)
+
+
+def test_the_truth_is_that_of_the_state():
+    plant, truths = driven((7.5, 8.0), 4.0)
+    last = truths[-1]
+    x, y, yaw, v, gamma, delta = plant.state[:6]
+    assert (last.x, last.y, last.lateral_speed, last.yaw_rate, last.steer) == (x, y, v, gamma, delta)
+    assert last.t == pytest.approx(4.0)
+    assert np.cos(last.yaw - yaw) == pytest.approx(1.0)
+    assert last.body_rates == (0.0, 0.0, gamma)
+    assert last.wheel_speed == last.speed > 0.5
+    assert last.steer_samples[-1] == delta
+    assert (last.steer_samples > 0).all()
+    assert last.pedal_samples[-1] == last.pedal > 0
+    assert not np.array_equal(last.steer_samples, last.pedal_samples)
+    assert (last.z, last.roll, last.pitch) == (TRACTOR.cg_height_m, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("volts", [8.5, 3.5])
+def test_the_wheels_turn_as_ackermann_says(volts):
+    """All axles' lines meet at the turning centre: cot(outer) - cot(inner) = track / wheelbase."""
+    _, truths = driven((volts, NEUTRAL_V), 1.5)
+    left, right = truths[-1].knuckle_samples[:, -1]
+    assert abs(left) > 0.2
+    assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(TRACTOR.track_m / TRACTOR.wheelbase_m)
+
+
+def test_the_steering_turns_as_the_oil_fills_the_cylinder():
+    machine = Machine()
+    _, truths = driven((9.0, NEUTRAL_V), 2.0)
+    rate = (truths[-1].steer - truths[-11].steer) / 0.5
+    flow = 3.2e-3 / 60 * (3.0 - 0.4)  # left gain over the dead band
+    assert rate == pytest.approx(flow / machine.cylinder.displacement, rel=1e-3)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_with_backlash_the_wheels_wait_for_the_cylinder(side):
+    machine = Machine(linkage=Linkage(backlash_deg=4.0))
+    plant, truths = driven((NEUTRAL_V + 3 * side, NEUTRAL_V), 1.5, machine)
+    there = truths[-1].steer
+    play = np.radians(2.0)
+    assert side * (plant.state[7] - there) == pytest.approx(play)
+    back = [plant.advance(Drive(NEUTRAL_V - 3 * side, NEUTRAL_V)) for _ in range(40)]
+    assert side * (plant.state[7] - back[-1].steer) == pytest.approx(-play)
+    waited = [truth.steer for truth in back if truth.steer == max(t.steer * side for t in back) * side]
+    assert len(waited) >= 2
+    for _ in range(200):
+        end = plant.advance(Drive(NEUTRAL_V + 6 * side, NEUTRAL_V))
+    assert end.steer == pytest.approx(side * TRACTOR.steer_limit)  # the play does not take from the lock
+
+
+def test_the_wheels_turn_with_the_way_and_a_worn_valve_gives_less_oil():
+    plant, truths = driven((NEUTRAL_V, 8.0), 3.0)
+    way = np.hypot(truths[-1].x - 4.0, truths[-1].y + 3.0)
+    assert plant.state[6] == pytest.approx(way, rel=1e-6)
+    sound, worn = (
+        BicyclePlant(SPEC, Machine(), Flat().ground()),
+        BicyclePlant(SPEC, Machine(), Flat().ground()),
+    )
+    for plant in (sound, worn):
+        plant.reset(Reference(0, 0, 0, 0, 0.0, 0))
+    tired = NOMINAL._replace(valve_gain=0.5, valve_dead_band=0.3)
+    for _ in range(20):
+        fresh, less = sound.advance(Drive(9.0, NEUTRAL_V)), worn.advance(Drive(9.0, NEUTRAL_V), tired)
+    assert less.steer / fresh.steer == pytest.approx(0.5 * (3.0 - 0.7) / (3.0 - 0.4), rel=0.03)
+    assert worn.actuation()[0] == pytest.approx(0.5 * 3.2e-3 / 60 * (3.0 - 0.7), rel=1e-3)
+
+
+def test_a_state_that_is_no_number_is_a_divergence_and_a_saved_one_goes_on():
+    plant, _ = driven((8.0, 8.0), 2.0)
+    kept = plant.save()
+    ahead = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]
+    plant.restore(kept)
+    again = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]
+    assert again[:14] == ahead[:14]
+    plant.state[3] = np.nan
+    assert plant.trouble() == "diverged"
+
+
+def test_what_is_drawn_stands_where_the_bicycle_does():
+    plant, truths = driven((8.0, 8.0), 2.0)
+    poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
+    assert {"chassis", "wheel_fl", "wheel_rr"} <= set(poses)
+    assert poses["chassis"][:2] == pytest.approx((truths[-1].rear_x, truths[-1].rear_y), abs=1e-9)
+    assert plant.configuration()[:2] == pytest.approx(poses["chassis"][:2])

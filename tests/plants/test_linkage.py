@@ -51,6 +51,7 @@ def test_the_axis_meets_the_ground_inside_the_wheel_and_ahead_of_it():
         assert foot == pytest.approx([0.27 * tan(radians(4.0)), -side * 0.05, -0.27])
         at_hub = foot + axis * 0.27  # at the height of the wheel's centre
         assert at_hub[0] == pytest.approx(0.0, abs=1e-12)
+        assert at_hub[2] == pytest.approx(0.0, abs=1e-12)
         assert -side * at_hub[1] == pytest.approx(0.05 + 0.27 * tan(radians(8.0)))
 
 

@@ -7,12 +7,12 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.control import Controller
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import to_heading
-from agrobot_mj.core.signals import NOMINAL
+from agrobot_mj.core.signals import NOMINAL, Command
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Path
 from agrobot_mj.plants import MujocoPlant, Plant
 from agrobot_mj.simulation.columns import COLUMNS, WHEEL_COLUMNS
-from agrobot_mj.simulation.loop import build_plant
+from agrobot_mj.simulation.loop import Loop, build_plant
 from agrobot_mj.simulation.run import CHUNK_TICKS
 from agrobot_mj.tyres import Tyre
 
@@ -258,3 +258,41 @@ def test_the_step_of_the_steering_comes_when_it_should(plant):
     assert (np.abs(steer[t < 4.05]) < 1e-3).all()
     assert steer[-1] == pytest.approx(0.05, abs=0.015)
     assert log.column("yaw_rate")[-1] == pytest.approx(log.column("speed")[-1] * steer[-1] / 1.4, rel=0.1)
+
+
+# --- what the tractor's computer knows ----------------------------------------------------------------------------
+
+
+def decided(change_truth=None, change_estimate=None, change_measured=None):
+    """Voltages and pedal reference of a tick two seconds into a bend, with changed messages."""
+    loop = Loop(short("circle", 4.0, plant__kind="bicycle"))
+    for _ in range(40):
+        loop.advance(loop.tick().drive)
+    measured, situation = loop.sense()
+    if change_truth:
+        loop.truth = loop.truth._replace(**change_truth(loop.truth))
+    if change_measured:
+        measured = measured._replace(**change_measured(measured))
+    if change_estimate:
+        situation = situation._replace(estimate=situation.estimate._replace(**change_estimate(situation.estimate)))
+    tick = loop.act(measured, situation, Command(0.1, 1.2))
+    return tick.pedal_ref, *tick.drive
+
+
+def test_no_loop_looks_at_the_truth():
+    """Whatever the truth is once the sensors have been read, the valves get the same voltages."""
+    other = decided(lambda t: {name: getattr(t, name) + 0.3 for name in ("speed", "steer", "pedal", "yaw_rate", "x")})
+    assert other == decided()
+
+
+def test_the_loops_answer_to_the_estimate_and_the_sensors():
+    pedal_ref, steer_voltage, pedal_voltage = decided()
+    faster = decided(change_estimate=lambda e: {"speed": e.speed + 0.5})
+    assert faster[0] < pedal_ref - 0.02  # believed too fast: less pedal
+    assert faster[1] == steer_voltage
+    turned = decided(change_measured=lambda m: {"steer": m.steer + 0.05})
+    assert turned[1] < steer_voltage - 0.5  # read too far left: steer back
+    assert turned[2] == pedal_voltage
+    pressed = decided(change_measured=lambda m: {"pedal": m.pedal + 0.05})
+    assert pressed[2] < pedal_voltage - 0.2
+    assert pressed[:2] == (pedal_ref, steer_voltage)

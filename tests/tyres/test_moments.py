@@ -8,6 +8,7 @@ import pytest
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig import FRONT, Rig, Setting
 from agrobot_mj.terrain import Flat
+from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import LOAD, WheelMotion
@@ -80,6 +81,19 @@ def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, 
     assert abs(moments[-1]) == pytest.approx(limit)
     assert np.abs(moments).max() <= limit * (1 + 1e-9)
     assert (np.diff(np.abs(moments)) >= -1e-9).all()
+
+
+@pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
+def test_on_half_the_grip_a_wheel_scrubs_against_half_the_moment(tyre):
+    dry, wet = Turning(tyre), Turning(tyre)
+    wet.tyres.grip[:] = 0.5
+    assert wet.moments([1.0] * 1000)[-1] == pytest.approx(0.5 * dry.moments([1.0] * 1000)[-1])
+    icy = Turning(tyre)
+    surface = Surface(-100.0, -100.0, 200.0, np.full((1, 1), 0.25), np.zeros((1, 1)))
+    motion = WheelMotion((0.0, 0.0, 0.268), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    for _ in range(1000):
+        wheel_step(icy.tyres, 0, GROUND._replace(surface=surface), motion, DT, icy.bristle, icy.wrench, icy.report)
+    assert icy.wrench[5] == pytest.approx(0.25 * dry.wrench[5])
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)

@@ -13,7 +13,17 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat, Slope
 from agrobot_mj.tyres import Linear, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_ANGLE, SLIP_RATIO, WheelMotion, find_patch, relax
+from agrobot_mj.tyres.patch import (
+    FORCE_X,
+    FORCE_Y,
+    LOAD,
+    SLIP_ANGLE,
+    SLIP_RATIO,
+    WheelMotion,
+    find_patch,
+    relax,
+    soft_sign,
+)
 
 FLAT, R, DT = Flat().ground(), 0.42, 0.002
 LAWS = [law for law in every(Tyre) if law().judged]
@@ -267,3 +277,8 @@ def test_rolling_resistance_brakes_a_freely_rolling_wheel():
     backwards = Wheel(Linear(rolling_resistance=0.05))
     backwards.step(motion[0], motion[1], times(-1, motion[2]), times(-1, motion[3]), steps=200)
     assert backwards.wrench[4] == pytest.approx(0.05 * load * r_e(0.02), rel=1e-6)
+
+
+@pytest.mark.parametrize("v", [-5.0, -0.05, -0.01, 0.0, 0.003, 0.03, 0.5])
+def test_the_soft_sign_is_the_hyperbolic_tangent(v):
+    assert soft_sign(v, 0.02) == pytest.approx(np.tanh(v / 0.02), abs=1e-15)

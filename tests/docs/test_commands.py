@@ -1,0 +1,224 @@
+"""Every command that the README and the pages of docs/ print is one that works.
+
+All of them are parsed by the real command line, their keys and scenarios are looked up, their scripts, verbs and extras
+exist; the short ones are run for half a second here, and the rest, in the order of the page, by `pytest -m slow`.
+"""
+
+import importlib.util
+import os
+import re
+import shlex
+import sys
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+import typer.main
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.cli import app, main
+from agrobot_mj.cli.options import overrides
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.scenario.loading import scenario_files
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SHELL = ("", "sh", "bash", "console", "shell")
+OURS = "agrobot-mj"
+OTHERS = {
+    **dict.fromkeys(("dask", "ros2", "git", "uv", "apt", "sudo", "docker", "sbatch"), "a program of others"),
+    **dict.fromkeys(("export", "source", ".", "mkdir", "cp"), "the shell's own"),
+}
+"""Programs that these tests leave alone, and why."""
+QUICK = ("list", "explain", "init", "schema", "run")
+"""Verbs that are executed by default."""
+UNATTENDED = {
+    "view": "opens a viewer; tests/recording has its own tests",
+    "snapshot": "needs a Vulkan driver; tests/recording/test_snapshot_renders.py",
+    "link": "waits for a guidance program; tests/links",
+    "ros2": "needs ROS 2; tests/links/test_ros2_node.py",
+    "sweep importance": "takes hours; tests/studies/sweep/test_importance.py",
+    "importance": "reads the table of that sweep; tests/studies/sweep/test_importance.py",
+    "validate": "takes minutes; tests/studies/validation",
+}
+"""Beginnings of commands that are only parsed, and why."""
+ELSEWHERE = {
+    "docs/plugins.md": "tests/docs/test_plugins_doc.py",
+    "docs/studies.md": "tests/docs/test_studies_doc.py",
+    "docs/third_party.md": "tests/test_third_party.py",
+    "docs/gym.md": "tests/test_examples.py",
+}
+"""Pages whose commands another test executes as they stand."""
+SHORT = {
+    "run": "--set duration_s=30 --quiet",
+    "compare": "--set duration_s=0.5 --no-rrd --quiet",
+    "limit": "--set duration_s=0.5 --seeds 2 --jobs 1 --tolerance 20 --quiet",
+    "tune": "--budget 8 --seeds 1 --set duration_s=4 --quiet",
+    "sweep": "--jobs 1 --quiet",
+}
+"""What is appended to a command, by its verb, so that it ends soon."""
+GLIMPSE = ("--set", "duration_s=0.5", "--quiet", "--no-rrd")
+"""What is appended to a run that is only to begin and end."""
+
+
+class Printed(NamedTuple):
+    """A command as a page prints it."""
+
+    page: str
+    folder: Path
+    """Folder of the tree in which it is to be run, after the block's `cd`."""
+    words: list[str]
+
+    @property
+    def program(self):
+        return Path(self.words[0]).name
+
+    @property
+    def verb(self):
+        return self.words[1] if self.program == OURS else ""
+
+    def __str__(self):
+        return f"{self.page}: {' '.join(self.words)}"
+
+
+def known(word):
+    name = Path(word).name
+    return name in OTHERS or name in (OURS, "make", "cd", "pip") or re.fullmatch(r"python[\d.]*", name)
+
+
+def commands():
+    """All commands of all pages, in their order."""
+    for page in PAGES:
+        for language, block in re.findall(r"^```(\w*)[^\n]*\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M):
+            folder = ROOT
+            if language not in SHELL:
+                continue
+            for line in re.sub(r"\\\n\s*", "", block).splitlines():
+                line = re.split(r" {2,}|\s*&$", line.removeprefix("$ "))[0]
+                words = line.split() if "'" in line and '"' not in line else shlex.split(line, comments=True)
+                if not words or not (language or known(words[0])):
+                    continue
+                yield Printed(str(page.relative_to(ROOT)), folder, words)
+                folder = folder / words[1] if words[0] == "cd" else folder
+
+
+ALL = list(commands())
+IN_OURS = [command for command in ALL if command.program == OURS]
+CLI = typer.main.get_command(app)
+
+
+def test_there_are_commands_of_every_kind():
+    assert len(IN_OURS) > 40
+    assert {command.verb for command in IN_OURS} >= set(CLI.commands) - {"schema"}
+    assert {command.page for command in IN_OURS} >= {"README.md", *ELSEWHERE} - {"docs/gym.md"}
+
+
+@pytest.mark.parametrize("command", IN_OURS, ids=str)
+def test_the_command_line_takes_it(command):
+    """Verb, options and the types of their values, by the application itself."""
+    assert command.verb in CLI.commands
+    context = CLI.commands[command.verb].make_context(command.verb, command.words[2:])
+    assert context.args == []
+
+
+@pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
+def test_its_keys_exist_and_its_values_are_allowed(command):
+    words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
+    for text in [b for a, b in pairwise(words) if a == "--variant"]:
+        sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
+    if "--plugin" in words or command.verb in ("replay", "identify"):
+        sets = {key: value for key, value in sets.items() if not key.startswith("guidance.")}
+    outside = {"link": {"guidance.kind": "agopengps"}, "ros2": {"guidance.kind": "cmd_vel"}}
+    base = words[2] if words[2] in scenario_files() else "straight_line"
+    load_scenario(base, outside.get(command.verb, {}) | sets)
+
+
+@pytest.mark.parametrize("command", [c for c in ALL if c.program != OURS], ids=str)
+def test_what_it_starts_exists(command):
+    words = command.words
+    if command.program == "make":
+        assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    elif command.program == "cd":
+        assert (command.folder / words[1]).is_dir()
+    elif command.program == "pip":
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        named = [name for text in re.findall(r"agrobot-mj\[([\w,]+)\]", " ".join(words)) for name in text.split(",")]
+        assert set(named) <= set(extras["optional-dependencies"])
+        assert named or "-e" in words or words[1] == "install"
+    elif command.program.startswith("python") and words[1] == "-m":
+        assert words[2] == "venv" or importlib.util.find_spec(words[2])
+    elif command.program.startswith("python"):
+        text = (command.folder / words[1]).read_text(encoding="utf-8")
+        for option in [word for word in words[2:] if word.startswith("--") and word != "--set"]:
+            assert f'"{option}"' in text, option
+    else:
+        assert command.program in OTHERS
+
+
+def call(monkeypatch, folder, words):
+    """Exit status of one of our commands in a folder."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", [OURS, *words])
+    with pytest.raises(SystemExit) as leaving:
+        main()
+    return leaving.value.code
+
+
+def test_the_short_ones_of_every_page_run(tmp_path, monkeypatch, capsys):
+    """Half a second of each, one after another in the order of the page, so that files lead to files."""
+    done = 0
+    for command in IN_OURS:
+        if command.verb not in QUICK or command.page in ELSEWHERE or "--plugin" in command.words:
+            continue
+        folder = tmp_path / command.page.replace("/", "-")
+        folder.mkdir(exist_ok=True)
+        words = [word for word in command.words[1:] if word != "--live"]
+        status = call(monkeypatch, folder, [*words, *(GLIMPSE if command.verb == "run" else ())])
+        assert (status, capsys.readouterr().err) == (0, ""), str(command)
+        done += 1
+    assert done >= 8
+
+
+def supplied(folder):
+    """Files that the readers of a page bring along: a sweep, a law, and a recording of a machine with its map."""
+    for page, language, file in (("studies", "toml", "mine.toml"), ("plugins", "python", "my_law.py")):
+        text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        (folder / file).write_text(re.search(rf"```{language}\n(.*?)```", text, re.S)[1], encoding="utf-8")
+    text = (ROOT / "docs" / "replay.md").read_text(encoding="utf-8")
+    (folder / "map.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.S)[1], encoding="utf-8")
+    log = run(load_scenario("figure_eight", {"duration_s": 60, "sensors.gyro.enabled": True, "path.speed_m_s": 2.0}))
+    places = [to_geodetic(Origin(51.0, 4.0), *p) for p in zip(log.column("gnss_x"), log.column("gnss_y"), strict=True)]
+    columns = {
+        "time_ms": 1e3 * log.column("t"),
+        "was_deg": -1.2 - np.degrees(log.column("steer_measured")),
+        "speed_kmh": 3.6 * log.column("speed_hat"),
+        "gyro_z": np.degrees(log.column("gyro")),
+        "heading": np.degrees(np.pi / 2 - log.column("yaw")) % 360.0,
+        "lat": [place[0] for place in places],
+        "lon": [place[1] for place in places],
+        "fix": 2 * log.column("gnss_quality"),
+    }
+    pacsv.write_csv(pa.table(columns), folder / "field.csv")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", sorted({command.page for command in IN_OURS} - set(ELSEWHERE)))
+def test_all_of_a_page_run_in_its_order(page, tmp_path, monkeypatch, capsys):
+    supplied(tmp_path)
+    (tmp_path / "runs").mkdir()
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    if "run " not in " ".join(" ".join(c.words) for c in IN_OURS if c.page == page):
+        words = ["run", "figure_eight", "--set", "duration_s=20", "--quiet", "--out", "runs/mine"]
+        assert call(monkeypatch, tmp_path, words) == 0
+    for command in IN_OURS:
+        text = " ".join(command.words[1:])
+        if command.page != page or text.startswith(tuple(UNATTENDED)):
+            continue
+        words = [word for word in command.words[1:] if word != "--live"]
+        status = call(monkeypatch, tmp_path, [*words, *shlex.split(SHORT.get(command.verb, ""))])
+        assert status == 0, f"{command}: {capsys.readouterr().err}"

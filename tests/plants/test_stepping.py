@@ -1,0 +1,358 @@
+"""Parts of the physics step alone: relief valves, power limit, loads on a leaning chassis, pressure, masses."""
+
+from math import cos, hypot, radians, sin
+
+import mujoco
+import numpy as np
+import pytest
+
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.implements import Mounted
+from agrobot_mj.machine.linkage import Linkage
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, apply_loads, no_loads
+from agrobot_mj.plants.mujoco.payload import Chassis, Inertial, with_payload
+from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, observe, relieve, take_up_play
+from agrobot_mj.plants.mujoco.views import CHASSIS
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tyres import Linear
+
+ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+TRACTOR = TractorParameters()
+
+
+def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
+    """A tractor in mid-air at this attitude [rad], at rest, that has made no step."""
+    plant = MujocoPlant(Mujoco(tyre=Linear(), settle_s=0.0), Machine(**machine), Flat().ground())
+    plant.reset(ORIGIN)
+    turns = [((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)]
+    quat = np.array([1.0, 0.0, 0.0, 0.0])
+    for axis, angle in turns:
+        turn, product = np.zeros(4), np.zeros(4)
+        mujoco.mju_axisAngle2Quat(turn, np.array(axis, dtype=float), angle)
+        mujoco.mju_mulQuat(product, quat, turn)
+        quat = product
+    plant.data.qpos[:7] = 3.0, -2.0, 1.0, *quat
+    mujoco.mj_forward(plant.model, plant.data)
+    return plant
+
+
+# --- relief valves ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.3])
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_oil_column_winds_up_to_the_relief_torque_and_no_farther(side, rate):
+    """Torque of the column: stiffness times what its end lies beyond the wheels, less the damping of their rate."""
+    plant = placed()
+    v, oil = plant.views, plant.oil
+    v.qpos[v.steer_q], v.qvel[v.steer_v] = 0.1, rate
+    v.act[STEERING] = 0.1 + side * 0.5
+    relieve(v, oil)
+    k, c = Cylinder().stiffness_n_m_rad, Cylinder().damping_n_m_s_rad
+    torque = k * (v.act[STEERING] - 0.1) - c * rate
+    assert torque == pytest.approx(side * Cylinder().relief_torque)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_oil_column_ends_at_the_stops(side):
+    plant = placed()
+    v = plant.views
+    v.qpos[v.steer_q] = side * (TRACTOR.steer_limit - 0.001)
+    v.act[STEERING] = side * (TRACTOR.steer_limit + 0.02)
+    relieve(v, plant.oil)
+    assert v.act[STEERING] == pytest.approx(side * TRACTOR.steer_limit)
+
+
+@pytest.mark.parametrize("play_deg", [0.0, 3.0])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, play_deg):
+    """No wind-up: after ten seconds of full flow into the stop, the first flow back moves the column."""
+    plant = placed(linkage=Linkage(backlash_deg=play_deg))
+    v, oil, dt = plant.views, plant.oil, 0.002
+    v.qpos[v.steer_q] = side * TRACTOR.steer_limit
+    v.act[STEERING] = side * TRACTOR.steer_limit
+    flow = side * 0.4
+
+    def push(rate):
+        v.ctrl[STEERING] = rate
+        if oil.steer_play > 0.0:
+            take_up_play(v, oil, plant.cylinder, dt)
+        relieve(v, oil)
+        v.act[STEERING] += dt * v.ctrl[STEERING]
+
+    for _ in range(5000):
+        push(flow)
+    stop = TRACTOR.steer_limit + oil.steer_play
+    column = plant.cylinder[0] if play_deg else v.act[STEERING]
+    assert abs(column) <= stop + abs(flow) * dt + 1e-12
+    for _ in range(50):
+        push(-flow)
+    column = plant.cylinder[0] if play_deg else v.act[STEERING]
+    assert side * column == pytest.approx(stop - 0.4 * 49 * dt, abs=0.4 * 2 * dt)
+
+
+@pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
+def test_inside_its_play_the_cylinder_pushes_no_wheel(cylinder, column):
+    """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
+    plant = placed(linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
+    v = plant.views
+    v.qpos[v.steer_q], plant.cylinder[0] = 0.10, cylinder
+    take_up_play(v, plant.oil, plant.cylinder, 0.002)
+    assert v.act[STEERING] == pytest.approx(column)
+
+
+def driving(speed, stretch):
+    """Torque of the hydrostat after its relief valves, with its column `stretch` [rad] ahead of the wheels."""
+    plant = placed()
+    v, oil = plant.views, plant.oil
+    v.qvel[v.spins_v] = speed
+    v.act[DRIVE] = stretch
+    relieve(v, oil)
+    return oil.drive_stiffness * (v.act[DRIVE] - oil.drive_lead * speed)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("speed", [0.0, 3.0, 12.0])
+def test_driving_the_torque_is_at_most_what_the_power_gives(way, speed):
+    torque = driving(way * speed, way * 5.0)
+    limit = 3000.0 if speed * 3000.0 < 14e3 else 14e3 / speed
+    assert torque == pytest.approx(way * limit)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_braking_the_relief_valve_alone_limits(way):
+    assert driving(way * 12.0, -way * 5.0) == pytest.approx(-way * 3000.0)
+
+
+def test_both_driven_wheels_count_alike():
+    plant = placed()
+    v, oil = plant.views, plant.oil
+    v.qpos[v.spins_q], v.qvel[v.spins_v] = (0.3, 0.5), (2.0, 4.0)
+    v.act[DRIVE] = 9.0
+    relieve(v, oil)
+    torque = oil.drive_stiffness * (v.act[DRIVE] - 0.4) - oil.drive_stiffness * oil.drive_lead * 3.0
+    assert torque == pytest.approx(3000.0)
+
+
+HELD = Linkage(friction_n_m=2e4)
+"""Kingpins that no steering cylinder moves."""
+
+
+def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
+    """Flow [l/min] and pressure [bar] in the end, `back_s` after the valve was thrown to the other side."""
+    plant = MujocoPlant(Mujoco(tyre=Linear()), Machine(valve=valve, linkage=HELD), Flat().ground())
+    plant.reset(ORIGIN)
+    for _ in range(round(seconds / 0.05)):
+        truth = plant.advance(Drive(volts, NEUTRAL_V))
+    for _ in range(round(back_s / 0.05)):
+        plant.advance(Drive(12.0 - volts, NEUTRAL_V))
+    assert abs(truth.steer) < radians(1.0)
+    flow, pressure, _ = plant.actuation()
+    return flow * 60e3, pressure / 1e5
+
+
+@pytest.mark.parametrize(("volts", "side"), [(12.0, 1), (0.0, -1)])
+def test_against_wheels_that_are_held_the_pressure_rises_to_that_of_the_relief_valve(volts, side):
+    flow, pressure = pushed_against_held_wheels(Valve(), volts=volts)
+    assert pressure == pytest.approx(side * 100.0, rel=0.01)
+    assert flow == pytest.approx(side * 12.0)
+
+
+def test_held_at_relief_pressure_for_long_the_column_lets_go_at_once():
+    """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
+    assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
+
+
+def test_a_valve_without_compensation_stalls_at_its_supply_pressure():
+    """Its pressure stays below that of the relief valve, and its flow ends."""
+    flow, pressure = pushed_against_held_wheels(Valve(supply_pressure_bar=60.0))
+    assert pressure == pytest.approx(60.0, rel=0.01)
+    assert flow == pytest.approx(0.0, abs=0.5)
+
+
+def test_every_tyre_slides_as_its_own_place_on_the_tractor_does():
+    """One step from rest: the bristles move with the wheels' centres, less what the rims turn."""
+    plant = MujocoPlant(Mujoco(tyre=Linear(rolling_resistance=0.0)), Machine(), Flat().ground())
+    plant.reset(ORIGIN)
+    v_x, v_y, omega, spin, dt = 0.4, 0.1, 0.3, 2.0, 0.002
+    plant.data.qvel[:] = 0.0
+    plant.data.qvel[:6] = v_x, v_y, 0.0, 0.0, 0.0, omega
+    plant.data.qvel[plant.views.spins_v] = spin
+    mujoco.mj_forward(plant.model, plant.data)
+    tyred = plant.tyred
+    tyred.bristles[:] = 0.0
+    apply_tyres(plant.views, plant.views.wheels, tyred, dt)
+    half, r_e = TRACTOR.track_m / 2, TRACTOR.rear_wheel_radius_m - 0.007
+    for i, (ahead, left) in enumerate(
+        [(TRACTOR.wheelbase_m, half), (TRACTOR.wheelbase_m, -half), (0, half), (0, -half)]
+    ):
+        rim = spin * r_e if i > 1 else 0.0
+        slide = v_x - omega * left - rim, v_y + omega * ahead
+        assert tyred.bristles[i, :2] / dt == pytest.approx(slide, abs=0.02), i
+
+
+# --- loads --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.35, 0.0), (0.0, 0.4), (-0.3, -0.5)])
+def test_a_side_force_is_level_and_square_to_the_heading_however_the_chassis_leans(side, pitch, roll):
+    yaw, force = 0.7, 500.0
+    plant = placed(yaw, pitch, roll)
+    loads = no_loads(0.5, 0.4)
+    loads[SIDE], loads[CENTRE:HUNG] = side * force, plant.model.body_ipos[CHASSIS]
+    apply_loads(plant.views, loads, 0.002)
+    found = plant.data.xfrc_applied[CHASSIS]
+    assert found[:3] == pytest.approx([-side * force * sin(yaw), side * force * cos(yaw), 0.0], abs=1e-9)
+    # it acts on the whole tractor's centre of mass: from the chassis' own, where the wrench is given
+    arm = plant.data.subtree_com[CHASSIS] - plant.data.xipos[CHASSIS]
+    assert np.abs(arm).max() > 0.01
+    assert found[3:] == pytest.approx(np.cross(arm, found[:3]), abs=1e-6)
+
+
+def test_a_side_force_alone_does_not_turn_a_tractor_in_the_air():
+    plant = placed(0.4, 0.2, -0.3)
+    plant._apply_conditions(NOMINAL._replace(side_force=800.0))
+    plant.loads[CENTRE:HUNG] = plant.model.body_ipos[CHASSIS]
+    apply_loads(plant.views, plant.loads, 0.002)
+    before = plant.data.qacc.copy()
+    mujoco.mj_forward(plant.model, plant.data)
+    gained = plant.data.subtree_com[CHASSIS] * 0.0
+    M = np.zeros((plant.model.nv, plant.model.nv))
+    mujoco.mj_fullM(plant.model, plant.data, M)
+    gained = (M @ (plant.data.qacc - before))[:3]
+    assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
+
+
+def test_beside_an_implement_the_side_force_acts_on_the_tractor_alone():
+    plant = placed(0.7, 0.2, -0.3, implement=Mounted())
+    model, data, loads = plant.model, plant.data, no_loads(0.5, 0.4)
+    body = plant.attached.body
+    hung = model.body_subtreemass[body]
+    own = model.body_subtreemass[CHASSIS] - hung
+    loads[SIDE], loads[CENTRE:HUNG], loads[HUNG] = 500.0, model.body_ipos[CHASSIS], hung / own
+    apply_loads(plant.views, loads, 0.002)
+    alone = (model.body_subtreemass[CHASSIS] * data.subtree_com[CHASSIS] - hung * data.subtree_com[body]) / own
+    found = data.xfrc_applied[CHASSIS]
+    assert found[3:] == pytest.approx(np.cross(alone - data.xipos[CHASSIS], found[:3]), abs=1e-6)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_implement_pulls_at_the_hitch_against_its_way_in_the_chassis_own_plane(way):
+    """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
+    plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
+    plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
+    mujoco.mj_forward(plant.model, plant.data)
+
+    def hitch(step):
+        qpos = plant.data.qpos.copy()
+        mujoco.mj_integratePos(plant.model, qpos, plant.data.qvel, step)
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, qpos[3:7])
+        return qpos[:3] + R.reshape(3, 3) @ [-behind, 0.0, height]
+
+    R = plant.data.xmat[CHASSIS].reshape(3, 3)
+    velocity = R.T @ (hitch(1e-6) - hitch(-1e-6)) / 2e-6
+    along = R @ [*velocity[:2], 0.0]
+    loads = no_loads(behind, height)
+    loads[PULL], loads[CENTRE:HUNG] = pull, plant.model.body_ipos[CHASSIS]
+    for _ in range(400):
+        apply_loads(plant.views, loads, 0.002)
+    found = plant.data.xfrc_applied[CHASSIS]
+    assert found[:3] == pytest.approx(-pull * along / np.linalg.norm(along), rel=0.01, abs=2.0)
+    assert np.linalg.norm(found[:3]) == pytest.approx(pull, rel=0.01)
+    arm = hitch(0.0) - plant.data.xipos[CHASSIS]
+    assert found[3:] == pytest.approx(np.cross(arm, found[:3]))
+    loads[PULL] = 0.0
+    apply_loads(plant.views, loads, 0.002)
+    assert not plant.data.xfrc_applied[CHASSIS].any()
+    assert not loads[AHEAD : LEFT + 1].any()  # lifted, it forgets
+
+
+# --- masses -------------------------------------------------------------------------------------------------------
+
+LEANING = """<mujoco><worldbody><body name="chassis"><freejoint/>
+<inertial pos="0.5 0.1 0.6" mass="400" fullinertia="60 180 200 -12 -25 8"/></body></worldbody></mujoco>"""
+FULL = np.array([[60.0, -12.0, -25.0], [-12.0, 180.0, 8.0], [-25.0, 8.0, 200.0]])
+
+
+def tensor(model):
+    """Inertia of the chassis about its centre, in its own axes."""
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, model.body_iquat[CHASSIS])
+    axes = R.reshape(3, 3)
+    return axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
+
+
+def test_a_chassis_whose_principal_axes_lean_is_read_as_it_is_and_written_back():
+    model = mujoco.MjModel.from_xml_string(LEANING)
+    chassis = Chassis(model)
+    assert chassis.bare.inertia == pytest.approx(FULL)
+    load = PointMass(120.0, 1.5, -0.4, 1.1)
+    chassis.carry((load,))
+    mass = 400.0 + 120.0
+    d = np.array(load[1:]) - np.array([0.5, 0.1, 0.6])
+    assert model.body_mass[CHASSIS] == pytest.approx(mass)
+    assert model.body_ipos[CHASSIS] == pytest.approx(np.array([0.5, 0.1, 0.6]) + 120 / mass * d)
+    # two bodies about their common centre: the reduced mass at the distance between them
+    reduced = 400.0 * 120.0 / mass
+    assert tensor(model) == pytest.approx(FULL + reduced * (d @ d * np.eye(3) - np.outer(d, d)))
+    chassis.carry(())
+    assert tensor(model) == pytest.approx(FULL)
+
+
+def test_a_payload_turns_the_principal_axes_of_a_straight_chassis():
+    """MuJoCo takes a body's axes for those of its inertia where they were the same when the model was made."""
+    text = LEANING.replace('fullinertia="60 180 200 -12 -25 8"', 'diaginertia="60 180 200"')
+    model = mujoco.MjModel.from_xml_string(text)
+    Chassis(model).carry((PointMass(100.0, 1.5, -0.4, 1.1),))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.xipos[CHASSIS] == pytest.approx([0.7, 0.0, 0.7])
+    axes = data.ximat[CHASSIS].reshape(3, 3)
+    found = axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
+    assert found == pytest.approx(tensor(model))
+    assert abs(found[0, 1]) > 10.0
+
+
+def test_what_is_taken_away_leaves_less_inertia():
+    bare = Inertial(400.0, np.array([0.5, 0.0, 0.6]), np.diag([60.0, 180.0, 200.0]))
+    less = with_payload(bare, (PointMass(-30.0, 1.2, 0.0, 0.5),))
+    assert less.mass == pytest.approx(370.0)
+    assert less.centre[0] < 0.5
+    assert less.inertia[2, 2] < 200.0
+
+
+# --- what the sensors see -----------------------------------------------------------------------------------------
+
+
+def test_attitude_and_velocities_of_a_body_that_moves_every_way():
+    """Against finite differences of the sites' places over a short free flight."""
+    yaw, pitch, roll = 0.7, 0.2, -0.3
+    plant = placed(yaw, pitch, roll)
+    plant.data.qvel[:6] = 1.1, -0.4, 0.2, 0.3, -0.2, 0.5
+    mujoco.mj_forward(plant.model, plant.data)
+    observe(plant.views, *plant.sites, plant.motion)
+    now = plant.motion.copy()
+    assert now[12:15] == pytest.approx([yaw, pitch, roll])
+    qpos, h = plant.data.qpos.copy(), 1e-6
+    places = []
+    for step in (-h, h):
+        moved = qpos.copy()
+        mujoco.mj_integratePos(plant.model, moved, plant.data.qvel, step)
+        plant.data.qpos[:] = moved
+        mujoco.mj_kinematics(plant.model, plant.data)
+        places.append([plant.data.site(name).xpos.copy() for name in ("cg", "antenna")])
+        heading = np.arctan2(plant.data.xmat[CHASSIS, 3], plant.data.xmat[CHASSIS, 0])
+        places[-1].append(heading)
+    rates = [(after - before) / (2 * h) for before, after in zip(*places, strict=True)]
+    assert now[6:9] == pytest.approx(rates[0], abs=1e-6)
+    assert now[9:12] == pytest.approx(rates[1], abs=1e-6)
+    along = np.array([cos(yaw), sin(yaw)])
+    assert now[15] == pytest.approx(rates[0][:2] @ along, abs=1e-6)
+    assert now[16] == pytest.approx(rates[0][:2] @ np.array([-along[1], along[0]]), abs=1e-6)
+    assert hypot(*now[6:8]) == pytest.approx(hypot(now[15], now[16]))
