@@ -8,6 +8,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 ROS_VENV := .venv-ros
 ROS_STAMP := $(ROS_VENV)/.installed
+DOCS_STAMP := $(VENV)/.docs
 THIRD_VENV := .venv-third-party
 THIRD_STAMP := $(THIRD_VENV)/.installed
 THIRD_PARTY := avlite==0.6.6 rox-control==0.4.0
@@ -25,7 +26,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack help install demo demo-link test plain slow check validate bench figures verdict learning library snapshots lock reference results ros third-party
+.PHONY: attack dist-check docs help install demo demo-link test plain slow check validate bench figures verdict learning library snapshots lock reference results ros third-party
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -92,12 +93,20 @@ third-party: $(STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in
 	@$(PY) -m pytest -rs tests/test_third_party.py tests/links/test_nmea_readers.py
 	@cd examples/third_party && ../../$(THIRD_VENV)/bin/python measure.py
 
+docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
+	@echo "Open it: site/index.html; with search: $(PY) -m http.server --directory site"
+
+dist-check: $(STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
+	@UV=$(UV) $(PY) scripts/check_dist.py
+
 reference: $(STAMP) ## Write the reference of columns, docs/columns.md
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
 	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project --only-group docs -o requirements-docs.lock
 	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap -o requirements-ros.lock
 
 # Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
@@ -117,6 +126,11 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 	@echo "Done: $(VENV)/bin/agrobot-mj, or agrobot-mj after . $(VENV)/bin/activate"
+
+$(DOCS_STAMP): $(STAMP) requirements-docs.lock
+	@echo "Installing the builder of the documentation into $(VENV)."
+	@$(PY) -m pip install --quiet --progress-bar off --require-hashes --only-binary :all: -r requirements-docs.lock
+	@touch $@
 
 # An environment of its own: a .pth file among the wheels of ROS restarts every Python in it with other library paths.
 # Only `empy` has no wheel.

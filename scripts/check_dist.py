@@ -1,0 +1,121 @@
+"""Build wheel and sdist, and try them in empty environments on every Python from 3.11 that uv finds or fetches.
+
+Each environment holds the package and its run-time dependencies, nothing else. The last runs are in one that can write
+no cache at all: no home, read-only packages. Prints the size of the run-time install; status 1 when anything fails.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+UV = os.environ.get("UV", "uv")
+PYTHONS = ("3.11", "3.12", "3.13")
+SHORT = ("--set", "duration_s=2", "-q")
+COMMANDS = (
+    ("--version",),
+    ("list",),
+    ("explain", "plant.tyre.kind"),
+    ("run", "circle", *SHORT, "--out", "run"),
+    ("compare", "circle", "--controllers", "pd", *SHORT, "--out", "compared"),
+    ("rig", "linear", "-q", "--out", "rig"),
+)
+"""Commands that work without any extra."""
+REFUSED = (("report", "compared"), ("importance", "run"))
+"""Commands that name their extra, with status 2."""
+
+
+def tell(text: str) -> None:
+    print(text, flush=True)
+
+
+def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command with a bare environment: nothing of this process's Python reaches it."""
+    keep = {name: os.environ[name] for name in ("PATH", "HOME", "UV_CACHE_DIR", "LANG") if name in os.environ}
+    return subprocess.run(
+        list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
+    )
+
+
+def must(command: list[str | Path], folder: Path, **environment: str) -> str:
+    """Standard output of a command that succeeds. Raises `RuntimeError` with what it said."""
+    done = call(command, folder, **environment)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def environment(package: Path, python: str, folder: Path) -> Path:
+    """An environment with the package alone; its folder of executables."""
+    must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
+    must([UV, "pip", "install", "--quiet", "--python", folder / "venv" / "bin" / "python", package], folder)
+    return folder / "venv" / "bin"
+
+
+def works(programs: Path, folder: Path) -> None:
+    """The commands leave what they should; those of extras name them."""
+    for arguments in COMMANDS:
+        must([programs / "agrobot-mj", *arguments], folder)
+    for name in ("run/run.rrd", "run/signals.parquet", "compared/comparison.json", "rig/curves.parquet"):
+        if not (folder / name).is_file():
+            raise RuntimeError(f"{name}: is missing")
+    for arguments in REFUSED:
+        done = call([programs / "agrobot-mj", *arguments], folder)
+        if done.returncode != 2 or "pip install" not in done.stderr or "Traceback" in done.stderr:
+            raise RuntimeError(f"{' '.join(arguments)}: status {done.returncode}, said {done.stderr!r}")
+
+
+def works_without_a_cache(programs: Path, folder: Path) -> None:
+    """A run where neither the home nor the packages can be written to, so that nothing compiled is kept."""
+    command = [programs / "agrobot-mj", "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]
+    if os.geteuid() == 0:  # root writes anywhere: let another user run it
+        command = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", *map(str, command)]
+        folder.chmod(0o777)
+    bare = {"PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(list(map(str, command)), cwd=folder, env=bare, capture_output=True, text=True, check=False)
+    if done.returncode or not (folder / "bare" / "signals.parquet").is_file():
+        raise RuntimeError(f"without a cache: status {done.returncode}\n{done.stdout}{done.stderr}")
+
+
+def sizes(programs: Path, most: int = 12) -> list[str]:
+    """The largest parts of an environment [MB], and the whole."""
+    (site,) = (programs.parent / "lib").glob("python*/site-packages")
+    found = {entry.name: megabytes(entry) for entry in site.iterdir()}
+    largest = sorted(found.items(), key=lambda part: -part[1])[:most]
+    return [*(f"{size:6.0f} MB  {name}" for name, size in largest), f"{sum(found.values()):6.0f} MB  in all"]
+
+
+def megabytes(place: Path) -> float:
+    files = [place] if place.is_file() else [file for file in place.rglob("*") if file.is_file()]
+    return sum(file.stat().st_size for file in files) / 1e6
+
+
+def main() -> int:
+    failed = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        must([sys.executable, "-m", "build", "--no-isolation", "--outdir", folder / "dist", ROOT], folder)
+        packages = [*(folder / "dist").glob("*.whl"), *(folder / "dist").glob("*.tar.gz")]
+        tell("built " + ", ".join(f"{file.name} ({megabytes(file):.1f} MB)" for file in packages))
+        for python in PYTHONS:
+            for package in packages:
+                place = folder / f"{python}-{package.suffix.strip('.')}"
+                (place / "work").mkdir(parents=True)
+                try:
+                    programs = environment(package, python, place)
+                    works(programs, place / "work")
+                    works_without_a_cache(programs, place / "work")
+                except RuntimeError as error:
+                    tell(f"{package.name} on {python}: FAILED\n{error}")
+                    failed = 1
+                else:
+                    tell(f"{package.name} on {python}: works, also without a cache")
+        tell("\n".join(sizes(folder / f"{PYTHONS[-1]}-whl" / "venv" / "bin")))
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
