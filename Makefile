@@ -45,7 +45,7 @@ demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this comp
 	@$(PY) scripts/demo_link.py
 
 test: $(STAMP) ## Run the tests
-	@$(PY) -m pytest -m "not slow" -n 2
+	@$(PY) -m pytest -m "not slow" -n 2 --dist loadfile
 
 plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"

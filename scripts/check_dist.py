@@ -1,7 +1,8 @@
 """Build wheel and sdist, and try them in empty environments on every Python from 3.11 that uv finds or fetches.
 
-Each environment holds the package and its run-time dependencies, nothing else. The last runs are in one that can write
-no cache at all: no home, read-only packages. Prints the size of the run-time install; status 1 when anything fails.
+Each environment holds the package and its run-time dependencies, nothing else: the wheel runs its commands, and the
+sdist installs the same files. The last run can write no cache at all: no home, read-only packages. Prints the size of
+the run-time install; status 1 when anything fails.
 """
 
 import os
@@ -12,7 +13,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 UV = os.environ.get("UV", "uv")
-PYTHONS = ("3.11", "3.12", "3.13")
+PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
+"""Versions, or paths of interpreters."""
+KEPT = ("UV_", "PIP_", "SSL_")
+"""Starts of variables that say where packages come from."""
 SHORT = ("--set", "duration_s=2", "-q")
 COMMANDS = (
     ("--version",),
@@ -33,7 +37,7 @@ def tell(text: str) -> None:
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """A command with a bare environment: nothing of this process's Python reaches it."""
-    keep = {name: os.environ[name] for name in ("PATH", "HOME", "UV_CACHE_DIR", "LANG") if name in os.environ}
+    keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
     return subprocess.run(
         list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
     )
@@ -79,6 +83,13 @@ def works_without_a_cache(programs: Path, folder: Path) -> None:
         raise RuntimeError(f"without a cache: status {done.returncode}\n{done.stdout}{done.stderr}")
 
 
+def files(programs: Path) -> dict[str, bytes]:
+    """What the package has installed, without what the installer adds."""
+    (site,) = (programs.parent / "lib").glob("python*/site-packages")
+    found = (file for file in (site / "agrobot_mj").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+    return {str(file.relative_to(site)): file.read_bytes() for file in found}
+
+
 def sizes(programs: Path, most: int = 12) -> list[str]:
     """The largest parts of an environment [MB], and the whole."""
     (site,) = (programs.parent / "lib").glob("python*/site-packages")
@@ -98,22 +109,30 @@ def main() -> int:
         folder = Path(name)
         folder.chmod(0o755)
         must([sys.executable, "-m", "build", "--no-isolation", "--outdir", folder / "dist", ROOT], folder)
-        packages = [*(folder / "dist").glob("*.whl"), *(folder / "dist").glob("*.tar.gz")]
-        tell("built " + ", ".join(f"{file.name} ({megabytes(file):.1f} MB)" for file in packages))
+        (wheel,), (sdist,) = (folder / "dist").glob("*.whl"), (folder / "dist").glob("*.tar.gz")
+        tell(f"built {wheel.name} ({megabytes(wheel):.1f} MB), {sdist.name} ({megabytes(sdist):.1f} MB)")
         for python in PYTHONS:
-            for package in packages:
-                place = folder / f"{python}-{package.suffix.strip('.')}"
-                (place / "work").mkdir(parents=True)
-                try:
-                    programs = environment(package, python, place)
-                    works(programs, place / "work")
+            place = folder / f"python-{PYTHONS.index(python)}"
+            other = place / "sdist"
+            (place / "work").mkdir(parents=True)
+            other.mkdir()
+            programs = place / "venv" / "bin"
+            try:
+                programs = environment(wheel, python, place)
+                works(programs, place / "work")
+                tell(f"{python}: the wheel works, {must([programs / 'agrobot-mj', '--version'], folder).strip()}")
+                from_source = environment(sdist, python, other)
+                must([from_source / "agrobot-mj", "list"], other)
+                if files(programs) != files(from_source):
+                    raise RuntimeError("the sdist installs other files than the wheel")
+                tell(f"{python}: the sdist installs the same files")
+                if python == PYTHONS[-1]:
                     works_without_a_cache(programs, place / "work")
-                except RuntimeError as error:
-                    tell(f"{package.name} on {python}: FAILED\n{error}")
-                    failed = 1
-                else:
-                    tell(f"{package.name} on {python}: works, also without a cache")
-        tell("\n".join(sizes(folder / f"{PYTHONS[-1]}-whl" / "venv" / "bin")))
+                    tell(f"{python}: works without a cache")
+            except RuntimeError as error:
+                tell(f"{python}: FAILED\n{error}")
+                failed = 1
+        tell("\n".join(sizes(programs)))
     return failed
 
 

@@ -33,21 +33,6 @@ def elsewhere(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """(exit status, stdout, stderr) of a command line."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        code = leaving.value.code
-        output = capsys.readouterr()
-        return (0 if code is None else code), output.out, output.err
-
-    return run
-
-
 def names(folder):
     return {path.name for path in Path(folder).iterdir()}
 
