@@ -10,7 +10,6 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
-from agrobot_mj.studies.drawing import can_draw
 from agrobot_mj.studies.pool import cores, spread
 
 MOST_DRAWN = 24
@@ -42,10 +41,9 @@ def compare(
     write_json(folder / "comparison.json", rows)
     if rrd:
         write_comparison([(f"{case.plant}-{case.law}", logs[case.folder]) for case in shown], folder / "comparison.rrd")
-    if can_draw():
-        from agrobot_mj.studies.report import write_figures
+    from agrobot_mj.studies.report import write_figures  # here, since workers import this module and draw nothing
 
-        write_figures([(case.plant, case.law, logs[case.folder]) for case in shown], folder)
+    write_figures([(case.plant, case.law, logs[case.folder]) for case in shown], folder)
     return rows
 
 

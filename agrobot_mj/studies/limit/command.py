@@ -7,13 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.drawing import can_draw
 from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, check, find_limit, laws
 from agrobot_mj.studies.pool import cores, pool
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 from agrobot_mj.studies.sweep.work import perform
 
 
@@ -33,10 +36,8 @@ def limit(
         for name, under in scenarios.items():
             found.append(find_limit(name, under, question, condition, do, partial(done, name)))
     write_json(folder / "limit.json", content(scenario, question, found))
-    if can_draw():
-        from agrobot_mj.studies.limit.figure import write_figure
-
-        write_figure(question, found, folder / "limit.png")
+    with mpl.rc_context(STYLE):
+        save(figure(question, found), folder / "limit.png")
     return found
 
 
@@ -63,3 +64,25 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
         "first_seed": scenario.seed,
         "laws": [{**each._asdict(), "tried": [tried._asdict() for tried in each.tried]} for each in found],
     }
+
+
+def figure(question: Question, found: Sequence[Found]) -> Figure:
+    """Success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
+    drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
+    grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, each, k in zip(grid, found, range(len(found)), strict=True):
+        colour = SPARE_COLOURS[k % len(SPARE_COLOURS)]
+        values = [t.value for t in each.tried]
+        rates = [100 * (1 - t.failed / t.runs) for t in each.tried]
+        lower = [rate - 100 * t.low for rate, t in zip(rates, each.tried, strict=True)]
+        upper = [100 * t.high - rate for rate, t in zip(rates, each.tried, strict=True)]
+        if each.interval:
+            axes.axvspan(*each.interval, color="#DDDDDD", linewidth=0)
+        axes.axhline(100 * question.reliability, color="black", linewidth=0.6, linestyle="--")
+        # Rounding may leave a bar a hair below zero length, which matplotlib refuses.
+        bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
+        axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
+        axes.set(ylim=(-5, 105), title=each.law)
+    drawn.supylabel(f"successful runs, {question.confidence:.0%} interval [%]", fontsize=8)
+    grid[-1].set_xlabel(question.key)
+    return drawn

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.studies.drawing import can_draw
 from agrobot_mj.studies.pages.answers import limit_page, validation_page
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
+from agrobot_mj.studies.pages.print import sweep_figures
 from agrobot_mj.studies.pages.sweep import sweep_page
 
 PAGES: dict[str, Callable[[Path], Document]] = {
@@ -33,9 +33,5 @@ def write_report(folder: Path) -> list[Path]:
         if isinstance(error, ScenarioError):
             raise
         raise ScenarioError(f"{folder / found}: cannot be reported: {type(error).__name__}: {error}") from None
-    files = [page.write(folder / "report.html")]
-    if found == "sweep.parquet" and can_draw():
-        from agrobot_mj.studies.pages.print import sweep_figures
-
-        files += sweep_figures(folder)
-    return files
+    printed = sweep_figures(folder) if found == "sweep.parquet" else []
+    return [page.write(folder / "report.html"), *printed]

@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 from agrobot_mj.core.signals import Column
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import atomic, write_json
-from agrobot_mj.studies.drawing import can_draw
 from agrobot_mj.studies.fieldlog import Source
 from agrobot_mj.studies.replay.driving import By, Driven, drive
+from agrobot_mj.studies.replay.figure import write_figure
 from agrobot_mj.studies.replay.maps import LogMap
 from agrobot_mj.studies.replay.recording import FieldRecording, read_recording
 from agrobot_mj.studies.replay.residuals import first_metres_end, metrics, position_errors, refined, start_pose
@@ -89,10 +89,7 @@ def replay_command(
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.recording, found.driven), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)
-    if can_draw():
-        from agrobot_mj.studies.replay.figure import write_figure
-
-        write_figure(found.recording, found.driven, folder / "replay.png")
+    write_figure(found.recording, found.driven, folder / "replay.png")
     text, data_files = scenario.portable()
     with atomic(folder / "replay.toml") as part:
         part.write_text(text, encoding="utf-8")

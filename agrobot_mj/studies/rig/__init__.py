@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.storage import atomic
-from agrobot_mj.studies.drawing import can_draw
+from agrobot_mj.studies.rig.figures import write_figures
 from agrobot_mj.studies.rig.source import Specimen, load_specimen
 from agrobot_mj.studies.rig.sweep import bench, sweep
 from agrobot_mj.studies.rig.towed import Towed
@@ -32,8 +32,4 @@ def rig_command(source: str, out: Path) -> list[Path]:
         raise ScenarioError(f"{source}: {error}") from None
     with atomic(out / "curves.parquet") as temporary:
         pq.write_table(table, temporary, compression="zstd")
-    if not can_draw():
-        return [out / "curves.parquet"]
-    from agrobot_mj.studies.rig.figures import write_figures
-
     return [out / "curves.parquet", *write_figures(table, out)]

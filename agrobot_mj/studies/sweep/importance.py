@@ -12,14 +12,17 @@ from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 import pyarrow.parquet as pq
+from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.palette import BLUE, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.drawing import can_draw
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 RESAMPLES = 1000
 """Resamples of the bootstrap [-]."""
@@ -71,10 +74,8 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     content = [{**each._asdict(), "indices": [index._asdict() for index in each.indices]} for each in found]
     about = {"metric": metric, "samples": file["samples"], "seeds": file["seeds"], "version": __version__}
     write_json(folder / "importance.json", {**about, "groups": content})
-    if can_draw():
-        from agrobot_mj.studies.sweep.importance_figure import write_figure
-
-        write_figure(found, metric, folder / "importance.png")
+    with mpl.rc_context(STYLE):
+        save(importance_figure(found, metric), folder / "importance.png")
     return found
 
 
@@ -116,6 +117,25 @@ def _name(row: dict[str, Any], file: dict[str, Any]) -> str:
     """Name of the group of a row."""
     parts = [row["variant"]] if file.get("variant") else []
     return ", ".join([*parts, *(str(row[key]) for key in file.get("axes", {}))]) or "all runs"
+
+
+def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
+    """Total and first-order indices with their intervals, a panel per group; draws in the order of the first."""
+    keys = [index.key for index in found[0].indices][::-1]
+    figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
+    grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    for axes, each in zip(grid, found, strict=True):
+        for index in each.indices:
+            y = keys.index(index.key)
+            axes.barh(y + 0.18, index.total, 0.36, xerr=index.total_half, color=BLUE, error_kw={"elinewidth": 0.8})
+            axes.barh(y - 0.18, index.first, 0.36, xerr=index.first_half, color=ORANGE, error_kw={"elinewidth": 0.8})
+        axes.set_yticks(range(len(keys)), keys)
+        axes.set(title=each.group if len(found) > 1 else "", xlabel=f"share of the variance of {metric} [-]")
+        axes.set_xlim(min(-0.05, axes.get_xlim()[0]), max(1.05, axes.get_xlim()[1]))
+        axes.axvline(0.0, color="black", linewidth=0.6)
+    handles = [grid[0].barh([0], [0], color=colour) for colour in (BLUE, ORANGE)]
+    figure.legend(handles, ["total, with interactions", "first order"], loc="outside upper center", ncols=2)
+    return figure
 
 
 def importance_table(found: Sequence[Influence]) -> str:

@@ -7,7 +7,6 @@ from math import isfinite
 from pathlib import Path
 
 from agrobot_mj.simulation.storage import atomic, write_json
-from agrobot_mj.studies.drawing import can_draw
 from agrobot_mj.studies.validation import (
     antenna_lean,
     coasting,
@@ -27,6 +26,7 @@ from agrobot_mj.studies.validation import (
     tipping,
 )
 from agrobot_mj.studies.validation.base import About, Check, Findings
+from agrobot_mj.studies.validation.figures import write_figures
 from agrobot_mj.studies.validation.tables import page
 
 MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
@@ -67,10 +67,7 @@ def validate(
     warned = sum(findings.warnings for findings in found.values())
     checks = [check for findings in found.values() for check in findings.checks]
     checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
-    if can_draw():
-        from agrobot_mj.studies.validation.figures import write_figures
-
-        write_figures(found, out / "images")
+    write_figures(found, out / "images")
     write_json(out / "validation.json", [as_row(check) for check in checks])
     texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
     with atomic(out / "validation.md") as part:
