@@ -188,8 +188,7 @@ def identify_command(run_dir: Path) -> str:
     try:
         found = identify(signals, cylinder, limit)
     except ScenarioError as error:
-        message = str(error).removeprefix(f"{signals.name}: ").removeprefix("signals: ")
-        raise ScenarioError(f"{signals}: {message}") from None
+        raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
     write_json(run_dir / "identified.json", found._asdict())
     known = scenario.steering.valve if file.is_file() else None
     return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
@@ -221,7 +220,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
     t, voltage, measured = read_columns(signals, COLUMNS).values()
-    check_even("signals", COLUMNS[0], t)
+    check_even("signals.parquet", COLUMNS[0], t)
     tick = float(np.median(np.diff(t)))
     ticks = round(WINDOW_S / tick)
     windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
