@@ -1,10 +1,15 @@
 """Fixtures of many tests."""
 
+import os
 import sys
 
 import pytest
 
 from agrobot_mj import cli
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""Before numpy is imported: with tests on every core, threads for small matrices only wait for each other, at the cost
+of most of a fit's processor time."""
 
 
 @pytest.fixture
