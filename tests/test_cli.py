@@ -190,7 +190,9 @@ def test_another_plant_for_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
-@pytest.mark.parametrize("arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd")])
+@pytest.mark.parametrize(
+    "arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd", "--plants", "bicycle")]
+)
 def test_quiet_prints_nothing_when_all_is_well(call, arguments):
     assert call(*arguments, *QUICK, "--out", "out", "--quiet") == (0, "", "")
     assert names("out")
