@@ -8,6 +8,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 ROS_VENV := .venv-ros
 ROS_STAMP := $(ROS_VENV)/.installed
+DOCS_STAMP := $(VENV)/.docs
 THIRD_VENV := .venv-third-party
 THIRD_STAMP := $(THIRD_VENV)/.installed
 THIRD_PARTY := avlite==0.6.6 rox-control==0.4.0
@@ -27,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack bench check coverage demo demo-link figures help install learning library lock mutate performance plain reference results ros slow snapshots test third-party validate verdict
+.PHONY: attack bench check coverage demo demo-link dist-check docs figures help install learning library lock mutate performance plain reference results ros slow snapshots test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -46,7 +47,7 @@ demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this comp
 	@$(PY) scripts/demo_link.py
 
 test: $(STAMP) ## Run the tests
-	@$(PY) -m pytest -m "not slow" -n 2
+	@$(PY) -m pytest -m "not slow" -n 2 --dist loadfile
 
 plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
@@ -107,12 +108,20 @@ third-party: $(STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in
 	@$(PY) -m pytest -rs tests/test_third_party.py tests/links/test_nmea_readers.py
 	@cd examples/third_party && ../../$(THIRD_VENV)/bin/python measure.py
 
+docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
+	@echo "Open it: site/index.html; with search: $(PY) -m http.server --directory site"
+
+dist-check: $(STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
+	@UV=$(UV) $(PY) scripts/check_dist.py
+
 reference: $(STAMP) ## Write the reference of columns, docs/columns.md
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
 	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project --only-group docs -o requirements-docs.lock
 	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap -o requirements-ros.lock
 
 # Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
@@ -132,6 +141,11 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 	@echo "Done: $(VENV)/bin/agrobot-mj, or agrobot-mj after . $(VENV)/bin/activate"
+
+$(DOCS_STAMP): $(STAMP) requirements-docs.lock
+	@echo "Installing the builder of the documentation into $(VENV)."
+	@$(PY) -m pip install --quiet --progress-bar off --require-hashes --only-binary :all: -r requirements-docs.lock
+	@touch $@
 
 # An environment of its own: a .pth file among the wheels of ROS restarts every Python in it with other library paths.
 # Only `empy` has no wheel.

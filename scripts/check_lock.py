@@ -1,4 +1,4 @@
-"""Do pyproject.toml, uv.lock and requirements.lock agree? Needs no network; status 1 when they do not."""
+"""Do pyproject.toml, uv.lock and what is exported from it agree? Needs no network; status 1 when they do not."""
 
 import re
 import sys
@@ -9,10 +9,12 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 ADVICE = "run `make lock`"
+EXPORTS = {"requirements.lock": "dev", "requirements-docs.lock": "docs"}
+"""What `make install` and `make docs` install from, and the group of pyproject.toml in it."""
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
-    """Name and version to hashes, from requirements.lock."""
+    """Name and version to hashes, from an exported file."""
     found: dict[tuple[str, str], set[str]] = {}
     for block in re.split(r"\n(?=\S)", text):
         if pinned := re.match(r"([A-Za-z0-9._-]+)==([^\s;\\]+)", block):
@@ -30,11 +32,11 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
     return found
 
 
-def wanted(text: str) -> list[Requirement]:
-    """Requirements of pyproject.toml: dependencies and the dev group."""
+def wanted(text: str, group: str) -> list[Requirement]:
+    """Requirements of pyproject.toml: a group, and for `dev` what the package itself needs."""
     content = tomllib.loads(text)
-    lines = [*content["project"]["dependencies"], *content["dependency-groups"]["dev"]]
-    return [Requirement(line) for line in lines]
+    own = content["project"]["dependencies"] if group == "dev" else []
+    return [Requirement(line) for line in [*own, *content["dependency-groups"][group]]]
 
 
 def optional(text: str) -> set[str]:
@@ -53,21 +55,23 @@ def optional(text: str) -> set[str]:
 
 def faults(root: Path) -> list[str]:
     """All disagreements, one line each."""
-    pins = exported((root / "requirements.lock").read_text(encoding="utf-8"))
-    text = (root / "uv.lock").read_text(encoding="utf-8")
-    lock, extras = locked(text), optional(text)
+    texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
+    pins = {name: exported(texts[name]) for name in EXPORTS}
+    lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])
     found = []
-    for key in sorted(pins.keys() | lock.keys()):
-        if key not in pins and key[0] in extras:
-            continue
-        if pins.get(key) != lock.get(key) or not pins[key]:
-            where = "differs from uv.lock" if key in pins and key in lock else "is in one lock file only"
-            found.append(f"requirements.lock: {key[0]}=={key[1]} {where}")
-    for requirement in wanted((root / "pyproject.toml").read_text(encoding="utf-8")):
-        name = re.sub(r"[-_.]+", "-", requirement.name).lower()
-        versions = [version for pinned, version in pins if pinned == name]
-        if not versions or not all(requirement.specifier.contains(v, prereleases=True) for v in versions):
-            found.append(f"pyproject.toml: {requirement}, but locked: {', '.join(versions) or 'nothing'}")
+    for name, group in EXPORTS.items():
+        for key, hashes in pins[name].items():
+            if lock.get(key) != hashes or not hashes:
+                where = "differs from uv.lock" if key in lock else "is not in uv.lock"
+                found.append(f"{name}: {key[0]}=={key[1]} {where}")
+        for requirement in wanted(texts["pyproject.toml"], group):
+            project = re.sub(r"[-_.]+", "-", requirement.name).lower()
+            versions = [version for pinned, version in pins[name] if pinned == project]
+            if not versions or not all(requirement.specifier.contains(v, prereleases=True) for v in versions):
+                found.append(f"pyproject.toml: {requirement}, but locked: {', '.join(versions) or 'nothing'}")
+    for key in sorted(lock.keys() - set().union(*pins.values())):
+        if key[0] not in extras:
+            found.append(f"uv.lock: {key[0]}=={key[1]} is in no exported file")
     return found
 
 

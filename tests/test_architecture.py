@@ -4,6 +4,7 @@ The folders of the package stand in layers; a folder imports only from those bef
 """
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -42,14 +43,23 @@ def part_of(file):
     return file.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
+@cache
+def parsed(file):
+    """The syntax tree of a file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@cache
 def imported(file):
     """Full names of everything that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    names = []
+    for node in ast.walk(parsed(file)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return tuple(names)
 
 
 def parts_imported(part):
@@ -96,7 +106,7 @@ def test_each_heavy_library_has_its_owners(library):
 
 def functions(file):
     """Name and number of lines of every function of a file."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(file)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield node.name, node.end_lineno - node.lineno + 1
 
@@ -110,7 +120,7 @@ def test_files_and_functions_stay_short():
 def test_no_two_public_classes_share_a_name():
     places = {}
     for file in PACKAGE.rglob("*.py"):
-        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        for node in parsed(file).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places.setdefault(node.name, []).append(str(file.relative_to(PACKAGE)))
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
@@ -118,7 +128,7 @@ def test_no_two_public_classes_share_a_name():
 
 def test_every_module_says_what_it_is():
     for file in PACKAGE.rglob("*.py"):
-        assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
+        assert ast.get_docstring(parsed(file)), file
 
 
 def test_the_cache_of_kernels_knows_all_that_they_come_from():

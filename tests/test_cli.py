@@ -33,21 +33,6 @@ def elsewhere(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """(exit status, stdout, stderr) of a command line."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        code = leaving.value.code
-        output = capsys.readouterr()
-        return (0 if code is None else code), output.out, output.err
-
-    return run
-
-
 def names(folder):
     return {path.name for path in Path(folder).iterdir()}
 
@@ -205,7 +190,9 @@ def test_another_plant_for_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
-@pytest.mark.parametrize("arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd")])
+@pytest.mark.parametrize(
+    "arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd", "--plants", "bicycle")]
+)
 def test_quiet_prints_nothing_when_all_is_well(call, arguments):
     assert call(*arguments, *QUICK, "--out", "out", "--quiet") == (0, "", "")
     assert names("out")

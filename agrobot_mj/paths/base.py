@@ -5,6 +5,7 @@ A path is data (a frozen spec) with one question, `at(t)`. A new kind is one fil
 `Path` of `paths/__init__.py`.
 
 The contract:
+
 - `at(t)` answers for every finite `t`. Before 0 the reference stands at the start; beyond `duration_s` it goes on
   (round, or straight). It is called in every tick, so it takes microseconds: build what is expensive once.
 - Position is continuous, and velocity is its derivative along the heading (backwards along it in reverse).

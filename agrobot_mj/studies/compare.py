@@ -11,7 +11,6 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.pool import cores, spread
-from agrobot_mj.studies.report import write_figures
 
 MOST_DRAWN = 24
 """Laws that figures and the common recording show; more could not be told apart."""
@@ -42,6 +41,8 @@ def compare(
     write_json(folder / "comparison.json", rows)
     if rrd:
         write_comparison([(f"{case.plant}-{case.law}", logs[case.folder]) for case in shown], folder / "comparison.rrd")
+    from agrobot_mj.studies.report import write_figures  # here, since workers import this module and draw nothing
+
     write_figures([(case.plant, case.law, logs[case.folder]) for case in shown], folder)
     return rows
 

@@ -28,6 +28,10 @@ SHOWN = 24
 """Names of columns that a message lists."""
 LONGEST_STEP_S = 5.0
 """Median step of time beyond which the unit cannot be the second [s]: slower logs say nothing about dynamics."""
+SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
+"""Range of the time between the rows of an evenly sampled log [s]."""
+UNEVEN = 0.5
+"""Largest difference of a time between two rows from the usual one, over that [-]."""
 LATEST_STEP_S = 1e-5
 """Median step of time below which the unit cannot be the second [s]."""
 
@@ -102,6 +106,19 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
         looks = "milliseconds" if step > LONGEST_STEP_S else "some other unit"
         fix = f'; set {unit_key}, e.g. "ms"' if unit_key else "; convert it to seconds"
         raise FieldLogError(f"{where} steps by {step:.3g} s, which looks like {looks}{fix}")
+
+
+def check_even(name: str, column: str, t: Array) -> None:
+    """Raise `FieldLogError` unless the times `t` (n,) [s] run forward in even steps, for what counts rows as time."""
+    check_time(name, column, t)
+    where, steps = f"{name}: {column!r}", np.diff(t)
+    usual = float(np.median(steps))
+    if not SHORTEST_EVEN_S <= usual <= LONGEST_EVEN_S:
+        wanted = f"{SHORTEST_EVEN_S:g} to {LONGEST_EVEN_S:g} s"
+        raise FieldLogError(f"{where}: rows must be {wanted} apart, got {usual:g}; is it in s?")
+    if (off := float(np.abs(steps - usual).max())) > UNEVEN * usual:
+        gap = f"they are {usual:g} s apart, one is {off:.3g} s off"
+        raise FieldLogError(f"{where}: rows must be evenly spaced: {gap}; fill the gaps")
 
 
 def _name(source: Source) -> str:

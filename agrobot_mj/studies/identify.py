@@ -36,7 +36,7 @@ from agrobot_mj.machine.hydraulics import (
 )
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.recorded import recorded_columns
+from agrobot_mj.studies.fieldlog import check_even, read_columns
 
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
@@ -188,7 +188,7 @@ def identify_command(run_dir: Path) -> str:
     try:
         found = identify(signals, cylinder, limit)
     except ScenarioError as error:
-        raise ScenarioError(f"{signals}: {error}") from None
+        raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
     write_json(run_dir / "identified.json", found._asdict())
     known = scenario.steering.valve if file.is_file() else None
     return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
@@ -219,7 +219,8 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
-    t, voltage, measured = recorded_columns(signals, COLUMNS)
+    t, voltage, measured = read_columns(signals, COLUMNS).values()
+    check_even("signals.parquet", COLUMNS[0], t)
     tick = float(np.median(np.diff(t)))
     ticks = round(WINDOW_S / tick)
     windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)

@@ -1,15 +1,17 @@
 """docs/studies.md is true: its sweep runs, resumes, splits and merges, its table is read, its limit is found."""
 
+import contextlib
+import io
 import json
-import os
 import re
-import subprocess
+import shlex
 import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
+from agrobot_mj import cli
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.studies.sweep.schema import SweepFile
 
@@ -20,22 +22,21 @@ TEXT = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
 COMMANDS = [line for block in re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S) for line in block.splitlines()]
 
 
-def python(folder, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder in which all commands of the page have been run, in their order, each of a sweep in one process."""
+    """A folder in which all commands of the page have been run, in their order, in this process where they may be."""
     folder = tmp_path_factory.mktemp("studies")
     (folder / "mine.toml").write_text(SWEEP, encoding="utf-8")
-    for line in COMMANDS:
-        words = re.findall(r'"[^"]*"|\S+', line.removeprefix("agrobot-mj "))
-        quick = [] if "--jobs" in words or "--merge" in words else ["--jobs", "1"]
-        done = python(folder, "-m", "agrobot_mj", *(word.strip('"') for word in words), *quick)
-        assert (done.returncode, done.stderr) == (0, ""), line
-        (folder / "said.txt").open("a").write(done.stdout)
+    said = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
+        for line in COMMANDS:
+            words = shlex.split(line)
+            quick = [] if "--jobs" in words or "--merge" in words else ["--jobs", "1"]
+            patch.setattr(sys, "argv", [*words, *quick])
+            with pytest.raises(SystemExit) as leaving:
+                cli.main()
+            assert not leaving.value.code, line
+    (folder / "said.txt").write_text(said.getvalue())
     return folder
 
 
@@ -51,9 +52,10 @@ def test_however_it_is_run_the_table_is_the_same(folder):
 
 
 def test_the_table_is_read_as_the_page_does(folder):
-    done = python(folder, "-c", SCRIPT)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "stanley" in done.stdout
+    said = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(said):
+        exec(SCRIPT, {})
+    assert "stanley" in said.getvalue()
 
 
 def test_the_limit_has_an_answer_for_each_law(folder):

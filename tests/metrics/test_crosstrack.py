@@ -1,5 +1,6 @@
 """Cross-track error on paths of varying speed, beside neighbouring swaths and near crossings."""
 
+from functools import cache
 from math import hypot
 from typing import Any
 
@@ -19,12 +20,18 @@ PATHS = [
 ]
 
 
+@cache
+def fine_way(path: Any) -> tuple[Any, Any]:
+    """Close times, and the way driven until each [m]."""
+    fine = np.linspace(-1, path.duration_s + 20, 60000)
+    points = np.array([path.at(s) for s in fine.tolist()])
+    return fine, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
+
+
 def beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
     """Ticks, and points at signed distance `left` from the path, `ahead` metres along it from the reference."""
     t = np.arange(0, path.duration_s, 0.05)
-    fine = np.linspace(-1, path.duration_s + 20, 60000)
-    points = np.array([path.at(s) for s in fine.tolist()])
-    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
+    fine, way = fine_way(path)
     there = np.interp(np.clip(np.interp(t, fine, way) + ahead, 1e-3, None), way, fine)
     r = np.array([path.at(s) for s in there.tolist()])
     return t, r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])

@@ -198,7 +198,7 @@ def test_the_curvature_rate_is_the_derivative_of_the_curvature(path: Any) -> Non
 def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any) -> None:
     """An independent integration from the start, by the trapezoidal rule, ends where the path does."""
     starts = path.motion.times if isinstance(path, Timed) else []
-    grid = np.unique(np.concatenate([np.linspace(0, path.duration_s, 60001), starts]))
+    grid = np.unique(np.concatenate([np.linspace(0, path.duration_s, 30001), starts]))
     x, y, yaw, kappa, u = np.array(
         [(r.x, r.y, r.yaw, r.curvature, signed_speed(r)) for r in map(path.at, grid.tolist())]
     ).T

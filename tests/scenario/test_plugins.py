@@ -1,6 +1,6 @@
 """Classes from outside join the families of the schema: every family, bad ones told with the reason.
 
-Each test runs in a process of its own, since a registration lasts as long as the process.
+A test that registers something runs in a process of its own, since a registration lasts as long as the process.
 """
 
 import os
@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from agrobot_mj.scenario.reference import families
 
 ROOT = Path(__file__).parents[2]
 HEAD = "from typing import Literal\nfrom agrobot_mj import load_scenario, register, run\n"
@@ -136,15 +138,16 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
-def test_a_bad_plugin_is_told_in_one_message(tmp_path, file, message):
+def test_a_bad_plugin_is_told_in_one_message_and_changes_no_family(tmp_path, monkeypatch, call, file, message):
+    monkeypatch.chdir(tmp_path)
     if file is not None:
         (tmp_path / "own.py").write_text(file)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "agrobot_mj", "list", "--kinds", "--plugin", "own.py"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"--plugin {message}")
-    assert done.stderr.count("\n") == 1
+    before = {key: list(kinds) for key, kinds in families().items()}
+    status, _, err = call("list", "--kinds", "--plugin", "own.py")
+    assert status == 2
+    assert err.startswith(f"--plugin {message}")
+    assert err.count("\n") == 1
+    assert {key: list(kinds) for key, kinds in families().items()} == before
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,13 @@
 """The search for a limit: against success rates that are known, and the grammar of its condition."""
 
 import json
-import sys
+from functools import partial
 from math import exp
 
 import numpy as np
 import pytest
 
-from agrobot_mj import cli, load_scenario
+from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.search import Question, check, find_limit, metric_names, runs_needed, wilson
@@ -223,18 +223,9 @@ def test_a_question_that_cannot_be_asked_is_refused(change):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
+def call(call):
     """(exit status, stdout, stderr) of `agrobot-mj limit`, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "limit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        output = capsys.readouterr()
-        return leaving.value.code or 0, output.out, output.err
-
-    return command
+    return partial(call, "limit")
 
 
 SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "--out", "out")

@@ -9,12 +9,14 @@ import mujoco
 
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements.base import HitchedBody
+from agrobot_mj.plants.mujoco.drawing import scene_of
 from agrobot_mj.plants.mujoco.implement import attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.implement_stability import check_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.stability import check_stability
 from agrobot_mj.plants.mujoco.tools import Attached
+from agrobot_mj.plants.scene import Scene
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.laws import tyre_set
@@ -25,6 +27,9 @@ class Built(NamedTuple):
     """A tractor, ready to run."""
 
     model: mujoco.MjModel
+    """What moves and touches."""
+    scene: Scene
+    """What is drawn."""
     tyres: TyreSet
     hitched: HitchedBody | None
     """Body of its implement, if there is one."""
@@ -42,10 +47,11 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     hitched = machine.implement.hitched(machine.tractor)
     if hitched is not None:
         add_implement(parts, hitched, machine.tractor, tyre.native is not None)
-    model = simulation_model(parts, ground, dt, tyre.native)
+    scene = scene_of(parts.compile())
+    model = simulation_model(parts, ground, dt, tyre.native, drawn=False)
     if tyre.native is None:
         check_stability(model, tyres, machine.tractor, tyre)
     hung = attached(hitched, model, tyre, machine.tractor, seed)
     if hitched is not None:
         check_implement(model, machine.implement, hitched, hung)
-    return Built(model, tyres, hitched, hung)
+    return Built(model, scene, tyres, hitched, hung)

@@ -1,7 +1,6 @@
 """A recording of a plant, replayed on the same plant, leaves the noise of its sensors; on another, more."""
 
 import json
-import sys
 from math import degrees, radians
 
 import numpy as np
@@ -10,7 +9,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import pytest
 
-from agrobot_mj import cli, load_scenario, run
+from agrobot_mj import load_scenario, run
 from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.fieldlog import link_log
@@ -71,20 +70,6 @@ def as_csv(log, file, **changes):
     }
     pacsv.write_csv(pa.table(columns | changes), file)
     return file
-
-
-@pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        output = capsys.readouterr()
-        return leaving.value.code or 0, output.out, output.err
-
-    return command
 
 
 # --- residuals ----------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import sys
 import time
 from concurrent.futures import Future
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -52,18 +53,9 @@ def file(tmp_path):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
+def call(call):
     """(exit status, stdout, stderr) of `agrobot-mj sweep`, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "sweep", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        output = capsys.readouterr()
-        return leaving.value.code or 0, output.out, output.err
-
-    return command
+    return partial(call, "sweep")
 
 
 def table(folder):

@@ -173,7 +173,6 @@ def test_soak_counts_broken_ticks():
 
 def test_antenna_lean_sees_a_mast_that_is_a_tenth_shorter(monkeypatch):
     monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
-    assert not failures(antenna_lean.run(quick=True))
     monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
     assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean.run(quick=True))
 

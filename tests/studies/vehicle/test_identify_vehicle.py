@@ -1,7 +1,6 @@
 """`identify --vehicle` gives back the hidden stiffness of the simulator's own tractors, or says why not."""
 
 import json
-import sys
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +8,6 @@ import pyarrow.parquet as pq
 import pytest
 from machines import log_of, mistold
 
-from agrobot_mj import cli
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.storage import write_log
@@ -28,20 +26,6 @@ STEADY = ("front", "rear", "offset", "delay", "backlash")
 @pytest.fixture(scope="module")
 def hidden():
     return log_of(3, **HIDDEN)
-
-
-@pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        output = capsys.readouterr()
-        return leaving.value.code or 0, output.out, output.err
-
-    return command
 
 
 def test_the_simulators_bicycle_is_found_behind_a_sensor_with_play_offset_and_delay(hidden):

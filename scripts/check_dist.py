@@ -1,0 +1,140 @@
+"""Build wheel and sdist, and try them in empty environments on every Python from 3.11 that uv finds or fetches.
+
+Each environment holds the package and its run-time dependencies, nothing else: the wheel runs its commands, and the
+sdist installs the same files. The last run can keep nothing compiled: it has no home and no place for a cache. Prints
+the size of the run-time install; status 1 when anything fails.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+UV = os.environ.get("UV", "uv")
+PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
+"""Versions, or paths of interpreters."""
+KEPT = ("UV_", "PIP_", "SSL_")
+"""Starts of variables that say where packages come from."""
+SHORT = ("--set", "duration_s=2", "-q")
+COMMANDS = (
+    ("--version",),
+    ("list",),
+    ("explain", "plant.tyre.kind"),
+    ("run", "circle", *SHORT, "--out", "run"),
+    ("compare", "circle", "--controllers", "pd", *SHORT, "--out", "compared"),
+    ("rig", "linear", "-q", "--out", "rig"),
+)
+"""Commands that work without any extra."""
+REFUSED = (("report", "compared"), ("importance", "run"))
+"""Commands that name their extra, with status 2."""
+
+
+def tell(text: str) -> None:
+    print(text, flush=True)
+
+
+def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command with a bare environment: nothing of this process's Python reaches it."""
+    keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
+    return subprocess.run(
+        list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
+    )
+
+
+def must(command: list[str | Path], folder: Path, **environment: str) -> str:
+    """Standard output of a command that succeeds. Raises `RuntimeError` with what it said."""
+    done = call(command, folder, **environment)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def environment(package: Path, python: str, folder: Path) -> Path:
+    """An environment with the package alone; its folder of executables."""
+    must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
+    must([UV, "pip", "install", "--quiet", "--python", folder / "venv" / "bin" / "python", package], folder)
+    return folder / "venv" / "bin"
+
+
+def works(programs: Path, folder: Path) -> None:
+    """The commands leave what they should; those of extras name them."""
+    for arguments in COMMANDS:
+        must([programs / "agrobot-mj", *arguments], folder)
+    for name in ("run/run.rrd", "run/signals.parquet", "compared/comparison.json", "rig/curves.parquet"):
+        if not (folder / name).is_file():
+            raise RuntimeError(f"{name}: is missing")
+    for arguments in REFUSED:
+        done = call([programs / "agrobot-mj", *arguments], folder)
+        if done.returncode != 2 or "pip install" not in done.stderr or "Traceback" in done.stderr:
+            raise RuntimeError(f"{' '.join(arguments)}: status {done.returncode}, said {done.stderr!r}")
+
+
+def works_without_a_cache(programs: Path, folder: Path) -> None:
+    """A run that can keep nothing compiled: it has no home, and a file stands where the cache would be."""
+    (folder / "no-folder").touch()
+    bare = {"PATH": os.environ["PATH"], "XDG_CACHE_HOME": str(folder / "no-folder"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [str(programs / "agrobot-mj"), "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]
+    done = subprocess.run(command, cwd=folder, env=bare, capture_output=True, text=True, check=False)
+    if done.returncode or done.stderr or not (folder / "bare" / "signals.parquet").is_file():
+        raise RuntimeError(f"without a cache: status {done.returncode}\n{done.stdout}{done.stderr}")
+    if kept := [file for file in programs.parent.rglob("*.nb[ic]") if file.is_file()]:
+        raise RuntimeError(f"without a cache: {kept[0]} was written")
+
+
+def files(programs: Path) -> dict[str, bytes]:
+    """What the package has installed, without what the installer adds."""
+    (site,) = (programs.parent / "lib").glob("python*/site-packages")
+    found = (file for file in (site / "agrobot_mj").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+    return {str(file.relative_to(site)): file.read_bytes() for file in found}
+
+
+def sizes(programs: Path, most: int = 12) -> list[str]:
+    """The largest parts of an environment [MB], and the whole."""
+    (site,) = (programs.parent / "lib").glob("python*/site-packages")
+    found = {entry.name: megabytes(entry) for entry in site.iterdir()}
+    largest = sorted(found.items(), key=lambda part: -part[1])[:most]
+    return [*(f"{size:6.0f} MB  {name}" for name, size in largest), f"{sum(found.values()):6.0f} MB  in all"]
+
+
+def megabytes(place: Path) -> float:
+    files = [place] if place.is_file() else [file for file in place.rglob("*") if file.is_file()]
+    return sum(file.stat().st_size for file in files) / 1e6
+
+
+def main() -> int:
+    failed = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        must([sys.executable, "-m", "build", "--no-isolation", "--outdir", folder / "dist", ROOT], folder)
+        (wheel,), (sdist,) = (folder / "dist").glob("*.whl"), (folder / "dist").glob("*.tar.gz")
+        tell(f"built {wheel.name} ({megabytes(wheel):.1f} MB), {sdist.name} ({megabytes(sdist):.1f} MB)")
+        for python in PYTHONS:
+            place = folder / f"python-{PYTHONS.index(python)}"
+            other = place / "sdist"
+            (place / "work").mkdir(parents=True)
+            other.mkdir()
+            programs = place / "venv" / "bin"
+            try:
+                programs = environment(wheel, python, place)
+                works(programs, place / "work")
+                tell(f"{python}: the wheel works, {must([programs / 'agrobot-mj', '--version'], folder).strip()}")
+                from_source = environment(sdist, python, other)
+                must([from_source / "agrobot-mj", "list"], other)
+                if files(programs) != files(from_source):
+                    raise RuntimeError("the sdist installs other files than the wheel")
+                tell(f"{python}: the sdist installs the same files")
+                if python == PYTHONS[-1]:
+                    works_without_a_cache(programs, place / "work")
+                    tell(f"{python}: works without a cache")
+            except RuntimeError as error:
+                tell(f"{python}: FAILED\n{error}")
+                failed = 1
+        tell("\n".join(sizes(programs)))
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

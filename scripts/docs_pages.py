@@ -1,0 +1,133 @@
+"""Pages of the documentation that are made from the code: keys, commands, Python. Each function returns Markdown."""
+
+import inspect
+from typing import Any
+
+import click
+import typer.main
+
+from agrobot_mj.cli import app
+from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.scenario.reference import TableClass, document, first_line, places, usual_kind
+from agrobot_mj.scenario.schema import Scenario
+
+BASES = (
+    "core.signals",
+    "control.base",
+    "estimation.base",
+    "terrain.base",
+    "tyres.base",
+    "machine.implements.base",
+    "paths.base",
+    "sensors.base",
+    "faults.base",
+    "metrics.base",
+    "plants.base",
+)
+"""Modules whose classes a part of one's own derives from or exchanges."""
+FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
+FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")
+"""What `import agrobot_mj` offers, what these return, and what they raise."""
+
+
+def keys_page() -> str:
+    """Every key of a scenario file, one section per table and kind."""
+    head = (
+        "# Keys of a scenario\n\nEvery key of a scenario file, by table; `agrobot-mj explain KEY` says the same on the "
+        "command line. Numbers, their ranges and sources in one place: [models.md](models.md); how a file reads: "
+        "[scenarios.md](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
+    )
+    return "\n".join([head, *_sections("", places([]), set())])
+
+
+def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spec]]]) -> list[str]:
+    """The sections of a table, one per class it may be of, and of the tables in it."""
+    lines: list[str] = []
+    for place in found:
+        if (table, place.owner) in seen:
+            continue
+        seen.add((table, place.owner))
+        kind = place.owner.model_fields.get("kind")
+        named = f"`[{table}]`" if table else "At the top"
+        if kind:
+            named += f' `kind = "{kind.default}"`'
+        elif len({each.owner for each in found}) > 1:  # the kind of a table above it tells them apart
+            named += ' under `{} = "{}"`'.format(*place.kinds[-1])
+        usual = ", the default" if kind and kind.default == usual_kind(table) else ""
+        lines += [f"## {named}{usual}\n", f"{first_line(place.owner)}\n" if table else "", *_table(place), ""]
+    fields = [item for place in found for item in place.owner.model_fields.items()]
+    for name in dict.fromkeys(name for name, field in fields if members(field.annotation)):
+        dotted = f"{table}.{name}".lstrip(".")
+        lines += _sections(dotted, places(dotted.split(".")), seen)
+    return lines
+
+
+def _table(place: TableClass) -> list[str]:
+    rows = []
+    for name, field in place.owner.model_fields.items():
+        if name == "kind" or members(field.annotation):
+            continue
+        doc = document(place, name)
+        source = f" *{doc.source}.*" if doc.source else ""
+        rows.append(f"| `{name}` | `{doc.default}` | {doc.kind} | {_cell(doc.text)}{_cell(source)} |")
+    return ["| key | default | value | what |", "|---|---|---|---|", *rows] if rows else []
+
+
+def _cell(text: str) -> str:
+    """Text as a cell of a table takes it."""
+    line = " ".join(text.split())
+    lead = " " if text.startswith(" ") else ""
+    return lead + line.replace("|", "\\|").replace("<", "&lt;")
+
+
+def commands_page() -> str:
+    """Every command of `agrobot-mj` with its arguments and options."""
+    lines = ["# Commands\n", "What `agrobot-mj --help` and `agrobot-mj COMMAND --help` say. Exit status: 0 the run"]
+    lines.append("ended as its scenario expects, 1 otherwise or a disk is full, 2 bad input, 130 broken off.\n")
+    group: Any = typer.main.get_command(app)
+    for name, command in group.commands.items():
+        lines += [f"## `{name}`\n", f"{inspect.cleandoc(command.help or '')}\n", *_usage(name, command), ""]
+    return "\n".join(lines)
+
+
+def _usage(name: str, command: Any) -> list[str]:
+    context = click.Context(command, info_name=f"agrobot-mj {name}")
+    lines = ["```", f"agrobot-mj {name} {' '.join(command.collect_usage_pieces(context))}", "```", ""]
+    rows = []
+    for parameter in command.params:
+        said = parameter.get_help_record(context)
+        if said is None or "--help" in parameter.opts:
+            continue
+        flags, text = said
+        rows.append(f"| `{flags.replace('|', chr(92) + '|')}` | {_cell(text)} |")
+    return [*lines, "| argument or option | what |", "|---|---|", *rows] if rows else lines
+
+
+def api_page() -> str:
+    """The Python interface: what the package offers at its top, and the bases of the families."""
+    lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
+    lines += ["## The front\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
+    lines.append("## Bases of the families\n")
+    lines.append("Messages between the stages, and the classes that a member of a family derives from:")
+    lines.append("[plugins.md](plugins.md) and [extending.md](extending.md) walk through them.\n")
+    return "\n".join([*lines, *(_documented(name, name) for name in BASES)])
+
+
+def _documented(name: str, heading: str) -> str:
+    """What mkdocstrings replaces by the documentation of a name of the package."""
+    return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'
+
+
+def scenario_keys() -> set[str]:
+    """Names of all keys that hold a value, in any table."""
+
+    def below(owner: type[Spec], above: tuple[type[Spec], ...]) -> set[str]:
+        found: set[str] = set()
+        for name, field in owner.model_fields.items():
+            parts = members(field.annotation)
+            found |= {name} if not parts and name != "kind" else set()
+            for part in parts.values():
+                found |= below(part, (*above, part)) if part not in above else set()
+        return found
+
+    return below(Scenario, ())

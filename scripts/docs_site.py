@@ -1,0 +1,88 @@
+"""What MkDocs calls while it builds the documentation: pages made from the code, and links that leave docs/.
+
+The Markdown files are written to be read as they lie in the checkout. Here the README's neighbours become pages, and
+other files of the checkout that a page links to are copied beside it, so that every link of the site stays within it.
+"""
+
+import re
+import sys
+from pathlib import Path
+from posixpath import normpath, relpath
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+
+import docs_pages  # noqa: E402
+
+MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page, "api.md": docs_pages.api_page}
+"""Pages that are not in docs/, with what writes them."""
+BROUGHT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+"""Pages that lie at the top of the checkout."""
+AWAITED = ("performance.md", "reliability.md")
+"""Pages of the menu that may not be there yet."""
+LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
+FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
+
+
+def on_config(config: Any) -> Any:
+    """Leave awaited pages out of the menu until they are there."""
+    missing = {name for name in AWAITED if not (Path(config.docs_dir) / name).is_file()}
+    for entry in config.nav:
+        (title, inside), *_ = entry.items()
+        if isinstance(inside, list):
+            entry[title] = [page for page in inside if not missing & set(page.values())]
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages that are made and brought, and the files of the checkout that any page links to."""
+    for name, page in MADE.items():
+        files.append(File.generated(config, name, content=page()))
+    for name, source in BROUGHT.items():
+        files.append(File.generated(config, name, content=moved(source)))
+    texts = [file.content_string for file in files.documentation_pages()]
+    for target in sorted({target for text in texts for target in outside(text)}):
+        files.append(File.generated(config, f"checkout/{target}.txt", abs_src_path=str(ROOT / target)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """Point links that leave docs/ to the copies in the site."""
+    return relinked(markdown)
+
+
+def moved(source: str) -> str:
+    """A Markdown file of the checkout's top as it would read in docs/."""
+
+    def link(found: re.Match[str]) -> str:
+        return f"{found[1]}{relpath(found[2], 'docs')}{found[3] or ''})"
+
+    return outside_code(LINK, link, (ROOT / source).read_text(encoding="utf-8"))
+
+
+def relinked(text: str) -> str:
+    """The text of a page in docs/ with its links to the rest of the checkout turned into links to the site."""
+    pages = {source: name for name, source in BROUGHT.items()}
+
+    def link(found: re.Match[str]) -> str:
+        target = normpath(f"docs/{found[2]}")
+        if target.startswith("docs/"):
+            return found[0]
+        return f"{found[1]}{pages.get(target) or f'checkout/{target}.txt'}{found[3] or ''})"
+
+    return outside_code(LINK, link, text)
+
+
+def outside(text: str) -> set[str]:
+    """Files of the checkout outside docs/ that a page links to and that are no page themselves."""
+    targets = {normpath(f"docs/{found[2]}") for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
+    return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
+
+
+def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:
+    """Replace in everything but fenced blocks."""
+    parts = FENCE.split(text)
+    return "".join(part if k % 2 else pattern.sub(replace, part) for k, part in enumerate(parts))

@@ -1,0 +1,26 @@
+"""Fixtures of many tests."""
+
+import os
+import sys
+
+import pytest
+
+from agrobot_mj import cli
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""Before numpy is imported: with tests on every core, threads for small matrices only wait for each other, at the cost
+of most of a fit's processor time."""
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in this process."""
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            cli.main()
+        output = capsys.readouterr()
+        return leaving.value.code or 0, output.out, output.err
+
+    return command

@@ -1,0 +1,68 @@
+"""Every link and anchor of every Markdown file leads somewhere, and the menu of the site has every page of docs/."""
+
+import re
+from pathlib import Path
+from posixpath import normpath
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^(```|~~~).*?^\1\s*$", re.DOTALL | re.MULTILINE)
+
+
+def prose(page):
+    """The text of a page without fenced blocks and code spans."""
+    return re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text(encoding="utf-8")))
+
+
+def anchors(page):
+    """What a fragment may name: the headings, as GitHub and the site make anchors of them."""
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    found = []
+    for heading in re.findall(r"^#{1,6} +(.*?) *$", text, re.MULTILINE):
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", words.lower()).replace(" ", "-")
+        found.append(slug if slug not in found else f"{slug}-{found.count(slug)}")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_anchors_lead_somewhere(page):
+    broken = []
+    for target in LINK.findall(prose(page)):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        if not file.exists() or (anchor and (file.suffix != ".md" or anchor not in anchors(file))):
+            broken.append(target)
+    assert broken == []
+
+
+def test_links_of_the_docs_stay_in_the_checkout_and_name_files():
+    for page in PAGES:
+        for target in LINK.findall(prose(page)):
+            path = target.partition("#")[0]
+            if path and "://" not in path:
+                inside = normpath((page.parent.relative_to(ROOT) / path).as_posix())
+                assert not inside.startswith(".."), f"{page.name}: {target}"
+                assert (ROOT / inside).is_file(), f"{page.name}: {target} is a folder, which the site cannot show"
+
+
+def test_every_page_is_in_the_menu_of_the_site_once():
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    named = re.findall(r"^ +- [^:]+: (\S+\.md)$", menu, re.MULTILINE)
+    hooks = (ROOT / "scripts" / "docs_site.py").read_text(encoding="utf-8")
+    assert len(named) == len(set(named))
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} <= set(named)
+    for name in named:
+        assert (ROOT / "docs" / name).is_file() or f'"{name}"' in hooks, name
+
+
+def test_every_picture_of_the_docs_is_shown_somewhere():
+    shown = {normpath((page.parent / target).as_posix()) for page in PAGES for target in LINK.findall(prose(page))}
+    pictures = [file for file in (ROOT / "docs" / "images").rglob("*.*") if file.is_file()]
+    assert pictures
+    assert [str(file.relative_to(ROOT)) for file in pictures if normpath(file.as_posix()) not in shown] == []

@@ -1,0 +1,98 @@
+"""The documentation as a site: pages from the code are complete, and the build finds no fault and needs no network."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from agrobot_mj.cli import app
+from agrobot_mj.scenario.reference import families
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = ROOT / "scripts"
+
+
+@pytest.fixture(scope="module")
+def pages():
+    spec = importlib.util.spec_from_file_location("docs_pages", SCRIPTS / "docs_pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_key_and_every_kind_is_in_the_reference(pages):
+    text = pages.keys_page()
+    assert set(re.findall(r"^\| `(\w+)` \|", text, re.M)) == pages.scenario_keys()
+    for table, kinds in families().items():
+        for kind in kinds:
+            assert f'## `[{table}]` `kind = "{kind}"`' in text, (table, kind)
+    headings = re.findall(r"^## (.*)$", text, re.M)
+    assert len(headings) == len(set(headings))
+    assert "| `wheelbase_m` | `1.4` | number, above 0" in text
+
+
+def test_every_row_of_the_references_has_the_cells_of_its_head(pages):
+    for text in (pages.keys_page(), pages.commands_page()):
+        for block in re.findall(r"(?:^\|.*\n?)+", text, re.M):
+            counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
+            assert len(counts) == 1, block[:200]
+
+
+def test_every_command_and_option_is_in_the_reference(pages):
+    text = pages.commands_page()
+    for name, command in typer.main.get_command(app).commands.items():
+        section = text.partition(f"\n## `{name}`\n")[2].partition("\n## ")[0]
+        assert f"agrobot-mj {name}" in section
+        for parameter in command.params:
+            for option in parameter.opts if parameter.param_type_name == "option" else []:
+                assert option in section, (name, option)
+
+
+def test_what_the_package_offers_is_in_the_reference(pages):
+    import agrobot_mj
+
+    text = pages.api_page()
+    for name in set(agrobot_mj.__all__) - {"__version__"}:
+        assert re.search(rf"^::: agrobot_mj\.[\w.]+\.{name}$", text, re.M), name
+    for path in re.findall(r"^::: (\S+)$", text, re.M):
+        file = ROOT / Path(*path.split(".")).with_suffix(".py")
+        owner = ROOT / Path(*path.split(".")[:-1]).with_suffix(".py")
+        assert file.is_file() or owner.is_file(), path
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built as `make docs` does."""
+    pytest.importorskip("mkdocs", reason="needs the builder of the documentation; `make docs` installs it")
+    folder = tmp_path_factory.mktemp("site")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "NO_MKDOCS_2_WARNING": "1"}
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_site_has_all_pages_and_asks_no_other_host(site):
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {page.stem for page in site.glob("*.html")}
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"<(?:script|img|iframe)[^>]*src=\"(?:https?:)?//", text), page
+        assert not re.search(r"<link[^>]*rel=\"(?:stylesheet|preconnect)\"[^>]*href=\"(?:https?:)?//", text), page
+
+
+def test_lists_and_tables_of_the_docs_are_such_on_the_site(site):
+    for page in (ROOT / "docs").glob("*.md"):
+        text = (site / f"{page.stem}.html").read_text(encoding="utf-8")
+        for paragraph in re.findall(r"<p>(.*?)</p>", text, re.S):
+            assert not re.search(r"\n(?:- |\d\. |\|[ -])", paragraph), (page.name, paragraph[:100])
+
+
+def test_the_reference_of_python_shows_signatures_and_docstrings(site):
+    text = re.sub(r"<[^>]+>", "", (site / "api.html").read_text(encoding="utf-8"))
+    assert "Load a scenario by name or path" in text
+    assert "Base of every guidance law" in text

@@ -1,0 +1,186 @@
+"""docs/tutorial.md is true: a stranger walks it, command by command, in shorter runs; in full with `-m slow`."""
+
+import contextlib
+import io
+import json
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import cli
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"(?:as|it\nas) `(\w+\.(?:toml|py))`:\n\n```\w+\n(.*?)```", TEXT, re.S))
+LINES = [line for block in re.findall(r"^```sh\n(.*?)```", TEXT, re.S | re.M) for line in block.splitlines()]
+COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-mj ")]
+(SCRIPT,) = (code for code in re.findall(r"^```python\n(.*?)```", TEXT, re.S | re.M) if "read_table" in code)
+FULL_S, SHORT_S = {"meadow.toml": 40, "circle": 105}, {"meadow.toml": 2, "circle": 20}
+"""Durations of the page's scenarios [s]."""
+
+
+def in_process(arguments):
+    """Output of a command that succeeds, in this process."""
+    output, given = io.StringIO(), sys.argv
+    sys.argv = ["agrobot-mj", *arguments]
+    try:
+        with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as leaving:
+            cli.main()
+    finally:
+        sys.argv = given
+    assert not leaving.value.code, arguments
+    return output.getvalue()
+
+
+def in_a_process_of_its_own(arguments):
+    """As `in_process`, for commands that bring kinds, on one core: a comparison then starts no workers."""
+    command = [sys.executable, "-m", "agrobot_mj", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    one_core = {"preexec_fn": lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, **one_core)
+    assert (done.returncode, done.stderr) == (0, ""), arguments
+    return done.stdout
+
+
+def linked(arguments):
+    """Output of the link while the page's host drives it, on free ports and as fast as the host answers."""
+    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
+        for each in (a, b):
+            each.bind(("127.0.0.1", 0))
+        own, other = a.getsockname()[1], b.getsockname()[1]
+    (host,) = (shlex.split(line) for line in LINES if line.startswith("python -m"))
+    command = [sys.executable, *host[1:], f"--port={other}", f"--board-port={own}", "--duration=120"]
+    process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
+    try:
+        shorter = ["--port", str(own), "--host-port", str(other), "--pace", "answered", "--duration", "10"]
+        return in_process([*arguments, *shorter])
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module", params=["short", pytest.param("full", marks=pytest.mark.slow)])
+def walk(request, tmp_path_factory):
+    """The folder in which all commands were executed in their order, what they said, and whether in full."""
+    pytest.importorskip("plotly", reason="needs the extra report")
+    folder, full = tmp_path_factory.mktemp("walk"), request.param == "full"
+    durations = FULL_S if full else SHORT_S
+    for name, content in FILES.items():
+        short = content.replace("duration_s = 40", f"duration_s = {durations['meadow.toml']}")
+        (folder / name).write_text(short, encoding="utf-8")
+    said, before = [], Path.cwd()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agrobot_mj.studies.compare.cores", lambda: 1)
+        try:
+            os.chdir(folder)
+            said = [executed(arguments, durations) for arguments in COMMANDS]
+        finally:
+            os.chdir(before)
+    return folder, "\n".join(said), full
+
+
+def executed(arguments, durations):
+    """Output of a command of the page; `view`, which needs a display, says which file it would open."""
+    match arguments[0]:
+        case "view":
+            return f"{Path(arguments[1]).stat().st_size} bytes"
+        case "link":
+            return linked(arguments)
+        case "sweep":
+            return in_process([*arguments, "--jobs", "1"])
+        case "run" if arguments[1] == "circle":
+            return in_process([*arguments, "--no-rrd", "--set", f"duration_s={durations['circle']}"])
+    return (in_a_process_of_its_own if "--plugin" in arguments else in_process)(arguments)
+
+
+def rows(folder):
+    return json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
+
+
+def test_a_fresh_clone_knows_the_first_commands(tmp_path):
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is no checkout")
+    clone, *_, make, activate = LINES[:4]
+    assert clone.startswith("git clone ")
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(tmp_path / "clone")], check=True)
+    would = subprocess.run([*make.split(), "-n"], cwd=tmp_path / "clone", capture_output=True, text=True, check=True)
+    assert "-r requirements.lock" in would.stdout
+    assert "agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco" in would.stdout
+    assert activate == ". .venv/bin/activate"
+
+
+def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
+    (line,) = re.findall(r"-m agrobot_mj (compare .*) --out", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("agrobot_mj.studies.compare.cores", lambda: 1)
+    said = in_process([*line.split(), "--set", "duration_s=1", "--out", "demo"])
+    assert said.count("completed") == 4
+    assert (tmp_path / "demo" / "mujoco-pd_t2fnn-s1" / "run.rrd").stat().st_size > 10_000
+
+
+def test_explain_says_unit_and_source(walk):
+    _, said, _ = walk
+    assert "stiffness_per_load  5.3" in said
+    assert re.search(r"source +Estimate", said)
+
+
+def test_a_softer_front_axle_understeers(walk, monkeypatch, capsys):
+    folder, _, _ = walk
+    monkeypatch.chdir(folder)
+    exec(SCRIPT, {})
+    before, after = (float(value) for value in re.findall(r"([\d.]+) rad", capsys.readouterr().out))
+    assert 0.10 < before < after < 0.25
+
+
+def test_the_slope_is_driven_and_its_recording_is_there_to_view(walk):
+    folder, said, _ = walk
+    signals = pq.read_table(folder / "runs" / "meadow" / "signals.parquet").to_pydict()
+    assert min(signals["roll"]) < -0.1 or max(signals["roll"]) > 0.1, "an 8 degree slope rolls the tractor"
+    assert "meadow: completed" in said
+    assert "agrobot-mj view runs/meadow/run.rrd" in TEXT
+    assert int(re.findall(r"(\d+) bytes", said)[0]) > 10_000
+
+
+def test_laws_are_compared_and_the_full_estimator_takes_the_drift_away(walk):
+    folder, _, full = walk
+    laws, levelled = rows(folder / "runs" / "laws"), rows(folder / "runs" / "levelled")
+    assert [(row["guidance"], row["seed"]) for row in laws] == [(g, s) for g in ("stanley", "lqr") for s in (1, 2)]
+    assert {row["variant"] for row in levelled} == {"as it is", "levelled"}
+    if full:
+        errors = {(row["variant"], row["guidance"]): row["xte_rms"] for row in levelled}
+        for law in ("stanley", "lqr"):
+            assert 0.08 < errors["as it is", law] < 0.25
+            assert errors["levelled", law] < 0.05
+
+
+def test_the_sweep_has_a_row_a_run_and_a_report(walk):
+    folder, said, _ = walk
+    table = pq.read_table(folder / "runs" / "slopes" / "sweep.parquet")
+    assert table.num_rows == 16
+    assert set(table["outcome"].to_pylist()) == {"completed"}
+    assert "16 runs done" in said
+    assert "lqr" in (folder / "runs" / "slopes" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_law_of_ones_own_drives_and_is_compared(walk):
+    folder, _, full = walk
+    assert 'kind = "two_gains"' in (folder / "runs" / "mine" / "scenario.toml").read_text(encoding="utf-8")
+    found = {row["guidance"]: row["xte_rms"] for row in rows(folder / "runs" / "against")}
+    assert set(found) == {"two_gains", "lqr"}
+    assert all(error < (0.25 if full else 0.1) for error in found.values())
+
+
+def test_the_test_host_steers(walk):
+    folder, _, _ = walk
+    metrics = json.loads((folder / "runs" / "linked" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["outcome"] == "completed"
+    assert metrics["link"]["engagements"] == 1
+    assert metrics["link"]["engaged_s"] > 4
+    assert pq.read_table(folder / "runs" / "linked" / "link.parquet").num_rows > 100
