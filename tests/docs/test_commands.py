@@ -52,6 +52,7 @@ ELSEWHERE = {
     "docs/studies.md": "tests/docs/test_studies_doc.py",
     "docs/third_party.md": "tests/test_third_party.py",
     "docs/gym.md": "tests/test_examples.py",
+    "docs/tutorial.md": "tests/docs/test_tutorial.py",
 }
 """Pages whose commands another test executes as they stand."""
 SHORT = {
@@ -76,7 +77,7 @@ class Printed(NamedTuple):
 
     @property
     def program(self):
-        return Path(self.words[0]).name
+        return Path(self.words[0]).name or self.words[0]
 
     @property
     def verb(self):

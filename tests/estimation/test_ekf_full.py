@@ -294,7 +294,7 @@ def test_columns_and_report_agree(lost):
     steps = driven(estimator, 8.0, changed=lambda t, m: m._replace(fix=None) if lost else m)
     for state, _, _ in steps[::20]:
         assert len(estimator.report(state)) == len(estimator.columns)
-    told = dict(zip((name for name, _, _ in estimator.columns), estimator.report(steps[-1][0]), strict=True))
+    told = dict(zip((column.name for column in estimator.columns), estimator.report(steps[-1][0]), strict=True))
     assert told["aligned"] == float(not lost)
     assert told["accepted_fix_age"] == pytest.approx(8.0 if lost else 0.0)
     assert estimator.report(estimator.init(0.0, 0.0, 0.0, TRACTOR))[0] != 0.0

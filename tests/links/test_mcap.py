@@ -120,6 +120,8 @@ def test_what_is_missing_is_told_with_the_command_that_installs_it(log, tmp_path
         ("t", lambda n: pa.array(range(n), pa.timestamp("ms")), ""),
         ("t", lambda n: pa.nulls(n, pa.float64()), "'t' has no number in row 1"),
         ("gnss_quality", lambda n: pa.nulls(n, pa.float64()), ""),
+        ("t", lambda n: [None] * n, "'t' is empty in every row"),
+        ("gnss_quality", lambda n: [None] * n, ""),
     ],
 )
 def test_a_damaged_run_is_told_by_column(log, tmp_path, column, values, words):

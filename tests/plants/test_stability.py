@@ -8,7 +8,6 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
-from agrobot_mj.plants.mujoco import plant
 from agrobot_mj.recording import Recording
 from agrobot_mj.simulation.loop import build_plant
 from agrobot_mj.simulation.storage import write_log
@@ -55,7 +54,7 @@ def test_the_limit_is_where_forces_begin_to_alternate_from_step_to_step(monkeypa
     assert build_plant(load_scenario("straight_line", {**LINEAR, key: below}))
     limited(**{key: above}, **LINEAR)
     calm = shaking(below)
-    monkeypatch.setattr(plant, "check_stability", lambda *_: None)
+    monkeypatch.setattr("agrobot_mj.plants.mujoco.build.check_stability", lambda *_: None)
     assert shaking(above) > 20 * calm
 
 
@@ -76,7 +75,7 @@ def test_numbers_of_no_machine_are_refused(key, value, limit):
 
 def test_what_blows_up_all_the_same_ends_as_diverged_with_its_files(monkeypatch, tmp_path, capfd):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(plant, "check_stability", lambda *_: None)
+    monkeypatch.setattr("agrobot_mj.plants.mujoco.build.check_stability", lambda *_: None)
     scenario = load_scenario("figure_eight", {**LINEAR, "plant.tyre.bristle_damping_s": 1000.0, "duration_s": 1.0})
     log = run(scenario, (Recording(Path("out/run.rrd")),))
     assert (log.outcome, log.rows.filled) == ("diverged", 1)

@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, apply_loads, no_loads
 from agrobot_mj.plants.mujoco.payload import Chassis, Inertial, with_payload
-from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, observe, relieve, take_up_play
+from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, relieve, take_up_play
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
@@ -336,7 +336,7 @@ def test_attitude_and_velocities_of_a_body_that_moves_every_way():
     plant = placed(yaw, pitch, roll)
     plant.data.qvel[:6] = 1.1, -0.4, 0.2, 0.3, -0.2, 0.5
     mujoco.mj_forward(plant.model, plant.data)
-    observe(plant.views, *plant.sites, plant.motion)
+    plant._look()
     now = plant.motion.copy()
     assert now[12:15] == pytest.approx([yaw, pitch, roll])
     qpos, h = plant.data.qpos.copy(), 1e-6

@@ -18,9 +18,12 @@ from agrobot_mj.recording.transport import viewer
 
 KILLED = """
 import os, signal, sys, time
+from importlib import import_module
 from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
+
+import_module("agrobot_mj.simulation.run").CHUNK_TICKS = 200
 
 class Killed(Recording):
     def advance(self, first):
@@ -35,9 +38,12 @@ run(load_scenario("straight_line"), (Killed(Path(sys.argv[1])),))
 
 CRAMPED = """
 import resource, sys
+from importlib import import_module
 from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
+
+import_module("agrobot_mj.simulation.run").CHUNK_TICKS = 200
 
 run(load_scenario("straight_line", {"duration_s": 0.1}))  # its kernels go to the cache
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_200_000, 1_200_000))
@@ -203,7 +209,9 @@ def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path):
         assert not (tmp_path / str(limit)).exists()
 
 
-def test_an_error_in_the_run_is_told(short, tmp_path):
+def test_an_error_in_the_run_is_told(short, tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 200)
+
     class Failing(Recording):
         def advance(self, first):
             super().advance(first)

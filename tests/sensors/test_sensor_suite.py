@@ -130,15 +130,15 @@ def test_no_sensor_shifts_another(name):
 
 def test_columns_have_distinct_names_and_say_what_they_are():
     columns = ALL_ON.columns
-    assert len({name for name, _, _ in columns}) == len(columns) > 0
-    assert all(name.isidentifier() and unit and description for name, unit, description in columns)
+    assert len({column.name for column in columns}) == len(columns) > 0
+    assert all(column.name.isidentifier() and column.unit and column.description for column in columns)
     state, _ = drive(ALL_ON, ticks=1)[-1]
     assert len(ALL_ON.report(state)) == len(columns)
 
 
 def test_what_is_off_has_no_column():
-    names = {name for name, _, _ in Sensors().columns}
+    names = {column.name for column in Sensors().columns}
     assert names.isdisjoint({"gyro", "imu_roll", "imu_pitch"})
     assert {"gyro", "imu_roll"} <= {
-        name for name, _, _ in Sensors(gyro=Gyro(enabled=True), imu=Imu(enabled=True)).columns
+        column.name for column in Sensors(gyro=Gyro(enabled=True), imu=Imu(enabled=True)).columns
     }

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
@@ -42,7 +43,10 @@ def export_run(folder: Path, file: Path | None = None) -> tuple[Path, int]:
 def _signals(file: Path) -> pa.Table:
     """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
     known = column_names(file)
-    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known)])
+    empty = {
+        field.name for field in pq.read_schema(file) if pa.types.is_null(field.type)
+    }  # of a run that ended at once
+    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known and name not in empty)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
         if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
