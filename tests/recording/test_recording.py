@@ -15,6 +15,7 @@ from recorded import Recorded, replay
 from agrobot_mj import __version__, load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import viewer
+from agrobot_mj.simulation.run import CHUNK_TICKS
 
 KILLED = """
 import os, signal, sys, time
@@ -22,17 +23,18 @@ from importlib import import_module
 from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
+from agrobot_mj.simulation.run import CHUNK_TICKS
 
 import_module("agrobot_mj.simulation.run").CHUNK_TICKS = 200
 
 class Killed(Recording):
     def advance(self, first):
         super().advance(first)
-        if first == 200:
+        if first == CHUNK_TICKS:
             time.sleep(0.5)  # the writer works beside the run
             os.kill(os.getpid(), signal.SIGKILL)
 
-run(load_scenario("straight_line"), (Killed(Path(sys.argv[1])),))
+run(load_scenario("straight_line", {"duration_s": 90}), (Killed(Path(sys.argv[1])),))
 """
 
 
@@ -141,8 +143,8 @@ def test_a_killed_run_leaves_what_was_told_before(tmp_path):
     assert done.returncode == -9, done.stderr
     recorded = Recorded(path)
     times, _ = recorded.column("/plots/tracking/error", "Scalars:scalars")
-    assert times[-1] == 399 * 50_000_000
-    assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 400
+    assert times[-1] == (2 * CHUNK_TICKS - 1) * 50_000_000
+    assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 2 * CHUNK_TICKS
     assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
