@@ -28,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack bench check coverage demo demo-link dist-check docs figures help install learning library lock mutate performance plain reference results ros slow snapshots test third-party validate verdict
+.PHONY: attack bench check coverage demo demo-link dist-check docs figures help install learning library lock mutate performance plain reference results ros slow snapshots soak test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -82,6 +82,11 @@ performance: $(STAMP) ## Measure what a run costs, beside peers and as it grows,
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
 	@$(PY) scripts/attack
+
+soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive over the link for an hour (two hours in all)
+	@$(PY) scripts/soak.py learning
+	@$(PY) scripts/soak.py work
+	@$(PY) scripts/soak.py link
 
 figures: $(STAMP) ## Draw the README's results again
 	@$(PY) scripts/make_figures.py

@@ -70,6 +70,22 @@ def test_what_a_killed_run_left_half_written_is_cleared_away(call):
     assert names() == FILES | {".mine.txt.12345678", "notes.txt"}
 
 
+def test_what_a_killed_sweep_or_comparison_left_half_written_is_cleared_away(call):
+    left = [
+        ".base.toml.e4c5c495.part",
+        "rows/00000/.00000001.json.1a2b3c4d.part",
+        "runs/00000001/.run.rrd.1a2b3c4d.part",
+    ]
+    mine = [".notes.part", "rows/.1a2b3c4d.part", "deep/er/.base.toml.e4c5c495.part"]
+    for name in (*left, *mine):
+        Path("out", name).parent.mkdir(parents=True, exist_ok=True)
+        Path("out", name).write_text("half")
+    Path("mine.toml").write_text('base = "circle"\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')
+    assert call("sweep", "mine.toml", "--jobs", "1", "--out", "out")[0] == 0
+    assert [name for name in left if Path("out", name).exists()] == []
+    assert [name for name in mine if not Path("out", name).exists()] == []
+
+
 def test_a_second_run_that_dies_leaves_no_signals_of_the_first_beside_its_recording():
     class Dies:
         def start(self, scenario, scene, rows):

@@ -33,7 +33,9 @@ RUTS = "ruts.parquet"
 SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, "signals.parquet", "scenario.toml")
 """Files beside the recording that belong to one run; the first is there only if all are."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
-"""Names of temporary files."""
+"""Names of temporary files of a run, also those of earlier versions."""
+_PART = re.compile(r"\..+\.[0-9a-f]{8}\.part")
+"""Names of temporary files of any kind."""
 Writer = Callable[[Path], None]
 """Writes a file at the path given."""
 
@@ -119,6 +121,8 @@ def claimed(folder: Path) -> Iterator[Path]:
         for path in folder.iterdir():
             if (match := _STALE.fullmatch(path.name)) and match["name"] in (*SET, RECORDING) and path.is_file():
                 path.unlink(missing_ok=True)
+        sweep_up(folder, "*.part")
+        sweep_up(folder, "*/*.part")  # a comparison has a folder for each run
         yield folder
     finally:
         with suppress(OSError):
@@ -126,6 +130,13 @@ def claimed(folder: Path) -> Iterator[Path]:
                 path.rmdir()
         if handle is not None:
             os.close(handle)
+
+
+def sweep_up(folder: Path, pattern: str) -> None:
+    """Remove what `atomic` and `write_log` have left half written in files of this pattern, since they were killed."""
+    for path in folder.glob(pattern):
+        if _PART.fullmatch(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
 
 
 def _locked(folder: Path) -> int | None:

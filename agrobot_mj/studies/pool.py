@@ -12,6 +12,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TypeVar
 
+from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.scenario.plugins import load_files, loaded_files
 
 AHEAD = 2
@@ -77,7 +78,9 @@ def _alone(function: Callable[[Work], Result], work: Work, died: Callable[[Work]
     """The result of work done in a process of its own."""
     try:
         with pool(1) as executor:
-            return executor.submit(function, work).result()
+            with held_back():
+                future = executor.submit(function, work)
+            return future.result()
     except BrokenProcessPool:
         if died is None:
             raise
@@ -101,7 +104,8 @@ def stream(
 
 def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Work) -> "Future[Result]":
     try:
-        return executor.submit(function, work)
+        with held_back():  # else a worker that is being started would find half a message, and print a traceback
+            return executor.submit(function, work)
     except BrokenProcessPool as error:
         refused: Future[Result] = Future()
         refused.set_exception(error)

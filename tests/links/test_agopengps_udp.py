@@ -80,6 +80,14 @@ def test_turns_that_begin_late_are_counted_and_not_caught_up():
     assert 0.07 < pace.worst < 1.0
 
 
+def test_what_was_loaded_before_the_first_turn_makes_none_late():
+    pace = Pace(0.02)
+    time.sleep(0.1)
+    pace.begin()
+    assert (pace.turns, pace.late, pace.worst, pace.slipped) == (1, 0, 0.0, 0.0)
+    assert 0.0 < pace.next - time.perf_counter() <= 0.02
+
+
 def test_the_record_comes_back(tmp_path):
     traffic = Traffic()
     kept = [Datagram(4, 0.2, "out", "127.0.0.1:9999", b"$P"), Datagram(7, 0.35, "in", "127.0.0.1:9999", b"\x80\x00")]

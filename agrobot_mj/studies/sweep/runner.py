@@ -63,6 +63,8 @@ def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) ->
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
     # Shards may share a folder, since each has runs of its own.
     with claimed(folder) if options.shard == (1, 1) else nullcontext():
+        if options.shard == (1, 1):
+            store.sweep_up()
         return _complete(plan, store, options)
 
 

@@ -22,7 +22,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import loaded_files
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.storage import atomic, sweep_up, write_json
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.portable import portable, renamed
 from agrobot_mj.studies.sweep.work import Done
@@ -92,6 +92,11 @@ class Store:
                 shutil.rmtree(self.folder / name)
         for name in (TABLE, PLAN):  # the plan last: until then what is left still belongs to it
             (self.folder / name).unlink(missing_ok=True)
+
+    def sweep_up(self) -> None:
+        """Remove what a killed sweep has left half written; for the only process that writes here."""
+        for name in (ROWS, "runs"):
+            sweep_up(self.folder / name, "*/*.part")
 
     def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""

@@ -1,0 +1,23 @@
+"""The pool of worker processes."""
+
+import signal
+from concurrent.futures import Future
+from types import SimpleNamespace
+
+import pytest
+
+from agrobot_mj.studies import pool
+
+
+def test_ctrl_c_does_not_come_between_the_parts_of_what_a_new_worker_is_told():
+    """Workers start within `submit`; one that finds half a message prints a traceback."""
+    told = []
+
+    def submit(function, work):
+        signal.raise_signal(signal.SIGINT)
+        told.append(work)
+        return Future()
+
+    with pytest.raises(KeyboardInterrupt):
+        list(pool.stream(SimpleNamespace(submit=submit), print, iter("ab"), 2))
+    assert told == ["a"]
