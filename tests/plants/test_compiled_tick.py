@@ -175,12 +175,15 @@ def test_a_valve_without_compensation_stalls_at_its_supply_pressure():
 
 
 def test_every_tyre_slides_as_its_own_place_on_the_tractor_does():
-    """One step from rest: the bristles move with the wheels' centres, less what the rims turn."""
+    """One step from rest: the bristles move with the wheels' centres, less what the rims turn.
+
+    Rolling of the chassis moves no patch, and its pitching moves a wheel's centre as it turns its rim.
+    """
     plant = MujocoPlant(Mujoco(tyre=Linear(rolling_resistance=0.0)), Machine(), Flat().ground())
     plant.reset(ORIGIN)
     v_x, v_y, omega, spin, dt = 0.4, 0.1, 0.3, 2.0, 0.002
     plant.data.qvel[:] = 0.0
-    plant.data.qvel[:6] = v_x, v_y, 0.0, 0.0, 0.0, omega
+    plant.data.qvel[:6] = v_x, v_y, 0.0, 0.15, -0.1, omega
     plant.data.qvel[plant.views.spins_v] = spin
     mujoco.mj_forward(plant.model, plant.data)
     tyred = plant.tyred
