@@ -113,14 +113,14 @@ def test_files_of_another_kind_of_run_do_not_stay_beside_the_new_ones():
 
 @pytest.mark.parametrize(("times", "status", "files"), [(1, 0, FILES), (2, 130, set())])
 def test_a_signal_while_files_are_written_leaves_all_or_none(call, monkeypatch, times, status, files):
-    whole = pq.write_table
+    whole = pq.ParquetWriter.write_table
 
     def interrupted(*arguments, **options):
         for _ in range(times):
             os.kill(os.getpid(), signal.SIGTERM)
         whole(*arguments, **options)
 
-    monkeypatch.setattr(storage.pq, "write_table", interrupted)
+    monkeypatch.setattr(storage.pq.ParquetWriter, "write_table", interrupted)
     seen, err = call("run", "circle", *QUICK)
     assert seen == status
     assert (names() if Path("out").exists() else set()) == files
@@ -190,7 +190,7 @@ def test_a_full_disk_is_named_with_the_file_and_is_no_bad_input(call, monkeypatc
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28]")
 
-    monkeypatch.setattr(storage.pq, "write_table", full)
+    monkeypatch.setattr(storage.pq.ParquetWriter, "write_table", full)
     assert call("run", "circle", *QUICK) == (1, f"{Path('out/signals.parquet')}: No space left on device\n")
     assert not Path("out").exists()
 
