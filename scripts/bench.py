@@ -76,7 +76,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def as_drawn(self) -> "BareModel":
-        """The same with all that is drawn, and all of MuJoCo's stages: the file as anybody would load it."""
+        """A copy with all that is drawn, and all of MuJoCo's stages: the file as anybody would load it."""
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
@@ -115,11 +115,11 @@ class Cost(NamedTuple):
     run_over_bare: float
     """A run without recording over as many calls of mj_step [-]."""
     run_over_drawn: float
-    """The same with the bare step of a model that has all that is drawn [-]."""
+    """A run over as many bare steps of a model that has all that is drawn [-]."""
     tick_over_bare: float
     """An undisturbed tick over as many undisturbed calls of mj_step [-]."""
     tick_over_drawn: float
-    """The same with the model that has all that is drawn [-]."""
+    """An undisturbed tick over bare steps of the model that has all that is drawn [-]."""
     tick_s: float
     """An undisturbed tick [s]."""
     run_over_batched: float
