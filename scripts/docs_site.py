@@ -21,20 +21,8 @@ MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page
 """Pages that are not in docs/, with what writes them."""
 BROUGHT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
 """Pages that lie at the top of the checkout."""
-AWAITED = ("performance.md", "reliability.md")
-"""Pages of the menu that may not be there yet."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
-
-
-def on_config(config: Any) -> Any:
-    """Leave awaited pages out of the menu until they are there."""
-    missing = {name for name in AWAITED if not (Path(config.docs_dir) / name).is_file()}
-    for entry in config.nav:
-        (title, inside), *_ = entry.items()
-        if isinstance(inside, list):
-            entry[title] = [page for page in inside if not missing & set(page.values())]
-    return config
 
 
 def on_files(files: Files, config: Any) -> Files:
