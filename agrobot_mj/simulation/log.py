@@ -22,8 +22,8 @@ from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
 """Rows in a block of a saved log."""
-PIECE = 24_000
-"""Rows of the table that are made at a time, and in a row group of the file: 20 min, 20 MB."""
+PIECE = 12_000
+"""Rows of the table that are made at a time, and in a row group of the file: 10 min, 12 MB."""
 
 
 class SavedRows(NamedTuple):
