@@ -5,7 +5,7 @@
 
 From each group of modules of scripts/mutants.toml a sample is drawn; a module's tests are those named there, not the
 whole suite. Each mutant runs in a forked process over a copy of the tree, with the libraries loaded already. Kernels
-run as plain Python, since to compile them anew takes a minute; other modules run beside the compiled kernels of the
+run as plain Python, since to compile them again takes a minute; other modules run beside the compiled kernels of the
 unchanged tree. A mutant counts as killed when a test fails, when it cannot be imported, or when it takes ten times the
 CPU time of its tests without it.
 """
