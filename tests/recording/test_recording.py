@@ -19,13 +19,10 @@ from agrobot_mj.simulation.run import CHUNK_TICKS
 
 KILLED = """
 import os, signal, sys, time
-from importlib import import_module
 from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.simulation.run import CHUNK_TICKS
-
-import_module("agrobot_mj.simulation.run").CHUNK_TICKS = 200
 
 class Killed(Recording):
     def advance(self, first):
