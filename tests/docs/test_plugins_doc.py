@@ -72,6 +72,7 @@ def test_an_installed_plugin_needs_no_option(folder):
     assert re.search(r"^guidance +my_law +Pure pursuit", done.stdout, re.M)
 
 
+@pytest.mark.slow  # workers of a sweep know their plugin by default: tests/studies/sweep
 def test_a_comparison_in_several_processes_knows_the_plugin(folder):
     options = ["--plugin", "my_law.py", "--set", "guidance.kind=my_law", "--set", "duration_s=1", "--no-rrd"]
     cases = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "2", "--out", "cmp"]

@@ -64,6 +64,7 @@ def test_plots_have_lines_in_the_colours_of_their_legends(pictures):
         assert near(pictures[name], (0xE6, 0x9F, 0x00)) > 0.0005, name
 
 
+@pytest.mark.slow
 @needs_vulkan
 def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
     (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])

@@ -136,7 +136,8 @@ def test_dask_with_two_workers_gives_the_same_table(serial, file, tmp_path):
     assert table(tmp_path / "out").equals(table(serial))
 
 
-def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tmp_path, call):
+def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
+    monkeypatch.setattr(cluster, "PATIENCE_S", 2)
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
     status, out, err = call(file, "--scheduler", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
