@@ -9,6 +9,15 @@ import pytest
 from agrobot_mj.studies import pool
 
 
+@pytest.fixture
+def interruptible():
+    """SIGINT as in a terminal; a shell's background job and what it starts ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_does_not_come_between_the_parts_of_what_a_new_worker_is_told():
     """Workers start within `submit`; one that finds half a message prints a traceback."""
     told = []
@@ -16,7 +25,9 @@ def test_ctrl_c_does_not_come_between_the_parts_of_what_a_new_worker_is_told():
     def submit(function, work):
         signal.raise_signal(signal.SIGINT)
         told.append(work)
-        return Future()
+        done = Future()
+        done.set_result(None)
+        return done
 
     with pytest.raises(KeyboardInterrupt):
         list(pool.stream(SimpleNamespace(submit=submit), print, iter("ab"), 2))
