@@ -201,7 +201,7 @@ def link(seconds: float) -> bool:
     words = [f"{key} {found['link'][key]:.6g}" for key in keys]
     print(
         f"link: {found['outcome']}, status {status}, {', '.join(words)}, load {load:.1f}, "
-        f"memory {samples[-2][1]:.0f} MB at the end, {max(m for _, m in samples):.0f} MB at most"
+        f"memory {samples[-2:][0][1]:.0f} MB at the end, {max(m for _, m in samples):.0f} MB at most"
     )
     print(json.dumps([(round(t), round(m)) for t, m in samples[:: max(1, len(samples) // 60)]]))
     return status == 0 and found["link"]["outages"] == 0
