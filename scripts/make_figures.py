@@ -2,9 +2,10 @@
 
 import argparse
 import json
-import re
 import shutil
 from pathlib import Path
+
+from blocks import put
 
 from agrobot_mj import load_scenario
 from agrobot_mj.simulation.progress import task
@@ -16,7 +17,6 @@ ROOT = Path(__file__).parent.parent
 PAGE, IMAGE = ROOT / "docs" / "results.md", ROOT / "docs" / "images" / "lateral_error.png"
 CONTROLLERS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
 PLANTS = ("bicycle", "mujoco")
-RESULTS = re.compile(r"(<!-- results -->\n).*?(\n<!-- end of results -->)", re.DOTALL)
 
 
 def run(folder: Path) -> None:
@@ -29,10 +29,7 @@ def run(folder: Path) -> None:
 def publish(folder: Path) -> str:
     """Write the table into the page and the figure into docs/images; returns the table."""
     text = table(json.loads((folder / "comparison.json").read_text(encoding="utf-8")))
-    before = PAGE.read_text(encoding="utf-8")
-    if not RESULTS.search(before):
-        raise SystemExit("docs/results.md: its <!-- results --> block is gone")
-    PAGE.write_text(RESULTS.sub(lambda place: place[1] + text + place[2], before), encoding="utf-8")
+    PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), "results", text), encoding="utf-8")
     IMAGE.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(folder / "lateral_error.png", IMAGE)
     return text

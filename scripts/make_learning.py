@@ -6,12 +6,12 @@ and several processes can share it by seeds (`--part comparison --seeds 1:8`). `
 
 import argparse
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from blocks import put
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
@@ -290,11 +290,7 @@ def publish() -> None:
     tables = {surface: comparison_table(surface) for surface in present}
     tables |= {"printed": printed_table(), "turns": turns_table()}
     for name, made in tables.items():
-        place = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
-        if not place.search(text):
-            raise SystemExit(f"docs/learning.md: its <!-- {name} --> block is gone")
-        before, after = place.search(text).groups()
-        text = place.sub(lambda _, whole=f"{before}{made}\n{after}": whole, text)
+        text = put(text, name, made)
     PAGE.write_text(text, encoding="utf-8")
 
 

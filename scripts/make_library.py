@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from blocks import put
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LightSource, ListedColormap
@@ -204,10 +205,8 @@ def main() -> None:
         print("\n".join(sections))
         return
     text = PAGE.read_text(encoding="utf-8")
-    for block, lines in ((INDEX, index), (PAGES, sections)):
-        before, rest = text.split(f"<!-- {block} -->\n")
-        end = f"<!-- end of {block} -->"
-        text = before + f"<!-- {block} -->\n\n" + "\n".join(lines).rstrip() + f"\n\n{end}" + rest.split(end)[1]
+    for name, lines in ((INDEX, index), (PAGES, sections)):
+        text = put(text, name, "\n" + "\n".join(lines).rstrip() + "\n")
     PAGE.write_text(text, encoding="utf-8")
 
 

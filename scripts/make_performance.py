@@ -5,7 +5,6 @@ A peer whose package is not installed is named, and its last row stays in the pa
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from bench import (
     tick_parts,
     tyre_costs,
 )
+from blocks import block, put
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from peers import PEERS, Row, drive_on, in_turn, moving
@@ -43,7 +43,6 @@ from agrobot_mj.tyres import MagicFormula
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "performance.md"
 TICK, GROWTH = (ROOT / "docs" / "images" / f"performance_{name}.png" for name in ("tick", "growth"))
-BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
 NODES = (100, 300, 1000, 2000)
 """Nodes of the terrain each way."""
 LENGTHS_S = (30.0, 120.0, 480.0)
@@ -55,21 +54,6 @@ RUNS = (1, 4, 16)
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
 Curve = dict[float, float]
 """Cost by size."""
-
-
-def block(text: str, name: str) -> re.Match[str]:
-    """A marked block of the page, its content as the only group."""
-    begin, end = (re.escape(mark.format(name=name)) for mark in BLOCK)
-    found = re.compile(f"{begin}(.*?){end}", re.DOTALL).search(text)
-    if not found:
-        raise SystemExit(f"{PAGE}: its block {name} is gone")
-    return found
-
-
-def put(text: str, name: str, content: str) -> str:
-    """The page with the content of a marked block replaced."""
-    found = block(text, name)
-    return text[: found.start(1)] + content + text[found.end(1) :]
 
 
 def lines(head: str, rows: list[str]) -> str:
@@ -115,7 +99,7 @@ def physics(ratios: dict[str, float]) -> str:
 
 def peers(text: str) -> str:
     """The table of peers; what cannot be measured keeps its last row."""
-    old = [line for line in block(text, "peers")[1].splitlines() if line.startswith("| ")][1:]
+    old = [line for line in block(text, "peers").splitlines() if line.startswith("| ")][1:]
     rows = []
     for package, measure in PEERS.items():
         try:

@@ -1,11 +1,11 @@
 """docs/results.md: run the comparison of the stack (resumes by itself), and write its tables and its figure."""
 
 import argparse
-import re
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from blocks import put
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -16,16 +16,6 @@ from agrobot_mj.studies.style import STYLE
 
 ROOT = Path(__file__).parent.parent
 PAGE, IMAGE = ROOT / "docs" / "results.md", ROOT / "docs" / "images" / "laws.png"
-BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
-
-
-def put(text: str, name: str, content: str) -> str:
-    """The page with the content of a marked block replaced."""
-    begin, end = (mark.format(name=name) for mark in BLOCK)
-    place = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
-    if not place.search(text):
-        raise SystemExit(f"{PAGE}: its block {name} is gone")
-    return place.sub(lambda _: begin + content + end, text)
 
 
 def differences(rows: list[dict]) -> str:

@@ -6,7 +6,6 @@ Every part keeps its runs under runs/verdict and does what is missing there, so 
 
 import argparse
 import json
-import re
 import shutil
 import tomllib
 from collections.abc import Callable, Mapping
@@ -15,6 +14,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import tomli_w
+from blocks import put
 
 from agrobot_mj.core.resources import SCENARIOS
 from agrobot_mj.core.version import __version__
@@ -31,7 +31,6 @@ ROOT = Path(__file__).parent.parent
 PAGE, IMAGES, RUNS = ROOT / "docs" / "verdict.md", ROOT / "docs" / "images", ROOT / "runs" / "verdict"
 COMPARED = ROOT / "runs" / "results" / "rows.jsonl"
 """Rows of `make results`, which are used where they are there."""
-BLOCK = "<!-- {name} -->\n", "\n<!-- end of {name} -->"
 SEEDS = {"paper": 10, "noise": 3, "soil": 3, "gain": 3, "radius": 3, "speed": 3, "settling": 3}
 """Seeds of each study of the claims."""
 PARTS: dict[str, tuple[Mapping[str, Any], Callable[..., Any]]] = {
@@ -44,15 +43,6 @@ AGAIN = range(21, 41)
 """Seeds of the second set of `controllers`."""
 SWEEPS = ("ablation", "importance", "controllers", "controllers_again")
 """Parts that are sweeps of the package; the last one is `controllers` with the seeds of `AGAIN`."""
-
-
-def put(text: str, name: str, content: str) -> str:
-    """The page with the content of a marked block replaced."""
-    begin, end = (mark.format(name=name) for mark in BLOCK)
-    place = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
-    if not place.search(text):
-        raise SystemExit(f"{PAGE}: its block {name} is gone")
-    return place.sub(lambda _: begin + content + end, text)
 
 
 def run_part(name: str, jobs: int) -> None:

@@ -1,0 +1,25 @@
+"""Marked blocks of a page of the documentation, which the scripts that measure write again.
+
+A block lies between `<!-- NAME -->` and `<!-- end of NAME -->`, each on a line of its own.
+"""
+
+import re
+
+
+def block(text: str, name: str) -> str:
+    """The content of a block."""
+    return _found(text, name).group(1)
+
+
+def put(text: str, name: str, content: str) -> str:
+    """The page with the content of a block replaced."""
+    found = _found(text, name)
+    return text[: found.start(1)] + content + text[found.end(1) :]
+
+
+def _found(text: str, name: str) -> re.Match[str]:
+    begin, end = re.escape(f"<!-- {name} -->\n"), re.escape(f"\n<!-- end of {name} -->")
+    found = re.compile(f"{begin}(.*?){end}", re.DOTALL).search(text)
+    if not found:
+        raise SystemExit(f"the page's block <!-- {name} --> is gone")
+    return found

@@ -1,0 +1,31 @@
+"""Blocks of the documentation that scripts write again."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+from blocks import block, put
+
+MARKED = [
+    (page.name, name)
+    for page in sorted((ROOT / "docs").glob("*.md"))
+    for name in re.findall(r"<!-- end of (.+?) -->", page.read_text(encoding="utf-8"))
+]
+
+
+@pytest.mark.parametrize(("page", "name"), MARKED)
+def test_a_block_put_back_leaves_the_page_as_it_was(page, name):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert put(text, name, block(text, name)) == text
+    other = put(text, name, r"other \1 content")
+    assert block(other, name) == r"other \1 content"
+    assert len(other) - len(text) == len(r"other \1 content") - len(block(text, name))
+
+
+def test_a_block_that_is_gone_is_named():
+    with pytest.raises(SystemExit, match="<!-- costs --> is gone"):
+        put("<!-- costs -->\n1\n", "costs", "2")
