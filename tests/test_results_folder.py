@@ -31,16 +31,9 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
+def call(call):
     """(exit status, stderr) of a command line."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        return leaving.value.code, capsys.readouterr().err
-
-    return run
+    return lambda *arguments: call(*arguments)[::2]
 
 
 def short(**overrides):
