@@ -9,15 +9,13 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from agrobot_mj.core.errors import NotFiniteError, ScenarioError
+from agrobot_mj.core.errors import NotFiniteError, ScenarioError, shortened
 from agrobot_mj.core.signals import Command, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
 """Readings that are NaN where there is no sensor."""
-LONGEST_TEXT = 200
-"""Characters of a value in a message."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Errors that numbers which are not finite give rise to, among others."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
@@ -89,7 +87,7 @@ def check_command(command: Command, guidance: str) -> None:
     try:
         finite = isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0))
     except (TypeError, ValueError):
-        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {shortened(command)}") from None
+        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {_told(command)}") from None
     if not finite:
         refuse("command", command, Command._fields, f"the guidance law ({guidance})")
 
@@ -98,14 +96,13 @@ def answered(found: Any, guidance: str) -> tuple[Any, Command]:
     """State and command of a guidance law; raises `ScenarioError` where that is not what it has returned."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Command):
         return found
-    text = f"the guidance law ({guidance}): update must return its state and a Command, got {shortened(found)}"
+    text = f"the guidance law ({guidance}): update must return its state and a Command, got {_told(found)}"
     raise ScenarioError(text)
 
 
-def shortened(value: Any) -> str:
-    """A value as text, not too long for a message."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
+def _told(value: Any) -> str:
+    """A value in one line of a message."""
+    return shortened(" ".join(repr(value).split()))
 
 
 def check_drive(drive: Drive) -> None:
