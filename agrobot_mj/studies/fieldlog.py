@@ -65,7 +65,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
     `why` names the key that asks for a column, for the message. Raises `FieldLogError` for a file that cannot be read,
     a missing column, one that holds no numbers, and more than `MOST_ROWS` rows.
     """
-    name, known = _name(source), column_names(source)
+    name, known = source_name(source), column_names(source)
     for column in wanted:
         if column not in known:
             shown = ", ".join(known[:SHOWN]) + (", ..." if len(known) > SHOWN else "")
@@ -121,7 +121,8 @@ def check_even(name: str, column: str, t: Array) -> None:
         raise FieldLogError(f"{where}: rows must be evenly spaced: {gap}; fill the gaps")
 
 
-def _name(source: Source) -> str:
+def source_name(source: Source) -> str:
+    """What messages call a log."""
     return source.name if isinstance(source, Path) else "log"
 
 

@@ -36,7 +36,7 @@ from agrobot_mj.machine.hydraulics import (
 )
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.fieldlog import check_even, read_columns
+from agrobot_mj.studies.fieldlog import check_even, read_columns, source_name
 
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
@@ -220,7 +220,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
     t, voltage, measured = read_columns(signals, COLUMNS).values()
-    check_even("signals.parquet", COLUMNS[0], t)
+    check_even(source_name(signals), COLUMNS[0], t)
     tick = float(np.median(np.diff(t)))
     ticks = round(WINDOW_S / tick)
     windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
