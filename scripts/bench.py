@@ -28,7 +28,6 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.core.signals import Drive
 from agrobot_mj.core.spec import every, members
-from agrobot_mj.machine import Machine
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.implements import Drawn, Implement, ImplementBase, NoImplement
 from agrobot_mj.plants import Mujoco, MujocoPlant
@@ -272,7 +271,7 @@ def implement_costs(repeats: int) -> dict[str, float]:
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
     """Physics steps of a tractor over as many bare steps of its model, on a 200 x 200 grid [-]."""
     s = load_scenario("straight_line")
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline, implement)
+    machine = s.machine._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
     plant.reset(s.path.at(0.0))
     for _ in range(20):

@@ -14,7 +14,6 @@ from bench import rough_ground, seconds_of
 from agrobot_mj import load_scenario
 from agrobot_mj.control.t2fnn import T2Fnn
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
-from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import MagicFormula
@@ -139,8 +138,7 @@ def native_contact() -> list[Row]:
 def moving(tyre: Any, ground: Ground | None = None) -> MujocoPlant:
     """A tractor at a slow walk, which stays on its `ground`, by default a rough one, for the second that is timed."""
     s = load_scenario("straight_line")
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
-    plant = MujocoPlant(Mujoco(tyre=tyre), machine, ground or rough_ground())
+    plant = MujocoPlant(Mujoco(tyre=tyre), s.machine, ground or rough_ground())
     plant.reset(s.path.at(0.0))
     for _ in range(20):
         plant.advance(Drive(NEUTRAL_V, 8.0))

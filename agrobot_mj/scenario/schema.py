@@ -25,6 +25,7 @@ from agrobot_mj.core.spec import Spec, printable
 from agrobot_mj.core.version import __version__
 from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault, clashes
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.implements import Implement, NoImplement
@@ -113,6 +114,14 @@ class Scenario(Spec):
     def steps_per_tick(self) -> int:
         """Physics steps in a tick."""
         return round(TICK_S / self.physics_dt_s)
+
+    @property
+    def machine(self) -> Machine:
+        """What its plant is built from, besides the plant's own model."""
+        steering = self.steering
+        return Machine(
+            self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
+        )
 
     @property
     def hash8(self) -> str:

@@ -16,7 +16,6 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
 from agrobot_mj.faults import Script, loadings
-from agrobot_mj.machine import Machine
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
@@ -185,13 +184,11 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     Raises `ScenarioError` if its parameters describe no possible tractor.
     """
     s = scenario
-    steering = s.steering
-    machine = Machine(s.tractor, steering.valve, steering.cylinder, s.driveline, s.implement, steering.linkage)
     ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
-            return BicyclePlant(s.plant, machine, ground, clock)
-        plant = MujocoPlant(s.plant, machine, ground, clock, s.seed)
+            return BicyclePlant(s.plant, s.machine, ground, clock)
+        plant = MujocoPlant(s.plant, s.machine, ground, clock, s.seed)
         for k, payload in loadings(s.fault):
             plant.weigh(payload, f"fault[{k}]")
         return plant

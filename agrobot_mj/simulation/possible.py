@@ -2,7 +2,6 @@
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.faults import loadings
-from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.plants.mujoco.build import build
 from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
@@ -24,12 +23,11 @@ def tractor_key(scenario: Scenario) -> object:
 
 def check_tractor(scenario: Scenario) -> None:
     """Raise `ScenarioError` where `loop.build_plant` would: an impossible chassis, tyres that are not stable."""
-    s, steering = scenario, scenario.steering
+    s = scenario
     if not isinstance(s.plant, Mujoco):
         return
-    machine = Machine(s.tractor, steering.valve, steering.cylinder, s.driveline, s.implement, steering.linkage)
     try:
-        bare = Chassis(build(s.plant.tyre, machine, LEVEL, s.physics_dt_s).model).bare
+        bare = Chassis(build(s.plant.tyre, s.machine, LEVEL, s.physics_dt_s).model).bare
         for k, payload in loadings(s.fault):
             try:
                 with_payload(bare, payload)

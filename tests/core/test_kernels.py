@@ -9,7 +9,6 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.signals import NOMINAL, Drive
 from agrobot_mj.core.spec import every
-from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
 from agrobot_mj.terrain import Rough
 from agrobot_mj.terrain.grid import height_and_gradient, plane
@@ -43,13 +42,12 @@ def test_kernels_make_no_arrays(tyre):
     assert making(1.0) == 4.0
     assert arrays_made(lambda: making(1.0)) == 1
     s = load_scenario("straight_line")
-    machine = Machine(s.tractor, s.steering.valve, s.steering.cylinder, s.driveline)
     day = NOMINAL._replace(drawbar=300.0, side_force=200.0)
     for ground in (s.terrain.ground(), Rough(half_size_m=20.0).ground()):
-        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), machine, ground)
+        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), s.machine, ground)
         plant.reset(s.path.at(0.0))
         assert arrays_made(lambda plant=plant: [plant.advance(Drive(7.0, 8.0), day) for _ in range(20)]) == 0
-    bicycle = BicyclePlant(Bicycle(), machine, s.terrain.ground())
+    bicycle = BicyclePlant(Bicycle(), s.machine, s.terrain.ground())
     bicycle.reset(s.path.at(0.0))
     assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
 
