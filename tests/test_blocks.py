@@ -6,20 +6,20 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from blocks import block, put
 
+DOCS = Path(__file__).parents[1] / "docs"
 MARKED = [
     (page.name, name)
-    for page in sorted((ROOT / "docs").glob("*.md"))
+    for page in sorted(DOCS.glob("*.md"))
     for name in re.findall(r"<!-- end of (.+?) -->", page.read_text(encoding="utf-8"))
 ]
 
 
 @pytest.mark.parametrize(("page", "name"), MARKED)
 def test_a_block_put_back_leaves_the_page_as_it_was(page, name):
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    text = (DOCS / page).read_text(encoding="utf-8")
     assert put(text, name, block(text, name)) == text
     other = put(text, name, r"other \1 content")
     assert block(other, name) == r"other \1 content"
