@@ -104,7 +104,7 @@ def megabytes(place: Path) -> float:
 
 
 def main() -> int:
-    failed = 0
+    failed, largest = 0, list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
@@ -116,9 +116,9 @@ def main() -> int:
             other = place / "sdist"
             (place / "work").mkdir(parents=True)
             other.mkdir()
-            programs = place / "venv" / "bin"
             try:
                 programs = environment(wheel, python, place)
+                largest = sizes(programs)
                 works(programs, place / "work")
                 tell(f"{python}: the wheel works, {must([programs / 'agrobot-mj', '--version'], folder).strip()}")
                 from_source = environment(sdist, python, other)
@@ -132,7 +132,7 @@ def main() -> int:
             except RuntimeError as error:
                 tell(f"{python}: FAILED\n{error}")
                 failed = 1
-        tell("\n".join(sizes(programs)))
+        tell("\n".join(largest))
     return failed
 
 
