@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from agrobot_mj.cli.interrupts import stop_on_signals
-from agrobot_mj.cli.options import NoRrd, Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
+from agrobot_mj.cli.options import (
+    NoRrd,
+    Out,
+    Plugins,
+    Quiet,
+    Sets,
+    Source,
+    load_plugins,
+    overrides,
+    results_file,
+    results_folder,
+)
 from agrobot_mj.cli.output import say
 
 if TYPE_CHECKING:
@@ -133,7 +144,7 @@ def export(
     load_plugins(plugins)
     from agrobot_mj.links.ros2.bag import export_run
 
-    file, count = export_run(folder, out)
+    file, count = export_run(folder, None if out is None else results_file(out))
     if not quiet:
         print(f"{file}: {count} messages")
 

@@ -120,3 +120,11 @@ def results_folder(out: Path | None, default: str) -> Path:
     except OSError as error:
         raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
     return folder
+
+
+def results_file(out: Path) -> Path:
+    """The file that `--out` names. Raises `ScenarioError` where it can be none."""
+    _utf8(str(out), "--out")
+    if not out.name or out.is_dir():
+        raise ScenarioError(f"--out {out}: is a folder; name a file in it")
+    return out

@@ -136,3 +136,14 @@ def test_a_damaged_run_is_told_by_column(log, tmp_path, column, values, words):
         return
     with pytest.raises(ScenarioError, match=words):
         export_run(tmp_path)
+
+
+@pytest.mark.parametrize("out", ["", ".", "elsewhere"])
+def test_a_folder_is_no_file_to_export_to(call, log, tmp_path, monkeypatch, out):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    write_log(log, tmp_path / "run")
+    status, said, err = call("export", "run", "--mcap", "--out", out)
+    assert (status, said) == (2, "")
+    assert "--out" in err
+    assert "name a file" in err
