@@ -12,6 +12,7 @@ import random
 import time
 from collections.abc import Callable
 
+from commands import commands
 from data import earlier, files, parquet, sources
 from judge import LONGEST_S, judged
 from plugins import plugins
@@ -23,8 +24,8 @@ from wire import datagrams, guide
 from agrobot_mj import load_scenario, run
 
 CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
-    "overrides": (overrides, 0.2),
-    "toml": (toml, 0.15),
+    "overrides": (overrides, 0.15),
+    "toml": (toml, 0.1),
     "sweeps": (sweeps, 0.12),
     "limits": (limits, 0.05),
     "files": (files, 0.13),
@@ -33,6 +34,7 @@ CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
     "datagrams": (datagrams, 0.06),
     "extremes": (extremes, 0.06),
     "nan": (injected, 0.045),
+    "commands": (commands, 0.1),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
