@@ -157,7 +157,7 @@ def explain_key(key: str) -> str:
     steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places([])))
-    owners = [place for place in places(steps[:-1]) if steps[-1] in place.owner.model_fields]
+    owners = [place for place in places(steps[:-1]) if steps[-1] in place.owner.model_fields] if steps else []
     if not owners:
         raise ScenarioError(f"{key}: unknown key{_nearest(key)}")
     dotted = ".".join(steps)

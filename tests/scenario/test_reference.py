@@ -163,6 +163,8 @@ def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
         ("terrain..", "'terrain'"),
         ("qqqq", "`agrobot-mj explain` lists the tables"),
         (".", "`agrobot-mj explain` lists the tables"),
+        ("0", "`agrobot-mj explain` lists the tables"),
+        ("[3].1", "`agrobot-mj explain` lists the tables"),
     ],
 )
 def test_an_unknown_key_is_told_with_the_near_ones(key, near):
