@@ -122,7 +122,7 @@ def check_even(name: str, column: str, t: Array) -> None:
 
 
 def source_name(source: Source) -> str:
-    """What messages call a log."""
+    """Name of a log in messages."""
     return source.name if isinstance(source, Path) else "log"
 
 
