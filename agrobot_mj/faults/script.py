@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from agrobot_mj.core.answers import answered
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Conditions, PointMass
 from agrobot_mj.faults.base import Scripted
@@ -29,7 +30,8 @@ class Script(NamedTuple):
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
-                states[k], found = fault.apply(states[k], found, t, dt)
+                answer = fault.apply(states[k], found, t, dt)
+                states[k], found = answered(answer, Conditions, f"fault[{k}]", fault.kind, "apply")
         return tuple(states), found
 
     def active(self, t: float) -> int:

@@ -12,9 +12,15 @@ The contract:
 - The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
 """
 
+from agrobot_mj.core.answers import made
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
+
+
+def reference_at(path: "ReferencePath", t: float) -> Reference:
+    """Reference of a path at `t` [s]. Raises `ScenarioError` where it gives none."""
+    return made(path.at(t), Reference, "the path", getattr(path, "kind", ""), "at")
 
 
 class ReferencePath(Spec):

@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.signals import Array, PathPoint, Reference
 from agrobot_mj.paths.arc import Pose, advance
-from agrobot_mj.paths.base import ReferencePath
+from agrobot_mj.paths.base import ReferencePath, reference_at
 
 STEP_M = 0.05
 """Spacing of the samples [m]."""
@@ -39,13 +39,13 @@ class SampledRoute:
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
-        self._samples = np.array([_sample(0.0, path.at(0.0))])
+        self._samples = np.array([_sample(0.0, reference_at(path, 0.0))])
         self._until = 0.0
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s]."""
-        return self.path.at(t)
+        return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
         """Distances [m] between which the reference keeps its direction of travel at time `t` [s]."""
@@ -109,7 +109,7 @@ class SampledRoute:
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])
-            self._append(np.array([_sample(t, self.path.at(t)) for t in times.tolist()]))
+            self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
             if not self._samples[0, SPEED]:  # at rest: the direction in which it will set off
                 self._samples[0, SPEED] = 1e-9 * self._sign
 

@@ -38,6 +38,8 @@ def register(member: Member, name: str | None = None) -> Member:
     """
     if not (isinstance(member, type) and issubclass(member, Spec)):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
+    if missing := _left_open(member):
+        raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class asks for")
     try:
         default = member()
     except ValidationError as error:
@@ -52,6 +54,23 @@ def register(member: Member, name: str | None = None) -> Member:
     else:
         _add_kind(member)
     return member
+
+
+def _left_open(member: type[Spec]) -> list[str]:
+    """Methods and properties that the bases of a class leave to it, and that it does not give.
+
+    None where it derives from a kind that does without.
+    """
+    bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
+    if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
+        return []
+    found = []
+    for name in dir(member):
+        attribute = inspect.getattr_static(member, name)
+        code = getattr(getattr(attribute, "fget", attribute), "__code__", None)
+        if code is not None and "NotImplementedError" in code.co_names:
+            found.append(name)
+    return found
 
 
 def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:

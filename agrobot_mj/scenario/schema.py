@@ -18,6 +18,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
+from agrobot_mj.core.answers import told
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
@@ -32,6 +33,7 @@ from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
+from agrobot_mj.paths.base import reference_at
 from agrobot_mj.plants import Mujoco, Plant
 from agrobot_mj.scenario.overrides import beside, complete, explicit_values, files, override
 from agrobot_mj.sensors import Sensors
@@ -244,6 +246,10 @@ def below(table: str, text: str) -> str:
 
 def _path_errors(s: Scenario) -> list[str]:
     """Reasons why the tractor cannot drive the path."""
+    numbers = {"duration_s": s.path.duration_s, "max_curvature": s.path.max_curvature}
+    for name, value in numbers.items():
+        if not (isinstance(value, float | int) and 0.0 <= value < inf):
+            return [f"path: {name} of kind {s.path.kind!r} must be a finite number, not negative, got {told(value)}"]
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
@@ -269,7 +275,7 @@ def _path_errors(s: Scenario) -> list[str]:
 
 def _ground_errors(s: Scenario) -> list[str]:
     """Reasons why there is no ground, or none under the start of the path."""
-    start = s.path.at(0.0)
+    start = reference_at(s.path, 0.0)
     try:
         if s.terrain.ground().covers(start.x, start.y):
             return []

@@ -6,6 +6,7 @@ and those that the paper's stack uses in fields of their own.
 
 from typing import Any, NamedTuple
 
+from agrobot_mj.core.answers import pair
 from agrobot_mj.core.signals import Column, Conditions, Measurement, Truth
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import Sensor
@@ -64,7 +65,8 @@ class Sensors(Spec):
         """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`."""
         states, readings = {}, {}
         for name, last in state.states.items():
-            states[name], readings[name] = getattr(self, name).measure(last, truth, conditions, dt)
+            found = getattr(self, name).measure(last, truth, conditions, dt)
+            states[name], readings[name] = pair(found, "its state and a reading", "the sensor", name, "measure")
         gnss, imu = readings["gnss"], readings["imu"]
         measurement = Measurement(
             t=truth.t,

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from agrobot_mj.core.errors import NotFiniteError, ScenarioError, shortened
-from agrobot_mj.core.signals import Command, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
+from agrobot_mj.core.answers import told
+from agrobot_mj.core.errors import NotFiniteError, ScenarioError
+from agrobot_mj.core.signals import Command, Conditions, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
@@ -76,6 +77,15 @@ def check_estimate(estimate: Estimate, estimator: str) -> None:
         refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
 
 
+def check_conditions(conditions: Conditions, faults: str) -> None:
+    """Raise `NotFiniteError` if faults make conditions that are not finite; `faults` names them."""
+    c = conditions
+    wheels = (*c.tyre_stiffness, *c.tyre_rolling)
+    forces = c.valve_gain + c.valve_dead_band + c.drawbar + c.side_force + c.grip
+    if not isfinite(c.gnss_quality + c.gnss_latency_s + sum(c.gnss_offset) + c.steer_pot_bias + forces + sum(wheels)):
+        refuse("conditions", c, tuple(name for name in c._fields if name != "payload"), f"a fault ({faults})")
+
+
 def check_reference(reference: Reference, path: str) -> None:
     """Raise `NotFiniteError` if the reference is not finite."""
     if not isfinite(sum(reference)):
@@ -87,22 +97,9 @@ def check_command(command: Command, guidance: str) -> None:
     try:
         finite = isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0))
     except (TypeError, ValueError):
-        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {_told(command)}") from None
+        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {told(command)}") from None
     if not finite:
         refuse("command", command, Command._fields, f"the guidance law ({guidance})")
-
-
-def answered(found: Any, guidance: str) -> tuple[Any, Command]:
-    """State and command of a guidance law; raises `ScenarioError` where that is not what it has returned."""
-    if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Command):
-        return found
-    text = f"the guidance law ({guidance}): update must return its state and a Command, got {_told(found)}"
-    raise ScenarioError(text)
-
-
-def _told(value: Any) -> str:
-    """A value in one line of a message."""
-    return shortened(" ".join(repr(value).split()))
 
 
 def check_drive(drive: Drive) -> None:

@@ -12,19 +12,32 @@ from typing import Any
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.supervisor import Supervisor, SupervisorState
+from agrobot_mj.core.answers import answered
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column, Command, Conditions, Drive, Measurement, Truth
+from agrobot_mj.core.signals import (
+    NEUTRAL_V,
+    NOMINAL,
+    TICK_S,
+    Column,
+    Command,
+    Conditions,
+    Drive,
+    Estimate,
+    Measurement,
+    Truth,
+)
 from agrobot_mj.faults import Script, loadings
+from agrobot_mj.paths.base import reference_at
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.checks import (
     ARITHMETIC,
     Screen,
-    answered,
     blame,
     check_command,
+    check_conditions,
     check_drive,
     check_estimate,
     check_reference,
@@ -91,16 +104,19 @@ class Loop:
         """Read the sensors; returns the measurement and what the guidance may know. Raises `NotFiniteError`."""
         s, state, truth = self.scenario, self.stages, self.truth
         check_truth(truth, s.plant.kind)
+        if state.conditions is not NOMINAL:
+            check_conditions(state.conditions, ", ".join(fault.kind for fault in s.fault))
         state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
         try:
             used = state.receiver.reduced(measured)
-            state.estimator, estimate = s.estimator.update(state.estimator, used, TICK_S)
+            answer = s.estimator.update(state.estimator, used, TICK_S)
         except ARITHMETIC as error:
             blame(f"the estimator ({s.estimator.kind})", error)
+        state.estimator, estimate = answered(answer, Estimate, "the estimator", s.estimator.kind, "update")
         check_estimate(estimate, s.estimator.kind)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
-        reference = s.path.at(truth.t)
+        reference = reference_at(s.path, truth.t)
         check_reference(reference, s.path.kind)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
 
@@ -111,8 +127,9 @@ class Loop:
             found = self.guidance.update(state.guidance, situation, TICK_S)
         except ARITHMETIC as error:
             blame(f"the guidance law ({self.scenario.guidance.kind})", error)
-        state.guidance, command = answered(found, self.scenario.guidance.kind)
-        check_command(command, self.scenario.guidance.kind)
+        kind = self.scenario.guidance.kind
+        state.guidance, command = answered(found, Command, "the guidance law", kind, "update")
+        check_command(command, kind)
         state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.core.answers import made
 from agrobot_mj.core.datafile import stamp as file_stamp
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.terrain.grid import Ground
@@ -63,5 +64,8 @@ class Tilted(Landscape):
 
 @lru_cache(maxsize=4)
 def _ground(landscape: Landscape, stamp: tuple[object, ...]) -> Ground:
-    relief = landscape.relief()
+    relief = made(landscape.relief(), Ground, "the terrain", landscape.kind, "relief")
+    heights = np.asarray(relief.heights)
+    if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+        raise ValueError("relief: its heights must be finite numbers, two rows and two columns or more")
     return relief._replace(surface=surface(landscape.patch, relief.extent)) if landscape.patch else relief

@@ -4,13 +4,14 @@ from math import atan, exp
 
 import numpy as np
 
+from agrobot_mj.core.answers import made, pair
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.memory import virgin
-from agrobot_mj.tyres.base import Footing, Slip, TyreBase, TyreLaw, slip_of_faster
+from agrobot_mj.tyres.base import Footing, Slip, Structure, TyreBase, TyreLaw, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing, Pressed, Tread, press
 from agrobot_mj.tyres.patch import (
     FORCE_X,
@@ -53,7 +54,11 @@ STILL = 0.02
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     """The four tyres of a tractor."""
     radius = np.array([tractor.front_wheel_radius_m] * 2 + [tractor.rear_wheel_radius_m] * 2)
-    structure, (front, rear) = tyre.structure(), tyre.coefficients(tractor)
+    kind = getattr(tyre, "kind", "")
+    structure = made(tyre.structure(), Structure, "the tyre", kind, "structure")
+    front, rear = pair(
+        tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", kind, "coefficients"
+    )
     relaxation = structure.relaxation_radii * radius
     return TyreSet(
         front=front,

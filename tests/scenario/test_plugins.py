@@ -135,6 +135,11 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
             "own.py: register: A: has a key that TOML cannot hold (",
         ),
+        (
+            "from typing import Literal\nfrom agrobot_mj.control import GuidanceLaw\n"
+            'class A(GuidanceLaw):\n    """A."""\n    kind: Literal["a"] = "a"',
+            "own.py: register: A: lacks update, which its base class asks for",
+        ),
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
@@ -158,7 +163,7 @@ def test_a_bad_plugin_is_told_in_one_message_and_changes_no_family(tmp_path, mon
         ("(state, Command(0.1, 1.0), 3)", "update must return its state and a Command, got (None, Command("),
         ("(state, Command('left', 1.0))", "commands what is no number: Command(steer='left'"),
         ("(state, Command(None, None))", "commands what is no number: Command(steer=None"),
-        ("(state, Command([0.1] * 1000, 1.0))", "..."),
+        ("(state, Command([0.1] * 1000, 1.0))", " ... "),
         ("exit(3)", "code of the scenario's kinds has ended the run (SystemExit)"),
     ],
 )

@@ -1,0 +1,41 @@
+"""Whether what a method of somebody's own kind returns is what its base asks for: told in words, before it is used."""
+
+from typing import Any, TypeVar
+
+from agrobot_mj.core.errors import ScenarioError, shortened
+
+Message = TypeVar("Message")
+
+
+def answered(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
+    """State and message that a method has returned. Raises `ScenarioError` where that is not what it has returned."""
+    if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
+        return found
+    raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
+
+
+def made(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
+    """What a method has returned. Raises `ScenarioError` where that is of another type."""
+    if isinstance(found, wanted):
+        return found
+    raise _refusal(found, _one(wanted), stage, kind, method)
+
+
+def pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
+    """A pair that a method has returned, `wanted` in words. Raises `ScenarioError` where it is none."""
+    if isinstance(found, tuple) and len(found) == 2:
+        return found
+    raise _refusal(found, wanted, stage, kind, method)
+
+
+def told(value: Any) -> str:
+    """A value in one line of a message."""
+    return shortened(" ".join(repr(value).split()))
+
+
+def _one(message: type) -> str:
+    return f"{'an' if message.__name__[0] in 'AEIOUaeiou' else 'a'} {message.__name__}"
+
+
+def _refusal(found: Any, wanted: str, stage: str, kind: str, name: str) -> ScenarioError:
+    return ScenarioError(f"{stage} ({kind}): {name} must return {wanted}, got {told(found)}")

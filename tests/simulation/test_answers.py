@@ -1,0 +1,162 @@
+"""Kinds of somebody's own that answer with something else than their base asks for: told in words, by name."""
+
+from math import inf, nan
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.answers import answered, pair
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.estimation.base import StateEstimator
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.machine import TractorParameters
+from agrobot_mj.paths import Line
+from agrobot_mj.scenario.plugins import register
+from agrobot_mj.scenario.schema import check_files
+from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.gyro import Gyro
+from agrobot_mj.terrain.base import Landscape
+from agrobot_mj.terrain.grid import plane
+from agrobot_mj.tyres.base import TyreBase
+from agrobot_mj.tyres.laws import tyre_set
+from agrobot_mj.tyres.linear import Linear
+
+
+def scenario(**parts):
+    """A run of half a second on the bicycle, with these parts in place of its own."""
+    return load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 0.5}).model_copy(update=parts)
+
+
+class Blunt(StateEstimator):
+    kind: Literal["blunt"] = "blunt"
+
+    def init(self, x, y, yaw, tractor):
+        return None
+
+    def update(self, state, measurement, dt):
+        return state
+
+
+class Broken(Scripted):
+    kind: Literal["broken"] = "broken"
+    answer: str = "none"
+
+    def apply(self, state, conditions, t, dt):
+        answers = {"none": None, "number": (state, 3), "nan": (state, conditions._replace(gnss_offset=(0.0, nan)))}
+        return answers[self.answer]
+
+
+class Silent(Gyro):
+    def measure(self, state, truth, conditions, dt):
+        return 0.1
+
+
+class Lost(Line):
+    kind: Literal["lost"] = "lost"
+    bend: float = 0.0
+    lasts: float = 5.0
+
+    @property
+    def max_curvature(self):
+        return self.bend
+
+    @property
+    def duration_s(self):
+        return self.lasts
+
+    def at(self, t):
+        return super().at(t) if t < 0.1 else (0.0, 0.0)
+
+
+class Hole(Landscape):
+    kind: Literal["hole"] = "hole"
+    answer: str = "none"
+
+    def relief(self):
+        flat = plane(0.0, 0.0, 10.0, 10.0)
+        heights = {"nan": np.full_like(flat.heights, nan), "row": np.zeros(4), "one": np.zeros((1, 4))}
+        return None if self.answer == "none" else flat._replace(heights=heights[self.answer])
+
+
+class OneSided(Linear):
+    kind: Literal["one_sided"] = "one_sided"
+
+    def coefficients(self, tractor):
+        return super().coefficients(tractor)[:1]
+
+
+def test_an_estimator_returns_state_and_estimate():
+    with pytest.raises(ScenarioError, match=r"the estimator \(blunt\): update must return its state and an Estimate"):
+        run(scenario(estimator=Blunt()))
+
+
+@pytest.mark.parametrize("answer", ["none", "number"])
+def test_a_fault_returns_state_and_conditions(answer):
+    with pytest.raises(ScenarioError, match=r"fault\[0\] \(broken\): apply must return its state and a Conditions"):
+        run(scenario(fault=(Broken(start_s=0.2, answer=answer),)))
+
+
+@pytest.mark.parametrize("start", [0.0, 0.2])
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_conditions_that_are_no_numbers_are_named(start, plant):
+    whole = load_scenario("straight_line", {"plant.kind": plant, "duration_s": 0.5})
+    log = run(whole.model_copy(update={"fault": (Broken(start_s=start, answer="nan"),)}))
+    assert log.outcome == "diverged"
+    assert log.metrics["stop_reason"] == "conditions.gnss_offset is nan, made by a fault (broken)"
+
+
+def test_a_sensor_returns_state_and_reading():
+    whole = scenario()
+    blind = whole.sensors.model_copy(update={"gyro": Silent()})
+    with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): measure must return its state and a reading"):
+        run(whole.model_copy(update={"sensors": blind}))
+
+
+def test_a_path_returns_references():
+    with pytest.raises(ScenarioError, match=r"the path \(lost\): at must return a Reference, got \(0.0, 0.0\)"):
+        run(scenario(path=Lost()))
+
+
+@pytest.mark.parametrize("number", [nan, inf, -1.0, None, "long"])
+@pytest.mark.parametrize("name", ["max_curvature", "duration_s"])
+def test_numbers_of_a_path_are_numbers(name, number):
+    key = {"max_curvature": "bend", "duration_s": "lasts"}[name]
+    with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be a finite number"):
+        check_files(scenario(path=Lost().model_copy(update={key: number})), "mine.toml")
+
+
+@pytest.mark.parametrize("answer", ["none", "nan", "row", "one"])
+def test_a_terrain_returns_a_grid_of_heights(answer):
+    wanted = "relief must return a Ground" if answer == "none" else "relief: its heights must be finite numbers"
+    with pytest.raises(ValueError, match=wanted):
+        Hole(answer=answer).ground()
+
+
+def test_a_tyre_returns_the_laws_of_both_axles():
+    with pytest.raises(ScenarioError, match=r"the tyre \(one_sided\): coefficients must return the law of a front and"):
+        tyre_set(OneSided(), TractorParameters())
+
+
+def test_what_a_base_asks_for_must_be_there():
+    class Unfinished(TyreBase):
+        kind: Literal["unfinished"] = "unfinished"
+
+    with pytest.raises(ScenarioError, match="register: Unfinished: lacks coefficients, structure, which its base"):
+        register(Unfinished)
+
+    class Deaf(Sensor):
+        pass
+
+    with pytest.raises(ScenarioError, match=r"register: Deaf: lacks .*measure"):
+        register(Deaf)
+
+
+def test_answers_are_shown_shortened():
+    with pytest.raises(ScenarioError) as refused:
+        answered([0] * 10_000, int, "the law", "mine", "update")
+    assert str(refused.value).startswith("the law (mine): update must return its state and an int, got [0, 0")
+    assert len(str(refused.value)) < 300
+    with pytest.raises(ScenarioError, match="got 'two lines'"):
+        pair("two lines", "a pair", "the law", "mine", "update")
