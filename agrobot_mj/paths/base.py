@@ -12,15 +12,22 @@ The contract:
 - The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
 """
 
-from agrobot_mj.core.answers import made
+from agrobot_mj.core.answers import made, told
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Reference of a path at `t` [s]. Raises `ScenarioError` where it gives none."""
-    return made(path.at(t), Reference, "the path", getattr(path, "kind", ""), "at")
+    """Reference of a path at `t` [s]. Raises `ScenarioError` where it gives none, or one without numbers."""
+    kind = getattr(path, "kind", "")
+    found = made(path.at(t), Reference, "the path", kind, "at")
+    try:
+        sum(found)
+    except TypeError:
+        raise ScenarioError(f"the path ({kind}) refers to what is no number: {told(found)}") from None
+    return found
 
 
 class ReferencePath(Spec):

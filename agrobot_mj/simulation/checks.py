@@ -4,6 +4,7 @@ One sum of a message's numbers tells whether all are finite; only then are they 
 computer would reject - a fix or a reading that is no number - counts as missing instead, see `Screen`.
 """
 
+from collections.abc import Sequence
 from math import inf, isfinite, nan
 from typing import Any, NamedTuple, NoReturn
 
@@ -11,7 +12,18 @@ import numpy as np
 
 from agrobot_mj.core.answers import told
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
-from agrobot_mj.core.signals import Command, Conditions, Drive, Estimate, Fix, Measurement, Quality, Reference, Truth
+from agrobot_mj.core.signals import (
+    Column,
+    Command,
+    Conditions,
+    Drive,
+    Estimate,
+    Fix,
+    Measurement,
+    Quality,
+    Reference,
+    Truth,
+)
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
@@ -73,7 +85,11 @@ def check_truth(truth: Truth, plant: str, samples: bool = False) -> None:
 
 def check_estimate(estimate: Estimate, estimator: str) -> None:
     """Raise `NotFiniteError` if the estimate is not finite."""
-    if not isfinite(sum(estimate[:7]) + sum(estimate.covariance.ravel().tolist())):
+    try:
+        finite = isfinite(sum(estimate[:7]) + sum(estimate.covariance.ravel().tolist()))
+    except (AttributeError, TypeError, ValueError):
+        raise ScenarioError(f"the estimator ({estimator}) estimates what is no number: {told(estimate)}") from None
+    if not finite:
         refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
 
 
@@ -100,6 +116,17 @@ def check_command(command: Command, guidance: str) -> None:
         raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {told(command)}") from None
     if not finite:
         refuse("command", command, Command._fields, f"the guidance law ({guidance})")
+
+
+def check_report(stage: str, kind: str, columns: Sequence[Column], report: Any) -> None:
+    """Raise `ScenarioError` if what a stage reports is not one number for each of its columns."""
+    try:
+        numbers = [float(value) for value in report]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != len(columns):
+        count = f"{len(columns)} numbers, one for each of its columns"
+        raise ScenarioError(f"{stage} ({kind}): report must return {count}, got {told(report)}")
 
 
 def check_drive(drive: Drive) -> None:

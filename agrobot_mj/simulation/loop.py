@@ -41,6 +41,7 @@ from agrobot_mj.simulation.checks import (
     check_drive,
     check_estimate,
     check_reference,
+    check_report,
     check_truth,
 )
 from agrobot_mj.simulation.columns import Tick
@@ -193,6 +194,15 @@ class Loop:
             *s.sensors.report(state.sensors),
             *self.plant.report(),
         )
+
+    def check_reports(self) -> None:
+        """Raise `ScenarioError` if a stage does not report one number for each of its columns."""
+        s, state = self.scenario, self.stages
+        check_report("the guidance law", s.guidance.kind, self.guidance.columns, self.guidance.report(state.guidance))
+        check_report("the estimator", s.estimator.kind, s.estimator.columns, s.estimator.report(state.estimator))
+        for name, reading in state.sensors.readings.items():
+            sensor = getattr(s.sensors, name)
+            check_report("the sensor", name, sensor.columns, sensor.report(reading))
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:

@@ -121,7 +121,11 @@ class Simulation:
     def _finish_tick(self, tick: Tick) -> None:
         """Write the row, advance the plant unless the run is over, and read the sensors again."""
         loop, plant, rows = self.loop, self.loop.plant, self.rows
-        rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
+        try:
+            rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
+        except (TypeError, ValueError):
+            loop.check_reports()
+            raise
         r, t = tick.reference, tick.truth
         self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y), tick.pedal_ref) or ""
         if self.outcome:

@@ -89,8 +89,96 @@ BELOW = (
 )
 
 
+OTHER = '''
+from math import nan
+from typing import Literal
+import numpy as np
+from agrobot_mj.{module}.base import {base}
+from agrobot_mj.core.signals import Conditions, Estimate, Reference
+from agrobot_mj.terrain.grid import plane
+
+class Mine({base}):
+    """Of a family of mine."""
+    {kind}
+    {more}
+
+    def {method}:
+        {answer}
+'''
+KIND = 'kind: Literal["mine"] = "mine"'
+ANSWERS = ("return None", "return 3", "return 'x'", "return (None,)", "return None, None", "return None, nan", "pass")
+ANSWERS = (*ANSWERS, "return None, (1.0, 2.0)", "return 1 / 0", "raise ValueError('no')", "raise SystemExit(3)")
+FLAT = "flat = plane(0.0, 0.0, 10.0, 10.0); return flat._replace("
+NUMBERS = "duration_s = property(lambda self: {n}); max_curvature = property(lambda self: {n}); sharpest = None"
+FAMILIES: tuple[tuple[str, str, str, str, str, tuple[str, ...]], ...] = (
+    (
+        "estimation",
+        "StateEstimator",
+        "init = lambda self, *a: None",
+        "update(self, state, measurement, dt)",
+        "estimator.kind=mine",
+        ("return None, Estimate(*[nan] * len(Estimate._fields))",),
+    ),
+    (
+        "faults",
+        "Scripted",
+        "",
+        "apply(self, state, conditions, t, dt)",
+        'fault=[{ kind = "mine", start_s = 0.1 }]',
+        ("return None, conditions._replace(grip=nan)", "return None, conditions._replace(gnss_latency_s=-nan)"),
+    ),
+    (
+        "sensors",
+        "Sensor",
+        "init = lambda self, seed: None",
+        "measure(self, state, truth, conditions, dt)",
+        "seed=1",
+        (),
+    ),
+    (
+        "terrain",
+        "Landscape",
+        "",
+        "relief(self)",
+        "terrain.kind=mine",
+        (f"{FLAT}heights=np.full((3, 3), nan))", f"{FLAT}heights=np.zeros(3))", f"{FLAT}spacing=0.0)"),
+    ),
+    (
+        "paths",
+        "ReferencePath",
+        NUMBERS.format(n="1.0"),
+        "at(self, t)",
+        "path.kind=mine",
+        ("return Reference(*[nan] * len(Reference._fields))", "return Reference(*[1e300] * len(Reference._fields))"),
+    ),
+    ("paths", "ReferencePath", NUMBERS.format(n="None"), "at(self, t)", "path.kind=mine", ()),
+    ("tyres", "TyreBase", "structure = lambda self: None", "coefficients(self, tractor)", "plant.tyre.kind=mine", ()),
+)
+"""Families: module, base, what else the class gives, its method, the key that chooses it, and answers of its own."""
+
+
+def others(chance: random.Random) -> str:
+    """A kind of another family, whose one method answers with nonsense."""
+    module, base, more, method, key, own = chance.choice(FAMILIES)
+    kind = "" if base == "Sensor" else KIND
+    answer = chance.choice([*ANSWERS, *own, *own])
+    text = OTHER.format(module=module, base=base, kind=kind, more=more, method=method, answer=answer)
+    Path("mine.py").write_text(text, encoding="utf-8")
+    plant = "mujoco" if module in ("terrain", "tyres") else "bicycle"
+    more_keys = ["plant.settle_s=0.1", "plant.settle_limit_s=1"] if plant == "mujoco" else []
+    words = ["run", "straight_line", "--plugin", "mine.py", *SHORT, *sets(f"plant.kind={plant}", *more_keys, key)]
+    return _not_its_own(call(words, (0, 1, 2, 130)))
+
+
+def _not_its_own(found: str) -> str:
+    """What is wrong, unless it is an error that the plugin's own lines raise."""
+    return "" if "__pycache__" in found or "mine.py" in found else found
+
+
 def plugins(chance: random.Random) -> str:
     """A guidance law that is wrong in some way; what the law raises may be shown, with its own lines."""
+    if chance.random() < 0.4:
+        return others(chance)
     parts = {"above": ABOVE, "kind": KINDS, "key": KEYS, "init": INITS, "update": UPDATES, "below": BELOW}
     odd = chance.sample(list(parts), chance.choice([1, 1, 2]))
     text = LAW.format(
@@ -100,5 +188,5 @@ def plugins(chance: random.Random) -> str:
         text = chance.choice(["", "x = 1", "\xff" * 10, text[: len(text) // 2]])
     Path("mine.py").write_text(text, encoding="utf-8", errors="surrogateescape")
     twice = ["--plugin", "mine.py"] if chance.random() < 0.1 else []
-    found = call(["run", "circle", "--plugin", "mine.py", *twice, *SHORT, *sets("guidance.kind=mine")], (0, 1, 2, 130))
-    return "" if "__pycache__" in found or "mine.py" in found else found
+    words = ["run", "circle", "--plugin", "mine.py", *twice, *SHORT, *sets("guidance.kind=mine")]
+    return _not_its_own(call(words, (0, 1, 2, 130)))

@@ -9,6 +9,7 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.answers import answered, pair
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Column, Estimate
 from agrobot_mj.estimation.base import StateEstimator
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.machine import TractorParameters
@@ -37,6 +38,20 @@ class Blunt(StateEstimator):
 
     def update(self, state, measurement, dt):
         return state
+
+
+class Vague(Blunt):
+    kind: Literal["vague"] = "vague"
+
+    def update(self, state, measurement, dt):
+        return state, Estimate(*[0.0] * len(Estimate._fields))
+
+
+class Wordy(Line):
+    kind: Literal["wordy"] = "wordy"
+
+    def at(self, t):
+        return super().at(t) if t < 0.2 else super().at(t)._replace(x="east")
 
 
 class Broken(Scripted):
@@ -112,6 +127,39 @@ def test_a_sensor_returns_state_and_reading():
     blind = whole.sensors.model_copy(update={"gyro": Silent()})
     with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): measure must return its state and a reading"):
         run(whole.model_copy(update={"sensors": blind}))
+
+
+class Chatty(Gyro):
+    answer: str = "short"
+
+    @property
+    def columns(self):
+        return Column("louder", "rad/s", "rate"), Column("quieter", "rad/s", "rate")
+
+    def report(self, reading):
+        return {"short": (1.0,), "long": (1.0, 2.0, 3.0), "text": ("a", 2.0), "none": None, "complex": (1j, 2.0)}[
+            self.answer
+        ]
+
+
+@pytest.mark.parametrize("answer", ["short", "long", "text", "none", "complex"])
+def test_a_report_has_a_number_for_each_column(answer):
+    whole = scenario()
+    loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
+    with pytest.raises(
+        ScenarioError, match=r"the sensor \(gyro\): report must return 2 numbers, one for each of its col"
+    ):
+        run(whole.model_copy(update={"sensors": loud}))
+
+
+def test_an_estimate_holds_numbers():
+    with pytest.raises(ScenarioError, match=r"the estimator \(vague\) estimates what is no number: Estimate\("):
+        run(scenario(estimator=Vague()))
+
+
+def test_a_reference_holds_numbers():
+    with pytest.raises(ScenarioError, match=r"the path \(wordy\) refers to what is no number: Reference\(x='east'"):
+        run(scenario(path=Wordy()))
 
 
 def test_a_path_returns_references():
