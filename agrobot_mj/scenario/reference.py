@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 from functools import cache
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.schema import Scenario
 
@@ -154,6 +154,7 @@ def _as_toml(value: Any) -> str:
 
 def explain_key(key: str) -> str:
     """Documentation of a dotted key, or of the whole scenario, as text. Raises `ScenarioError`."""
+    key = shortened(key)
     steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places([])))

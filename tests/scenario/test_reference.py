@@ -216,3 +216,9 @@ def test_a_name_that_is_none_is_refused(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ['a"b', "a\nb", "ümlaut", "a'''b", "a\\b", "\x07"])
 def test_hostile_names_still_make_a_scenario(name, tmp_path):
     assert load_scenario(write_template(str(tmp_path / name))).seed == 1
+
+
+def test_an_endless_key_is_refused_shortened():
+    with pytest.raises(ScenarioError, match="unknown key") as error:
+        explain_key("a." * 100_000)
+    assert len(str(error.value)) < 400
