@@ -67,7 +67,8 @@ def commands(chance: random.Random) -> str:
     for _ in range(chance.randint(1, 3)):
         _bend(chance, words)
     found = call(words)
-    harmless = words[0] == "init" and found.startswith("files outside")
+    named = words[0] == "init" or any(repr(word) in found for word in words)
+    harmless = found.startswith("files outside") and named
     return "" if not found or harmless else f"{[word[:80] for word in words]}: {found}"
 
 
