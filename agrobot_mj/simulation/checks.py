@@ -147,7 +147,8 @@ def refuse(name: str, message: NamedTuple, fields: tuple[str, ...], maker: str) 
 
 def blame(stage: str, error: Exception) -> NoReturn:
     """Raise an error of arithmetic as a `NotFiniteError` that names the stage; any other as it is."""
-    if isinstance(error, ValueError) and not any(part in str(error) for part in _ARITHMETIC):
+    numbers = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
+    if not numbers and not any(part in str(error) for part in _ARITHMETIC):
         raise error
     if isinstance(error, NotFiniteError):
         raise error

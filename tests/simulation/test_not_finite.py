@@ -200,3 +200,9 @@ def test_a_plant_that_blows_up_says_so(monkeypatch):
 
     monkeypatch.setattr(BicyclePlant, "advance", advance)
     assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]
+
+
+def test_a_filter_that_loses_all_digits_is_named():
+    log = run(load_scenario("figure_eight", {**SHORT, "estimator.initial_velocity_sigma_m_s": 1e9}))
+    assert log.outcome == "diverged"
+    assert log.metrics["stop_reason"] == "the estimator (ekf) failed: matrix is not positive definite"
