@@ -306,6 +306,7 @@ BAD = [
     (["run", "circle", "--set", "guidance.kind=cmd_vel"], "use `agrobot-mj ros2`"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", ""], "not a name"),
+    (["init", "\udcff"], "holds bytes that are not UTF-8"),
     (["init", "broken"], "broken.toml: is there already"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli.options import Plugins, load_plugins
+from agrobot_mj.cli.options import Plugins, load_plugins, utf8
 from agrobot_mj.core.resources import scenario_files, sweep_files
 
 
@@ -48,7 +48,7 @@ def init(
     """Write a commented scenario file to start from."""
     from agrobot_mj.scenario.template import write_template
 
-    path = write_template(name)
+    path = write_template(utf8(name, "init"))
     print(f"{path}: written; drive it with `agrobot-mj run {path}`")
 
 

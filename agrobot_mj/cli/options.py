@@ -54,7 +54,7 @@ def overrides(sets: list[str] | None) -> dict[str, Any]:
     """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
-        key, equals, value = _utf8(text, "--set").partition("=")
+        key, equals, value = utf8(text, "--set").partition("=")
         if not equals or not key.strip():
             raise ScenarioError(f"--set {shortened(text)}: write it as key=value")
         try:
@@ -69,7 +69,7 @@ def overrides(sets: list[str] | None) -> dict[str, Any]:
     return found
 
 
-def _utf8(text: str, option: str) -> str:
+def utf8(text: str, option: str) -> str:
     """An argument as text, also where the locale has no such letters. Raises `ScenarioError` for other bytes."""
     try:
         return os.fsencode(text).decode("utf-8")
@@ -108,7 +108,7 @@ def seconds(text: str) -> list[float]:
 def results_folder(out: Path | None, default: str) -> Path:
     """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/."""
     if out is not None:
-        _utf8(str(out), "--out")
+        utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
@@ -124,7 +124,7 @@ def results_folder(out: Path | None, default: str) -> Path:
 
 def results_file(out: Path) -> Path:
     """The file that `--out` names. Raises `ScenarioError` where it can be none."""
-    _utf8(str(out), "--out")
+    utf8(str(out), "--out")
     if not out.name or out.is_dir():
         raise ScenarioError(f"--out {out}: is a folder; name a file in it")
     return out
