@@ -306,3 +306,28 @@ def test_the_content_of_a_data_file_decides_not_its_place(own_files):
     assert load_scenario("elsewhere/mine.toml").hash8 == before
     Path("elsewhere/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,21\n")
     assert load_scenario("elsewhere/mine.toml").hash8 != before
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
+def test_a_pipe_is_no_file_to_export_to(call):
+    assert call("run", "circle", *QUICK)[0] == 0
+    os.mkfifo("pipe")
+    status, err = call("export", "out", "--mcap", "--out", "pipe")
+    assert (status, "is a device or a pipe" in err) == (2, True)
+    assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
+
+
+def test_no_file_takes_the_place_of_a_device(monkeypatch):
+    monkeypatch.setattr(Path, "is_char_device", lambda path: path.name == "null")
+    with pytest.raises(OSError, match="is a device; name a file"):
+        write_json(Path("null"), {})
+    assert not Path("null").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
+@pytest.mark.parametrize("arguments", [("rig", "pipe.toml"), ("replay", "out", "--map", "pipe.toml")])
+def test_a_pipe_is_not_waited_for(call, arguments):
+    assert call("run", "circle", *QUICK)[0] == 0
+    os.mkfifo("pipe.toml")
+    status, err = call(*arguments)
+    assert (status, "pipe.toml: is not a regular file" in err) == (2, True)

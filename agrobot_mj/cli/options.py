@@ -127,4 +127,6 @@ def results_file(out: Path) -> Path:
     utf8(str(out), "--out")
     if not out.name or out.is_dir():
         raise ScenarioError(f"--out {out}: is a folder; name a file in it")
+    if out.exists() and not out.is_file():
+        raise ScenarioError(f"--out {out}: is a device or a pipe; name a file")
     return out

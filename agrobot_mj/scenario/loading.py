@@ -41,6 +41,8 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 def read_toml(path: FilePath) -> dict[str, Any]:
     """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ScenarioError(f"{path}: is not a regular file; name one")  # a pipe is read until somebody writes
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8

@@ -4,6 +4,7 @@ Each file appears complete or not at all, and those of one run are one set: all 
 then renamed together. One process at a time writes into a folder.
 """
 
+import errno
 import json
 import os
 import re
@@ -44,8 +45,10 @@ Writer = Callable[[Path], None]
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; renamed to `path` if the block succeeds, deleted if it raises.
 
-    Raises OSError that names `path`.
+    Raises OSError that names `path`, and where that is a device, which a file must not take the place of.
     """
+    if path.is_char_device() or path.is_block_device():
+        raise OSError(errno.EINVAL, "is a device; name a file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = _temporary(path)
     try:
