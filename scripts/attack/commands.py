@@ -1,7 +1,10 @@
 """Command lines: each command with odd values for its options, options left out, doubled, or of other commands."""
 
+import contextlib
+import os
 import random
 import shutil
+import stat
 from pathlib import Path
 
 from data import earlier
@@ -35,11 +38,21 @@ ODD = (
     *("", " ", ".", "..", "-", "--", "nan", "inf", "-inf", "-1", "0", "1e999", "-0.0", "1e-320", "9" * 400, "0x10"),
     *("no/such", "é", "x" * 5000, "x/" * 2000, "[bold]", "\x1b[31m", "a\nb", "%s", "{}", "\ud800", "None", "true"),
     *("1:2", "2:1", ":", "nan:1", "1:1", "0:1e308", "1/0", "0/2", "3/2", "1/2/3", ",", "pd,", "pd,pd", "lqr,nope"),
-    *("a=b", "=", "a:", ":=", "a:b=c,d=[", "run", "small.toml", "/dev/null", "/dev/full", "mine.py", "tcp://", "*"),
+    *("a=b", "=", "a:", ":=", "a:b=c,d=[", "run", "small.toml", "pipe", "null", "mine.py", "tcp://", "*"),
     *("xte_rms", "__class__", "outcome == 'x'", "1 < 2 <", "lambda: 0", "circle", "{x=1}", "[[[["),
 )
 """What nobody means, or means in another place."""
-PLACES = ("out/é b", "out/[bold]", "run/signals.parquet", "/dev/null", "/dev/full/x", "x" * 5000, "small.toml/x", "")
+PLACES = (
+    "out/é b",
+    "out/[bold]",
+    "run/signals.parquet",
+    "null",
+    "null/x",
+    "/dev/full/x",
+    "x" * 5000,
+    "small.toml/x",
+    "",
+)
 """Folders for `--out` that are none, or are inside those that a command may write into."""
 FLAGS = (
     "--quiet",
@@ -63,13 +76,24 @@ def commands(chance: random.Random) -> str:
     shutil.copytree(earlier(), "run")
     Path("small.toml").write_text(SWEEP)
     Path("mine.py").write_text("import agrobot_mj\n")
+    _special("pipe", "null")
     words = list(chance.choice(COMMANDS))
     for _ in range(chance.randint(1, 3)):
         _bend(chance, words)
+    there = Path("null").exists()
     found = call(words)
+    if there and not Path("null").is_char_device():
+        return f"{words}: took the place of a device"
     named = words[0] == "init" or any(repr(word) in found for word in words)
     harmless = found.startswith("files outside") and named
     return "" if not found or harmless else f"{[word[:80] for word in words]}: {found}"
+
+
+def _special(pipe: str, null: str) -> None:
+    """A pipe that nobody writes into, and a device that swallows, where the rights suffice: they must stay."""
+    os.mkfifo(pipe)
+    with contextlib.suppress(PermissionError):
+        os.mknod(null, stat.S_IFCHR | 0o666, os.makedev(1, 3))
 
 
 def _bend(chance: random.Random, words: list[str]) -> None:
