@@ -168,6 +168,8 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
     Raises `ScenarioError` where a folder is of no sweep, or of another.
     """
     stores = [Store(source) for source in sources]
+    if not stores:
+        raise ScenarioError(f"{target.folder}: no such folder; --merge joins the folders that --shard has written")
     plans = {store.folder: store.begun for store in stores}
     for folder, plan in plans.items():
         if plan is None:

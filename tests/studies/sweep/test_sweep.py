@@ -328,6 +328,9 @@ def test_folders_that_do_not_belong_together_are_not_merged(serial, file, tmp_pa
     assert (status, err) == (2, "other: is of another sweep than the rest: different sweep\n")
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
+    status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
+    assert (status, "nowhere: no such folder; --merge joins" in err) == (2, True)
+    assert not Path("nowhere").exists()
 
 
 def test_the_cost_of_a_run_beside_itself_is_small(serial, file, tmp_path):
