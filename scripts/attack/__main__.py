@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from commands import commands
 from data import earlier, files, parquet, sources
+from folders import folders, results
 from judge import LONGEST_S, judged
 from plugins import plugins
 from processes import kills
@@ -24,17 +25,18 @@ from wire import datagrams, guide
 from agrobot_mj import load_scenario, run
 
 CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
-    "overrides": (overrides, 0.15),
-    "toml": (toml, 0.1),
+    "overrides": (overrides, 0.12),
+    "toml": (toml, 0.09),
     "sweeps": (sweeps, 0.12),
     "limits": (limits, 0.05),
-    "files": (files, 0.13),
+    "files": (files, 0.11),
     "parquet": (parquet, 0.12),
     "plugins": (plugins, 0.06),
     "datagrams": (datagrams, 0.06),
     "extremes": (extremes, 0.06),
     "nan": (injected, 0.045),
     "commands": (commands, 0.1),
+    "folders": (folders, 0.06),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
@@ -45,6 +47,8 @@ KILLS_S = 900.0
 def load(classes: list[str]) -> None:
     """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
     keys(), names(), numbers(), sources(), earlier(), guide()
+    if "folders" in classes:
+        results()
     short = {"duration_s": 0.2, "plant.settle_s": 0.0}
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
     for kind in (*tyres, "magic_formula"):

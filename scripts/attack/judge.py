@@ -34,7 +34,7 @@ LONGEST_TEXT = 10_000
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
 CERTAIN = (*CERTAIN, "valve_voltage", "pedal_voltage", "e_lateral")
 """Columns that hold numbers in every row of a run that ended with status 0."""
-KNOWN = {"out", "runs"}
+KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
 """Folders that commands may write into."""
 
 
