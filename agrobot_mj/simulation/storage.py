@@ -186,6 +186,7 @@ def _signals(log: Log, path: Path) -> None:
     with pq.ParquetWriter(path, log.schema, compression="zstd") as writer:
         for piece in log.pieces():
             writer.write_table(piece)
+            del piece  # before the next one is made
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.core import spill
+from agrobot_mj.core.spill import Spilled
 from agrobot_mj.metrics import metrics
 from agrobot_mj.simulation import log as logs
-from agrobot_mj.simulation import spill
-from agrobot_mj.simulation.spill import Spilled
 from agrobot_mj.simulation.storage import write_log
 
 SCENARIO = ("circle", {"plant.kind": "bicycle", "duration_s": 6.0})
