@@ -5,10 +5,10 @@ or not finite are left out of a statistic; a statistic without a single value is
 chunk by chunk (`core.chunked`), so that a day of work takes no more memory than an hour.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from math import isfinite
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -90,11 +90,18 @@ class RunView:
     @cached_property
     def turns(self) -> list[slice]:
         """For each turn that the run reached, the rows that belong to it; time grows from row to row."""
-        t, rows = self.column("t"), []
-        for k, (start, end) in enumerate(self.path.turns_s):
-            first = np.searchsorted(t, start, "right" if k else "left")
-            rows.append(slice(int(first), int(np.searchsorted(t, end, "right"))))
-        return [of_turn for of_turn in rows if of_turn.stop > of_turn.start]
+        t, spans = self.chunked("t"), self.path.turns_s
+        starts, ends = [start for start, _ in spans], [end for _, end in spans]
+        firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
+        return [slice(first, end) for first, end in zip(firsts, rows_until(t, ends), strict=True) if end > first]
+
+
+def rows_until(t: Chunked, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
+    """How many rows are not later than each of `times`, or earlier with `left`; `t` grows from row to row."""
+    counts = np.zeros(len(times), dtype=int)
+    for chunk in t:
+        counts += np.searchsorted(chunk, times, side)
+    return counts.tolist()
 
 
 def chunks(values: Values) -> Iterable[Array]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from agrobot_mj.core.chunked import Chunked
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LogLike, RunView, abs_p95, mean, rms
+from agrobot_mj.metrics.base import LogLike, RunView, abs_p95, mean, rms, rows_until
 
 COMPLETE = 0.99
 """Share of a turn that a run must cover for the turn to count as complete."""
@@ -30,9 +30,7 @@ def tracking(view: RunView) -> dict[str, Any]:
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
     """The tracking errors over the rows with start_s < t <= end_s [s]."""
     view = RunView(log)
-    t = view.column("t")
-    first, end = (int(np.searchsorted(t, at, "right")) for at in (start_s, end_s))
-    return _errors(view, [slice(first, end)])[0]
+    return _errors(view, [slice(*rows_until(view.chunked("t"), (start_s, end_s)))])[0]
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
