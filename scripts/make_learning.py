@@ -122,7 +122,7 @@ def compared_numbers(log: Log) -> dict[str, Any]:
     found = {f"xte_{turn['turn']}": turn["xte_rms"] for turn in metrics["per_turn"]}
     found["travel_deg"] = float(np.degrees(np.abs(np.diff(log.column("steer"))).sum()))
     if hasattr(log.scenario.path, "passes_s"):
-        t, offset = log.column("t"), view.beside.offset
+        t, offset = log.column("t"), view.beside.offset.whole()
         on_pass = np.any([(t > start) & (t <= end) for start, end in log.scenario.path.passes_s], axis=0)
         found["pass_rms"] = float(np.sqrt(np.mean(offset[on_pass] ** 2)))
         found["headland_rms"] = float(np.sqrt(np.mean(offset[~on_pass] ** 2)))

@@ -22,6 +22,8 @@ BEND = radians(80.0)
 """Largest angle of a bend within the window ahead, and behind: less than a right angle [rad]."""
 PIECE = 24_000
 """Rows that are looked at together: the path beside them is sampled, which for a day would take 1 GB."""
+PART = 250
+"""Rows whose windows are searched together: 1 MB an array."""
 
 Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 
@@ -58,7 +60,7 @@ def _track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
     reach = int(WINDOW_M / STEP_M)
     nearest = np.empty(len(t), dtype=int)
     with np.errstate(over="ignore", invalid="ignore"):
-        for rows in np.array_split(np.arange(len(t)), len(t) // 1000 + 1):
+        for rows in np.array_split(np.arange(len(t)), len(t) // PART + 1):
             window = middle[rows, None] + np.arange(-reach, reach + 1)
             window = np.clip(window, first[middle[rows], None], last[middle[rows], None])
             distance = (points[window, 0] - x[rows, None]) ** 2 + (points[window, 1] - y[rows, None]) ** 2
@@ -71,7 +73,7 @@ def _spaced(path: Path, t: Array) -> tuple[Array, Array]:
     """Times (n,) and references (n, 7) at about equal distances along the path, WINDOW_M beyond the ends of `t`."""
     step, room = STEP_M / path.speed_m_s, WINDOW_M / path.speed_m_s
     times = t[0] + step * np.arange(-int(room / step), int((t[-1] - t[0] + room) / step) + 2)
-    points = np.array([path.at(time) for time in times.tolist()])
+    points = np.fromiter((path.at(time) for time in times.tolist()), dtype=(float, 7), count=len(times))
     way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
     kept = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 0.99 * STEP_M)))
     return times[kept], points[kept]

@@ -3,7 +3,6 @@
 from typing import Any
 
 from agrobot_mj.metrics.base import RunView, abs_p95, mean, rms
-from agrobot_mj.metrics.crosstrack import cross_track
 
 
 def implement(view: RunView) -> dict[str, Any]:
@@ -12,14 +11,13 @@ def implement(view: RunView) -> dict[str, Any]:
     Empty for a tractor without one.
     """
     try:
-        x, y = view.column("implement_x"), view.column("implement_y")
+        offset = view.beside_path("implement_x", "implement_y").offset
     except (KeyError, ValueError):  # no such column
         return {}
-    offset = cross_track(view.path, view.column("t"), x, y)
     return {
         "implement_xte_rms": rms(offset),
         "implement_xte_abs_p95": abs_p95(offset),
         "implement_xte_mean": mean(offset),
-        "hitch_angle_abs_p95": abs_p95(view.column("hitch_angle")),
-        "hitch_pull_mean": mean(view.column("hitch_pull")),
+        "hitch_angle_abs_p95": abs_p95(view.chunked("hitch_angle")),
+        "hitch_pull_mean": mean(view.chunked("hitch_pull")),
     }

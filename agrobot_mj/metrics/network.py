@@ -2,9 +2,7 @@
 
 from typing import Any
 
-import numpy as np
-
-from agrobot_mj.metrics.base import RunView, mean
+from agrobot_mj.metrics.base import RunView, mean_magnitude
 
 
 def nn_share(view: RunView) -> dict[str, Any]:
@@ -15,5 +13,5 @@ def nn_share(view: RunView) -> dict[str, Any]:
 
 def _sizes(view: RunView, name: str) -> list[float]:
     """Mean magnitude of a column in each turn."""
-    values = view.column(name)
-    return [mean(np.abs(values[rows])) or 0.0 for rows in view.turns]
+    values = view.chunked(name)
+    return [mean_magnitude(values[rows]) or 0.0 for rows in view.turns]

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from agrobot_mj.core.chunked import Chunked
 from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.core.spill import Spilled
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
-from agrobot_mj.simulation.spill import Spilled
 from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
@@ -96,15 +97,17 @@ class Rows:
 
     def _extend(self, values: Array, poses: Array) -> None:
         """Add rows (n, columns) with their poses (n, bodies, 7)."""
-        while len(values):
-            at = self._room()
-            fit = len(self.values.recent[at : at + len(values)])
-            self.values.recent[at : at + fit], self.poses.recent[at : at + fit] = values[:fit], poses[:fit]
-            self.filled, values, poses = self.filled + fit, values[fit:], poses[fit:]
+        self.values.put(self.filled, values)
+        self.poses.put(self.filled, poses)
+        self.filled += len(values)
 
     def column(self, name: str, first: int = 0) -> Array:
         """Column `name` from row `first` to the last row filled, shape (n,); not to be written to."""
         return self.values[first : self.filled, self.columns.index(name)]
+
+    def chunked(self, name: str) -> Chunked:
+        """Column `name` up to the last row filled, read in chunks."""
+        return self.values.chunked(self.columns.index(name), self.filled)
 
 
 @dataclass(frozen=True)
@@ -142,8 +145,7 @@ class Log:
             yield self._piece(first, min(first + PIECE, self.rows.filled))
 
     def _piece(self, first: int, end: int) -> pa.Table:
-        values = self.rows.values[first:end]
-        arrays = [pa.array(values[:, k].copy(), from_pandas=True) for k in range(len(self.rows.columns))]
+        arrays = [_arrow(self.rows.values[first:end, k].copy()) for k in range(len(self.rows.columns))]
         return pa.Table.from_arrays(arrays, schema=self.schema)
 
     @property
@@ -160,7 +162,7 @@ class Log:
             pa.field(name, pa.float32(), metadata={"unit": "m", "description": text})
             for name, (_, text) in columns.items()
         ]
-        arrays = [pa.array(values.astype(np.float32)) for values, _ in columns.values()]
+        arrays = [_arrow(values.astype(np.float32)) for values, _ in columns.values()]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"cell_m": f"{self.ruts.cell:g}"}))
 
     @property
@@ -171,3 +173,18 @@ class Log:
     def column(self, name: str) -> Array:
         """Column `name`, shape (ticks,); raises ValueError for an unknown one."""
         return self.rows.column(name)
+
+    def chunked(self, name: str) -> Chunked:
+        """Column `name`, read in chunks; raises ValueError for an unknown one."""
+        return self.rows.chunked(name)
+
+
+def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:
+    """`values` (n,), contiguous and not copied, null where NaN.
+
+    `pa.array` would import pandas where that is installed: 46 MB and most of a second.
+    """
+    absent = np.isnan(values)
+    count = int(absent.sum())
+    valid = pa.py_buffer(np.packbits(~absent, bitorder="little")) if count else None
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [valid, pa.py_buffer(values)], count)

@@ -185,10 +185,14 @@ def _json(content: Any) -> Writer:
 
 
 def _signals(log: Log, path: Path) -> None:
-    """The signals, a row group after the other, so that memory does not grow with the length of a run."""
-    with pq.ParquetWriter(path, log.schema, compression="zstd") as writer:
+    """The signals, a row group after the other, so that memory does not grow with the length of a run.
+
+    Without dictionaries: measured values hardly repeat, and files are a sixth smaller.
+    """
+    with pq.ParquetWriter(path, log.schema, compression="zstd", use_dictionary=False) as writer:
         for piece in log.pieces():
             writer.write_table(piece)
+            del piece  # before the next one is made
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -85,11 +85,16 @@ class Signals:
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
         """Send the means of what is dense; what the axes show of all rows, by path, of each plot that varies."""
-        table, found = self._table(0), dict[str, Frame]()
-        t = self.rows.column("t")
+        found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
+        with np.errstate(over="ignore", invalid="ignore"):
+            further = list(derived(self.rows, 0).values())
         for plot, columns, factors in self.lines:
-            numbers = np.where(np.isfinite(table[:, columns]), table[:, columns] * factors, np.nan)
-            if plot not in self.shown or not _varies(numbers):
+            if plot not in self.shown:
+                continue
+            of_plot = [self.rows.values[: len(t), k] if k < width else further[k - width] for k in columns.tolist()]
+            values = np.column_stack(of_plot)
+            numbers = np.where(np.isfinite(values), values * factors, np.nan)
+            if not _varies(numbers):
                 continue
             dense = not plot.steps and plot.every == 1 and _covered(numbers) > MOST_COVERED
             if dense:

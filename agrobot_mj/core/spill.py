@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from agrobot_mj.core.chunked import Chunked
 from agrobot_mj.core.signals import Array
 
 WINDOW = 12_000
@@ -52,9 +53,9 @@ class Spilled:
         folder = tempfile.gettempdir()
         try:
             self._file = self._file or tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as this
-            block = self.recent[: self._block].reshape(self._block, self._width).T
             self._file.seek(self.first * self._width * 8)
-            self._file.write(np.ascontiguousarray(block).data)
+            for column in self.recent[: self._block].reshape(self._block, self._width).T:
+                self._file.write(np.ascontiguousarray(column).data)
             self._file.flush()
         except OSError as error:
             reason = os.strerror(error.errno or errno.EIO)
@@ -65,6 +66,15 @@ class Spilled:
             ) from error
         self.recent[: len(self.recent) - self._block] = self.recent[self._block :]
         self.first += self._block
+
+    def put(self, at: int, rows: Array) -> None:
+        """Write `rows` (n, *shape) from row `at` on, the first that is not written yet. Raises as `spill`."""
+        while len(rows):
+            if at - self.first == len(self.recent):
+                self.spill()
+            part = self.recent[at - self.first :][: len(rows)]
+            part[:] = rows[: len(part)]
+            at, rows = at + len(part), rows[len(part) :]
 
     def cut(self, rows: int) -> None:
         """Go back to where only `rows` rows were written."""
@@ -92,6 +102,10 @@ class Spilled:
             return np.asarray(self.recent[(numbers - self.first, *rest)])
         return np.asarray(self._read(least, int(numbers.max()) + 1)[(numbers - least, *rest)])
 
+    def chunked(self, column: int, rows: int) -> Chunked:
+        """A column of the first `rows` rows of an array of two dimensions."""
+        return Chunked(lambda first, end: self[first:end, column], 0, rows)
+
     def __setitem__(self, key: Any, value: Any) -> None:
         """Write to rows that are all in memory, by a slice alone or with further indices behind."""
         rows, *rest = key if isinstance(key, tuple) else (key,)
@@ -102,15 +116,16 @@ class Spilled:
 
     def _read(self, start: int, stop: int, *rest: Any) -> Array:
         """Rows `start` to `stop` with further indices, from the file and from memory."""
-        found = [self.recent[(slice(0, 0), *rest)]]
+        found = np.empty((max(stop - start, 0), *self.recent[(slice(0, 0), *rest)].shape[1:]))
+        block = np.empty((self._width, self._block))
         for first, begin, end in self._blocks(start, stop):
-            block = np.empty((self._width, self._block))
             self._load(first * self._width * 8, block)
             part = block.T[begin - first : end - first].reshape(end - begin, *self.shape[1:])
-            found.append(part[(slice(None), *rest)])
+            found[begin - start : end - start] = part[(slice(None), *rest)]
         if stop > self.first:
-            found.append(self.recent[(slice(max(start, self.first) - self.first, stop - self.first), *rest)])
-        return np.concatenate(found)
+            begin = max(start, self.first)
+            found[begin - start :] = self.recent[(slice(begin - self.first, stop - self.first), *rest)]
+        return found
 
     def _column(self, start: int, stop: int, k: int) -> Array:
         """Column `k` of rows `start` to `stop`, without reading the others."""

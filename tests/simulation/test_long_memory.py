@@ -1,0 +1,78 @@
+"""Memory of a long log, from its metrics to its files: that of a piece of it, however long it is."""
+
+import subprocess
+import sys
+import tracemalloc
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from agrobot_mj import Simulation
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.metrics import base, metrics
+from agrobot_mj.metrics.crosstrack import BesidePath
+from agrobot_mj.simulation.log import PIECE, Log
+from agrobot_mj.simulation.storage import write_log
+
+ROWS = 300_000
+"""Four hours of work."""
+
+
+@pytest.fixture(scope="module")
+def log():
+    """A log of that many rows, those of ten seconds over and over."""
+    sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": ROWS * TICK_S, "path.turns": 250})
+    sim.reset()
+    for _ in range(200):
+        sim.step()
+    rows = sim.rows
+    values, poses = np.tile(rows.values[:200], (50, 1)), np.tile(rows.poses[:200], (50, 1, 1))
+    while rows.filled < ROWS:
+        values[:, rows.columns.index("t")] = (rows.filled + np.arange(len(values))) * TICK_S
+        rows._extend(values[: ROWS - rows.filled], poses[: ROWS - rows.filled])
+    return Log(sim.scenario, rows, sim.loop.plant.scene, "aborted", 1.0)
+
+
+@contextmanager
+def at_most(most):
+    """Allocations of Python and numpy in the block stay below so many bytes at any moment."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < most
+    finally:
+        tracemalloc.stop()
+
+
+def test_metrics_take_less_memory_than_three_columns_of_the_log(log, monkeypatch):
+    """The search for the nearest point of the path, which goes by pieces of its own, is left out."""
+    monkeypatch.setattr(base, "track", lambda path, t, x, y: BesidePath(np.hypot(x, y), t))
+    with at_most(3 * 8 * ROWS):
+        found = metrics(log)
+    assert len(found["per_turn"]) > 200
+
+
+def test_the_table_is_written_with_one_piece_of_it_in_memory(log, tmp_path):
+    with at_most(1.5 * 8 * PIECE * len(log.rows.columns)):
+        write_log(log, tmp_path)
+
+
+def test_what_the_end_of_a_recording_needs_of_its_log_are_single_columns(log):
+    with at_most(6 * 8 * ROWS):
+        assert log.rows.poses[:ROWS, 0, :3].shape == (ROWS, 3)
+
+
+@pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is not installed")
+def test_no_run_imports_pandas(tmp_path):
+    """It comes with the extra for studies, and pyarrow would import it: 46 MB."""
+    text = """
+import sys
+from pathlib import Path
+from agrobot_mj import load_scenario, run
+from agrobot_mj.simulation.storage import write_log
+write_log(run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 1.0})), Path(sys.argv[1]))
+print("pandas" in sys.modules)
+"""
+    assert subprocess.check_output([sys.executable, "-c", text, str(tmp_path)], text=True).strip() == "False"
