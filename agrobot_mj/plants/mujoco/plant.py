@@ -18,7 +18,7 @@ from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.build import build
-from agrobot_mj.plants.mujoco.drawing import body_poses
+from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
@@ -33,7 +33,17 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
-from agrobot_mj.plants.mujoco.stepping import ACTUATION, MOTION, Actuators, Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.mujoco.stepping import (
+    ACTUATION,
+    FASTEST,
+    MOTION,
+    UPRIGHT,
+    Actuators,
+    Oil,
+    Tyred,
+    observe,
+    run_steps,
+)
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
@@ -107,6 +117,7 @@ class MujocoPlant:
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
+        self._poses = poses_of(self.data)
         self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
         self._observe = bound(observe, self.views, self._actuators, *self.sites, self.motion)
 
@@ -282,7 +293,7 @@ class MujocoPlant:
 
     def poses(self) -> Array:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
-        return body_poses(self.data)
+        return np.concatenate(self._poses, axis=1)
 
     def configuration(self) -> Array:
         """Generalised positions, shape (nq,)."""
@@ -309,7 +320,7 @@ class MujocoPlant:
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
-        flow, pressure, torque = self.motion[ACTUATION:].tolist()
+        flow, pressure, torque = self.motion[ACTUATION:FASTEST].tolist()
         return flow, pressure, torque
 
     def warnings(self) -> int:
@@ -318,14 +329,14 @@ class MujocoPlant:
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""
-        x, y, *motion = self.motion[:18].tolist()
-        if not isfinite(x + y + sum(motion)) or max(map(abs, motion[4:10])) > DIVERGED_SPEED:
+        motion = self.motion.tolist()
+        if motion[FASTEST] > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:
             return "rolled_over"
-        return None if self.ground.covers(x, y) else "left_terrain"
+        return None if self.ground.covers(motion[0], motion[1]) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:
-        lean = float(self.data.xmat[CHASSIS, 8])
+        lean = float(self.motion[UPRIGHT])
         return min(lean, self.implement.lean_cosine if self.implement else lean) < ROLLOVER_COSINE

@@ -1,6 +1,6 @@
 """One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, hypot, inf, isfinite, sin
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
@@ -18,8 +18,8 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-ACTUATION, MOTION = 26, 29
-"""Where `observe` writes the actuation, and how many numbers it writes."""
+SPEED, ACTUATION, FASTEST, UPRIGHT, MOTION = 6, 26, 29, 30, 31
+"""Where `observe` writes velocities, the actuation and what tells of trouble, and how many numbers it writes."""
 
 
 class Oil(NamedTuple):
@@ -170,7 +170,8 @@ def run_steps(
 def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Array) -> None:
     """Write the motion into `out` (MOTION,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll, speed,
     lateral speed, yaw rate; virtual wheel and pedal, R east and north, mean spin of the driven wheels [rad/s], body
-    rates (3); oil flow, pressure, torque on the driven wheels. `cg` and `antenna` (3,) in the chassis frame [m]."""
+    rates (3); oil flow, pressure, torque on the driven wheels; the fastest of the six velocities, infinite where
+    the motion is not finite, and the cosine of the lean. `cg` and `antenna` (3,) in the chassis frame [m]."""
     R = v.xmat[CHASSIS]
     q, w = v.qpos, v.qvel
     omega = (
@@ -200,3 +201,9 @@ def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Arra
     pressure = v.torques[STEERING] / actuators.oil.displacement
     flow = static_flow(actuators.valve, actuators.valve_memory.spool[0])
     out[26], out[27], out[28] = loaded_flow(actuators.valve, flow, pressure), pressure, v.torques[DRIVE]
+    total, fastest = 0.0, 0.0
+    for i in range(18):
+        total += out[i]
+    for i in range(SPEED, SPEED + 6):
+        fastest = max(fastest, abs(out[i]))
+    out[FASTEST], out[UPRIGHT] = fastest if isfinite(total) else inf, R[8]
