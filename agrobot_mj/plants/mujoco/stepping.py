@@ -1,14 +1,16 @@
 """One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
-from math import atan2, cos, hypot, inf, isfinite, sin
+from math import atan2, cos, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import cross
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
+from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
 from agrobot_mj.plants.mujoco.views import CHASSIS, Index, Views
@@ -45,6 +47,23 @@ class Oil(NamedTuple):
     """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
     """Damping over stiffness [s]."""
+
+
+def oil_of(machine: Machine) -> Oil:
+    """Steering cylinder and hydrostat of a machine."""
+    cylinder, driveline = machine.cylinder, machine.driveline
+    return Oil(
+        displacement=cylinder.displacement,
+        steer_limit=machine.tractor.steer_limit,
+        steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
+        steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        steer_play=radians(machine.linkage.backlash_deg) / 2,
+        drive_radius=machine.tractor.rear_wheel_radius_m,
+        drive_torque=driveline.torque_limit_n_m,
+        drive_power=1e3 * driveline.power_limit_kw,
+        drive_stiffness=driveline.stiffness_n_m_rad,
+        drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+    )
 
 
 class Actuators(NamedTuple):
@@ -139,12 +158,21 @@ def run_steps(
     actuators: Actuators,
     voltages: tuple[float, float],
     samples: Array,
-) -> None:
+    clearance: Clearance,
+    first: int,
+    clear: bool,
+) -> tuple[int, bool]:
     """One tick: as many physics steps as `samples` (4, n) has columns; the angles of the virtual wheel, the pedal, the
-    left and the right knuckle are written into its rows."""
+    left and the right knuckle are written into its rows.
+
+    It begins with the step `first`, and where the tractor shall be `clear` of the ground it ends before a step in which
+    it is not. Returns the number of steps that are done, and whether it is clear now.
+    """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
-    for i in range(samples.shape[1]):
+    for i in range(first, samples.shape[1]):
+        if clear and not is_clear(clearance, v.qpos):
+            return i, False
         flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
@@ -164,6 +192,7 @@ def run_steps(
         samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
     # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
     kinematics(v.model, v.data)
+    return samples.shape[1], is_clear(clearance, v.qpos)
 
 
 @kernel
