@@ -72,4 +72,4 @@ def is_clear(c: Clearance, qpos: Array) -> bool:
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))
     over = n[0] * qpos[0] + n[1] * qpos[1] + n[2] * qpos[2] - c.level
     sine = sqrt(max(1 - cosine * cosine, 0.0))
-    return cosine > 0.0 and over + c.lowest * cosine - c.reach * sine > SPARE_M
+    return bool(cosine > 0.0 and over + c.lowest * cosine - c.reach * sine > SPARE_M)
