@@ -12,7 +12,7 @@ from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.pd import Conventional
 from agrobot_mj.control.pid import FilteredRate, clip
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
-from agrobot_mj.core.signals import Column
+from agrobot_mj.core.signals import Array, Column
 
 
 class NeuroState(NamedTuple):
@@ -22,8 +22,8 @@ class NeuroState(NamedTuple):
     """Filtered derivative of the yaw-rate error [rad/s2]."""
     network: T2FnnState | None = None
     """State of the network; None before the first error, around which its sets are placed."""
-    evaluated: T2FnnState | None = None
-    """State of the network when it gave the last tau_n, before it learnt from that tick."""
+    reported: Array | None = None
+    """Signals of the network when it gave the last tau_n, before it learnt from that tick; None before the first."""
     saturated: bool = False
     """Whether the last command was clipped."""
 
@@ -48,11 +48,10 @@ class PdNetwork(Conventional):
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.init(e, slope.rate)
         learn = not (self.anti_windup and state.saturated)
-        learnt, tau_n = self.network.update(network, e, slope.rate, tau_c, dt, learn)
-        evaluated = network._replace(c1=learnt.c1, c2=learnt.c2, x1=learnt.x1, x2=learnt.x2)
+        learnt, tau_n, reported = self.network.update_with_report(network, e, slope.rate, tau_c, dt, learn)
         wanted = tau_c - tau_n
         steer = clip(wanted, -steer_limit, steer_limit)
-        return NeuroState(slope, learnt, evaluated, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
+        return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -61,7 +60,7 @@ class PdNetwork(Conventional):
 
     def report(self, state: NeuroState) -> Sequence[float]:
         """Values of the network behind the last tau_n; NaN before the first."""
-        return [nan] * len(self.columns) if state.evaluated is None else self.network.report(state.evaluated).tolist()
+        return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 
 class PdT2fnn(PdNetwork):

@@ -115,7 +115,7 @@ class SpeedLoop(Spec):
         """Pedal reference in [-1, 1] and pedal valve voltage [V] from speeds [m/s] and pedal position [-]."""
         ahead = self.feedforward_s_m * speed_ref
         outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
-        return self.hold(state._replace(outer=outer), pedal_ref, pedal, dt)
+        return self.hold(SpeedState(outer, state.inner), pedal_ref, pedal, dt)
 
     def hold(
         self, state: SpeedState, pedal_ref: float, pedal: float, dt: float

@@ -34,6 +34,7 @@ from agrobot_mj.control.t2fnn_laws import (
     report_of,
     sgn,
     tick,
+    tick_with_report,
 )
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import Array, Column
@@ -131,11 +132,23 @@ class T2Fnn(Spec):
 
         Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
+        advanced, tau_n = _compiled().tick(*self._arguments(state, x1, x2, tau_c, dt, learn))
+        return advanced, tau_n
+
+    def update_with_report(
+        self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
+    ) -> tuple[T2FnnState, float, Array]:
+        """As `update`, and `report` of the network that gave this tau_n: centres moved, nothing learnt yet."""
+        advanced, tau_n, report = _compiled().tick_with_report(*self._arguments(state, x1, x2, tau_c, dt, learn))
+        return advanced, tau_n, report
+
+    def _arguments(
+        self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool
+    ) -> tuple[Any, ...]:
+        """What a compiled tick takes."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         last = (x1, x2) if state.x1 is None or state.x2 is None else (float(state.x1), float(state.x2))
-        plain, tau_c = _plain(state, x1, x2), self._bounded(tau_c)
-        advanced, tau_n = _compiled().tick(plain, last, x1, x2, tau_c, dt, self._learning, learn)
-        return advanced, tau_n
+        return _plain(state, x1, x2), last, x1, x2, self._bounded(tau_c), dt, self._learning, learn
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -187,6 +200,7 @@ class _Compiled(NamedTuple):
     """What runs in every tick, without numba's dispatch."""
 
     tick: Callable[..., Any]
+    tick_with_report: Callable[..., Any]
     report_of: Callable[..., Any]
 
 
@@ -195,8 +209,10 @@ def _compiled() -> _Compiled:
     network = T2Fnn()
     state = network.init(0.0, 0.0)
     at = 0.0, 0.0
+    arguments = state, at, *at, 0.0, 0.0, network._learning, True
     return _Compiled(
-        bound(tick, state, at, *at, 0.0, 0.0, network._learning, True),
+        bound(tick, *arguments),
+        bound(tick_with_report, *arguments),
         bound(report_of, state, *at),
     )
 

@@ -265,6 +265,23 @@ def tick(
 
 
 @jit
+def tick_with_report(
+    s: T2FnnState,
+    last: tuple[float, float],
+    x1: float,
+    x2: float,
+    tau_c: float,
+    dt: float,
+    learning: Learning,
+    learn: bool,
+) -> tuple[T2FnnState, float, Array]:
+    """`tick`, and `report_of` the network that gave its tau_n, before it learnt."""
+    report = report_of(stand_at(s, last, x1, x2, learning.follow), x1, x2)
+    after, tau_n = tick(s, last, x1, x2, tau_c, dt, learning, learn)
+    return after, tau_n, report
+
+
+@jit
 def report_of(s: T2FnnState, x1: float, x2: float) -> Array:
     """Centres, widths, consequents and normalised firing at the inputs, shape (3 (I + J + I J),)."""
     W_lower, W_upper = firing(s, x1, x2)

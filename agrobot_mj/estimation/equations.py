@@ -1,4 +1,4 @@
-"""The two equations of a Kalman filter in which a tick spends its time, compiled.
+"""The two equations of a Kalman filter in which a tick spends its time, compiled, each alone and both in one call.
 
 As filterpy's `KalmanFilter` and `ExtendedKalmanFilter` have them, whose Python takes 60 us for matrices this small.
 Plain loops, since a call of a linear algebra library costs more than the arithmetic here. Mean (n,), covariance
@@ -32,6 +32,23 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, 
     # Joseph's form: symmetric and positive whatever the rounding
     P_post = times(times(I_KH, P), I_KH.T) + times(times(K, R), K.T)
     return x + applied(K, y), P_post, S, (y * applied(SI, y)).sum()
+
+
+@jit
+def linear_tick(x: Array, P: Array, F: Array, Q: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """Mean and covariance after a transition F with process noise Q and a measurement z: `prior`, then `posterior`."""
+    x, P = prior(x, P, F, Q)
+    x, P, _, _ = posterior(x, P, H, innovation(z, H, x), R)
+    return x, P
+
+
+@jit
+def extended_tick(
+    x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array
+) -> tuple[Array, Array, Array, float]:
+    """`posterior` of the prior mean `x` and of the covariance that P becomes in a transition F, linearised, with Q."""
+    _, P = prior(x, P, F, Q)
+    return posterior(x, P, H, y, R)
 
 
 @jit

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.estimation.equations import innovation, posterior, prior
+from agrobot_mj.estimation.equations import extended_tick, innovation, linear_tick, posterior, prior
 
 LATER = {"scipy.stats": ("norm", "multivariate_normal"), "scipy.ndimage": ("convolve", "shift")}
 """Names that filterpy takes from each module."""
@@ -80,6 +80,13 @@ class CompiledKalman(KalmanFilter):  # type: ignore[misc]
         if z is not None:
             self.x, self.P, *_ = posterior(self.x, self.P, self.H, innovation(z, self.H, self.x), R)
 
+    def advance(self, F: Array, Q: Array, z: Array | None, R: Array) -> None:
+        """`predict`, then `update`, as one call."""
+        if z is None:
+            self.predict(F, Q)
+        else:
+            self.x, self.P = linear_tick(self.x, self.P, F, Q, z, self.H, R)
+
 
 class CompiledEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's extended filter; a kind overrides `predict_x`, filterpy's hook, and sets F and Q there."""
@@ -103,6 +110,17 @@ class CompiledEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         if z is not None:
             self.y = z - Hx(self.x)
             self.x, self.P, self.S, self.nis = posterior(self.x, self.P, HJacobian(self.x), self.y, R)
+
+    def advance(
+        self, u: Any, z: Array | None, HJacobian: Callable[[Array], Array], Hx: Callable[[Array], Array], R: Array
+    ) -> None:
+        """`predict`, then `update`, as one call."""
+        if z is None:
+            self.predict(u)
+            return
+        self.predict_x(u)
+        self.y, H = z - Hx(self.x), HJacobian(self.x)
+        self.x, self.P, self.S, self.nis = extended_tick(self.x, self.P, self.F, self.Q, self.y, H, R)
 
 
 __all__ = ["CompiledEkf", "CompiledKalman", "ExtendedKalmanFilter", "KalmanFilter"]

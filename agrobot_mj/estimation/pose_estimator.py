@@ -145,11 +145,16 @@ class PoseEstimator(StateEstimator):
         if self.turning_velocity:
             motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
         motion, motion_covariance = state.velocity_kf.step(motion, motion_covariance, fix, noise, dt)
-        inputs = (_along(state.pose[2], motion), measurement.steer, dt)
+        yaw = float(state.pose[2])
+        inputs = (_along(yaw, motion), measurement.steer, dt)
         pose, pose_covariance, nis = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
         keep = exp(-dt / self.yaw_rate_filter_s) if self.yaw_rate_filter_s > 0.0 else 0.0
-        yaw_rate = keep * state.yaw_rate + (1.0 - keep) * float(pose[2] - state.pose[2]) / dt
-        state = state._replace(
+        yaw_rate = keep * state.yaw_rate + (1.0 - keep) * (float(pose[2]) - yaw) / dt
+        state = EstimatorState(
+            velocity_kf=state.velocity_kf,
+            pose_filter=state.pose_filter,
+            cg=state.cg,
+            antenna=state.antenna,
             motion=motion,
             motion_covariance=motion_covariance,
             pose=pose,

@@ -34,7 +34,6 @@ class FixEkf(Workspace, CompiledEkf):
         (2, 2) is the covariance of the fix [m2].
         """
         self.x, self.P = belief
-        self.predict(inputs)
         z = None if fix is None else np.array((fix.x, fix.y))
-        self.update(z, *sees, R=noise)
+        self.advance(inputs, z, *sees, R=noise)
         return self.x, self.P, nan if z is None else self.nis

@@ -57,8 +57,7 @@ class VelocityKf(Workspace):
         kf = self._workspace
         kf.x, kf.P = mean, covariance
         Phi, Q = _model(self.velocity_walk, dt)
-        kf.predict(F=Phi, Q=Q)
-        kf.update(None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)), R=noise)
+        kf.advance(Phi, Q, None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)), noise)
         return kf.x, kf.P
 
 

@@ -185,7 +185,8 @@ class Gnss(Sensor):
         pending = (*state.pending, GnssReading(found, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
-        return state._replace(pending=pending[due + 1 :] if due >= 0 else pending), reading
+        left = pending[due + 1 :] if due >= 0 else pending
+        return state if left == state.pending else state._replace(pending=left), reading
 
     def _below(
         self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float

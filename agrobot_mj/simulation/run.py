@@ -10,12 +10,9 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
-CHUNK_TICKS = 600
-"""Number of new rows after which watchers are called: 30 s of simulated time, since a recording's cost goes with the
-number of pieces more than with their length."""
-LONG_TICKS, LONG_CHUNK_TICKS = 12_000, 1200
-"""Length of a run beyond which watchers are called only every 60 s, since each piece of a recording costs memory until
-its end: 10 min."""
+CHUNK_TICKS = 1200
+"""Number of new rows after which watchers are called: 60 s of simulated time, since a recording's cost, and its memory,
+go with the number of pieces more than with their length."""
 REPORT_S = 5.0
 """Wall time after which watchers are called in any case, if a run is slow [s]."""
 
@@ -100,12 +97,7 @@ class _Reporting:
     def tell(self, at_the_end: bool = False) -> None:
         """Call the watchers if it is time; to be called after each tick, and once at the end."""
         rows = self.rows
-        if at_the_end or rows.filled - self.reported >= chunk_ticks(rows.filled) or time.perf_counter() > self.due:
+        if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:
                 watcher.advance(self.reported)
             self.reported, self.due = rows.filled, time.perf_counter() + REPORT_S
-
-
-def chunk_ticks(filled: int) -> int:
-    """Number of new rows after which watchers are called, when `filled` rows exist."""
-    return CHUNK_TICKS if filled <= LONG_TICKS else LONG_CHUNK_TICKS

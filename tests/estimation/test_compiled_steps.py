@@ -28,29 +28,36 @@ def test_a_hundred_ticks_are_those_of_filterpy(n, m):
         made.x, made.P = np.ones(n), np.eye(n)
         return made
 
-    ours, theirs = curved(CompiledEkf), curved(ExtendedKalmanFilter)
+    ours, theirs, joined = curved(CompiledEkf), curved(ExtendedKalmanFilter), curved(CompiledEkf)
     for k in range(100):
         z = None if k % 3 == 0 else rng.standard_normal(m)
         for filter_ in (ours, theirs):
             filter_.predict(0.1)
             filter_.update(z, lambda x: H, lambda x: H @ x, R=R)
+        joined.advance(0.1, z, lambda x: H, lambda x: H @ x, R=R)
+        assert np.array_equal(joined.x, ours.x)
+        assert np.array_equal(joined.P, ours.P)
         assert np.allclose(ours.x, theirs.x, rtol=1e-9, atol=1e-9)
         assert np.allclose(ours.P, theirs.P, rtol=1e-9, atol=1e-9)
         if z is not None:
             assert ours.nis == pytest.approx(theirs.y @ theirs.SI @ theirs.y, rel=1e-9)
+            assert joined.nis == ours.nis
 
 
 def test_the_linear_filter_is_that_of_filterpy():
     rng = np.random.default_rng(0)
     F, Q, R = np.eye(4) + 0.1 * rng.standard_normal((4, 4)), covariance(rng, 4), covariance(rng, 4)
-    ours, theirs = CompiledKalman(dim_x=4, dim_z=4), KalmanFilter(dim_x=4, dim_z=4)
-    for filter_ in (ours, theirs):
+    ours, theirs, joined = (kind(dim_x=4, dim_z=4) for kind in (CompiledKalman, KalmanFilter, CompiledKalman))
+    for filter_ in (ours, theirs, joined):
         filter_.H, filter_.x, filter_.P = np.eye(4), np.zeros(4), np.eye(4)
     for k in range(50):
         z = None if k % 4 == 0 else rng.standard_normal(4)
         for filter_ in (ours, theirs):
             filter_.predict(F=F, Q=Q)
             filter_.update(z, R=R)
+        joined.advance(F, Q, z, R)
+        assert np.array_equal(joined.x, ours.x)
+        assert np.array_equal(joined.P, ours.P)
         assert np.allclose(ours.x, theirs.x, rtol=1e-10)
         assert np.allclose(ours.P, theirs.P, rtol=1e-10)
 

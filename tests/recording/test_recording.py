@@ -31,7 +31,7 @@ class Killed(Recording):
             time.sleep(0.5)  # the writer works beside the run
             os.kill(os.getpid(), signal.SIGKILL)
 
-run(load_scenario("straight_line", {"duration_s": 90}), (Killed(Path(sys.argv[1])),))
+run(load_scenario("straight_line", {"duration_s": 150}), (Killed(Path(sys.argv[1])),))
 """
 
 

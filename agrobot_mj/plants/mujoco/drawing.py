@@ -46,9 +46,9 @@ def _geom(model: mujoco.MjModel, i: int) -> Geom:
     )
 
 
-def body_poses(data: mujoco.MjData) -> Array:
-    """Pose of every body but the world, shape (bodies, 7): x y z, quaternion w x y z."""
-    return np.concatenate([data.xpos[1:], data.xquat[1:]], axis=1)
+def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
+    """Views of the place (bodies, 3) and the quaternion w x y z (bodies, 4) of every body but the world."""
+    return data.xpos[1:], data.xquat[1:]
 
 
 class Ghost:
@@ -72,4 +72,4 @@ class Ghost:
         powers = steer ** np.arange(5)
         q[self.at] = steer, self.left @ powers, -self.left @ (-steer) ** np.arange(5), front, front, rear, rear
         mujoco.mj_kinematics(self.model, self.data)
-        return body_poses(self.data)
+        return np.concatenate(poses_of(self.data), axis=1)

@@ -18,7 +18,8 @@ from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.build import build
-from agrobot_mj.plants.mujoco.drawing import body_poses
+from agrobot_mj.plants.mujoco.clearance import clearance_of
+from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
@@ -33,7 +34,17 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
-from agrobot_mj.plants.mujoco.stepping import ACTUATION, MOTION, Actuators, Oil, Tyred, observe, run_steps
+from agrobot_mj.plants.mujoco.stepping import (
+    ACTUATION,
+    FASTEST,
+    MOTION,
+    UPRIGHT,
+    Actuators,
+    Tyred,
+    observe,
+    oil_of,
+    run_steps,
+)
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
@@ -42,6 +53,7 @@ from agrobot_mj.tyres.laws import remembering
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
 CLOCK = Clock()
+CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
 REST_M_S, REST_S = 0.0005, 1.0
@@ -63,23 +75,6 @@ class Mujoco(Spec):
     """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
-
-
-def oil_of(machine: Machine) -> Oil:
-    """Steering cylinder and hydrostat of a machine."""
-    cylinder, driveline = machine.cylinder, machine.driveline
-    return Oil(
-        displacement=cylinder.displacement,
-        steer_limit=machine.tractor.steer_limit,
-        steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
-        steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
-        steer_play=radians(machine.linkage.backlash_deg) / 2,
-        drive_radius=machine.tractor.rear_wheel_radius_m,
-        drive_torque=driveline.torque_limit_n_m,
-        drive_power=1e3 * driveline.power_limit_kw,
-        drive_stiffness=driveline.stiffness_n_m_rad,
-        drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
-    )
 
 
 class MujocoPlant:
@@ -107,7 +102,10 @@ class MujocoPlant:
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
-        self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)))
+        self._poses = poses_of(self.data)
+        self.clearance, self.clear = clearance_of(self.model), False
+        self.option, self.flags = self.model.opt, self.model.opt.disableflags
+        self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)), 0, False)
         self._observe = bound(observe, self.views, self._actuators, *self.sites, self.motion)
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -174,16 +172,26 @@ class MujocoPlant:
         return self.truth()
 
     def step_through(self, drive: Drive) -> None:
-        """The physics steps of one tick under constant voltages, without looking at the outcome."""
+        """The physics steps of one tick under constant voltages, without looking at the outcome.
+
+        MuJoCo looks for contacts only from a step on in which the tractor could touch the ground.
+        """
         if self.contacts:
             self.contacts.set_friction()
-        self._run(*self._arguments((drive.steer_voltage, drive.pedal_voltage)))
+        arguments, done = self._arguments((drive.steer_voltage, drive.pedal_voltage)), 0
+        if self.clear:
+            self.option.disableflags = self.flags | CONTACTLESS
+            done, self.clear = self._run(*arguments, done, True)
+            self.option.disableflags = self.flags
+        if done < self.samples.shape[1]:
+            _, self.clear = self._run(*arguments, done, False)
         if self.implement:
             self.implement.finish_tick()
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        """Arguments of `run_steps`."""
-        return self.views, self.tyred, self.attached, self.loads, self._actuators, voltages, self.samples
+        """First arguments of `run_steps`."""
+        actuators, samples = self._actuators, self.samples
+        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
 
     @property
     def _actuators(self) -> Actuators:
@@ -282,7 +290,7 @@ class MujocoPlant:
 
     def poses(self) -> Array:
         """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
-        return body_poses(self.data)
+        return np.concatenate(self._poses, axis=1)
 
     def configuration(self) -> Array:
         """Generalised positions, shape (nq,)."""
@@ -309,7 +317,7 @@ class MujocoPlant:
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
-        flow, pressure, torque = self.motion[ACTUATION:].tolist()
+        flow, pressure, torque = self.motion[ACTUATION:FASTEST].tolist()
         return flow, pressure, torque
 
     def warnings(self) -> int:
@@ -318,14 +326,14 @@ class MujocoPlant:
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, left_terrain or diverged."""
-        x, y, *motion = self.motion[:18].tolist()
-        if not isfinite(x + y + sum(motion)) or max(map(abs, motion[4:10])) > DIVERGED_SPEED:
+        motion = self.motion.tolist()
+        if motion[FASTEST] > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:
             return "rolled_over"
-        return None if self.ground.covers(x, y) else "left_terrain"
+        return None if self.ground.covers(motion[0], motion[1]) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:
-        lean = float(self.data.xmat[CHASSIS, 8])
+        lean = float(self.motion[UPRIGHT])
         return min(lean, self.implement.lean_cosine if self.implement else lean) < ROLLOVER_COSINE

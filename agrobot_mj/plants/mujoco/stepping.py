@@ -1,14 +1,16 @@
 """One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import cross
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
+from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
 from agrobot_mj.plants.mujoco.views import CHASSIS, Index, Views
@@ -18,8 +20,8 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-ACTUATION, MOTION = 26, 29
-"""Where `observe` writes the actuation, and how many numbers it writes."""
+SPEED, ACTUATION, FASTEST, UPRIGHT, MOTION = 6, 26, 29, 30, 31
+"""Where `observe` writes velocities, the actuation and what tells of trouble, and how many numbers it writes."""
 
 
 class Oil(NamedTuple):
@@ -45,6 +47,23 @@ class Oil(NamedTuple):
     """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
     """Damping over stiffness [s]."""
+
+
+def oil_of(machine: Machine) -> Oil:
+    """Steering cylinder and hydrostat of a machine."""
+    cylinder, driveline = machine.cylinder, machine.driveline
+    return Oil(
+        displacement=cylinder.displacement,
+        steer_limit=machine.tractor.steer_limit,
+        steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
+        steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        steer_play=radians(machine.linkage.backlash_deg) / 2,
+        drive_radius=machine.tractor.rear_wheel_radius_m,
+        drive_torque=driveline.torque_limit_n_m,
+        drive_power=1e3 * driveline.power_limit_kw,
+        drive_stiffness=driveline.stiffness_n_m_rad,
+        drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+    )
 
 
 class Actuators(NamedTuple):
@@ -139,12 +158,21 @@ def run_steps(
     actuators: Actuators,
     voltages: tuple[float, float],
     samples: Array,
-) -> None:
+    clearance: Clearance,
+    first: int,
+    clear: bool,
+) -> tuple[int, bool]:
     """One tick: as many physics steps as `samples` (4, n) has columns; the angles of the virtual wheel, the pedal, the
-    left and the right knuckle are written into its rows."""
+    left and the right knuckle are written into its rows.
+
+    It begins with the step `first`, and where the tractor shall be `clear` of the ground it ends before a step in which
+    it is not. Returns the number of steps that are done, and whether it is clear now.
+    """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
-    for i in range(samples.shape[1]):
+    for i in range(first, samples.shape[1]):
+        if clear and not is_clear(clearance, v.qpos):
+            return i, False
         flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
@@ -164,13 +192,15 @@ def run_steps(
         samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
     # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
     kinematics(v.model, v.data)
+    return samples.shape[1], is_clear(clearance, v.qpos)
 
 
 @kernel
 def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Array) -> None:
     """Write the motion into `out` (MOTION,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll, speed,
     lateral speed, yaw rate; virtual wheel and pedal, R east and north, mean spin of the driven wheels [rad/s], body
-    rates (3); oil flow, pressure, torque on the driven wheels. `cg` and `antenna` (3,) in the chassis frame [m]."""
+    rates (3); oil flow, pressure, torque on the driven wheels; the fastest of the six velocities, infinite where
+    the motion is not finite, and the cosine of the lean. `cg` and `antenna` (3,) in the chassis frame [m]."""
     R = v.xmat[CHASSIS]
     q, w = v.qpos, v.qvel
     omega = (
@@ -200,3 +230,9 @@ def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Arra
     pressure = v.torques[STEERING] / actuators.oil.displacement
     flow = static_flow(actuators.valve, actuators.valve_memory.spool[0])
     out[26], out[27], out[28] = loaded_flow(actuators.valve, flow, pressure), pressure, v.torques[DRIVE]
+    total, fastest = 0.0, 0.0
+    for i in range(18):
+        total += out[i]
+    for i in range(SPEED, SPEED + 6):
+        fastest = max(fastest, abs(out[i]))
+    out[FASTEST], out[UPRIGHT] = fastest if isfinite(total) else inf, R[8]

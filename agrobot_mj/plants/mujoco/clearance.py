@@ -1,0 +1,75 @@
+"""Whether the body of the tractor is clear of the ground, so that MuJoCo need not look for contacts in a step.
+
+The parts of the chassis that can touch lie above `lowest` and within `reach` of its z axis. Where that axis leans by an
+angle from the ground's normal, none of them is lower over the ground than the chassis' origin + lowest cos - reach sin.
+The ground is a plane or, for a height grid, the level of its highest node.
+"""
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.vectors import Vector
+from agrobot_mj.plants.mujoco.views import CHASSIS
+
+SPARE_M = 0.01
+"""Clearance below which contacts are sought, far above any rounding [m]."""
+
+
+class Clearance(NamedTuple):
+    """Where the parts that can touch are, and where the ground is."""
+
+    lowest: float
+    """Least height of a part in the chassis frame [m]."""
+    reach: float
+    """Greatest distance of a part from the z axis of the chassis [m]."""
+    normal: Vector
+    """Normal of the ground [-]."""
+    level: float
+    """Height of the ground along the normal, infinite where other bodies than the chassis can touch it [m]."""
+
+
+def clearance_of(model: mujoco.MjModel) -> Clearance:
+    """The clearance of a compiled tractor with its geom `ground`."""
+    touching = [k for k in range(model.ngeom) if model.geom_contype[k] or model.geom_conaffinity[k]]
+    parts = [k for k in touching if model.geom_bodyid[k] > 0]
+    corners = np.concatenate([_corners(model, k) for k in parts])
+    lowest, reach = float(corners[:, 2].min()), float(np.hypot(corners[:, 0], corners[:, 1]).max())
+    if any(model.geom_bodyid[k] != CHASSIS for k in parts):
+        return Clearance(lowest, reach, (0.0, 0.0, 1.0), inf)
+    ground = model.geom("ground")
+    if ground.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return Clearance(lowest, reach, (0.0, 0.0, 1.0), float(ground.pos[2] + model.hfield_size[0, 2]))
+    normal = _rotation(ground.quat)[:, 2]
+    x, y, z = normal.tolist()
+    return Clearance(lowest, reach, (x, y, z), float(normal @ ground.pos))
+
+
+def _corners(model: mujoco.MjModel, geom: int) -> Array:
+    """Corners of the box around a geom in the frame of its body, shape (8, 3) [m]."""
+    middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    signs = np.stack(np.meshgrid(*3 * [(-1.0, 1.0)]), axis=-1).reshape(8, 3)
+    found: Array = model.geom_pos[geom] + (middle + signs * half) @ _rotation(model.geom_quat[geom]).T
+    return found
+
+
+def _rotation(quat: Array) -> Array:
+    """A quaternion as a matrix (3, 3)."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)
+
+
+@kernel
+def is_clear(c: Clearance, qpos: Array) -> bool:
+    """Whether a tractor at `qpos`, its place and quaternion first, can touch nothing; false for NaN."""
+    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    n = c.normal
+    cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))
+    over = n[0] * qpos[0] + n[1] * qpos[1] + n[2] * qpos[2] - c.level
+    sine = sqrt(max(1 - cosine * cosine, 0.0))
+    return bool(cosine > 0.0 and over + c.lowest * cosine - c.reach * sine > SPARE_M)
