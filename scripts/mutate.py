@@ -16,6 +16,7 @@ a name that the mutant has brought in and that does not exist there: anything wo
 """
 
 import argparse
+import gc
 import importlib.util
 import json
 import os
@@ -129,6 +130,7 @@ class Bench:
         """How the first test fails, if one does, and the CPU time [s]."""
         named = self.folder / "failed"
         named.unlink(missing_ok=True)
+        gc.freeze()
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         child = os.fork()
         if child == 0:
@@ -153,8 +155,9 @@ class Bench:
         os.dup2(output, 2)
         os.chdir(self.tree)
         sys.path.insert(0, str(self.tree))
-        sys.dont_write_bytecode = True
-        os.environ.update(PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1")
+        mutated = recorder.durations is not None  # else what is compiled of the source may stay
+        sys.dont_write_bytecode = mutated
+        os.environ.update(PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1" if mutated else "")
         if plain:
             os.environ["NUMBA_DISABLE_JIT"] = "1"
             numba.config.DISABLE_JIT = 1
