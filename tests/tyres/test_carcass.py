@@ -6,7 +6,8 @@ import pytest
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Soil
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.bearing import FIRM
+from agrobot_mj.tyres.laws import treads, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
@@ -64,3 +65,24 @@ def test_the_steady_force_does_not_know_the_carcass(tyre):
     for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
         stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
         assert stiff == pytest.approx(soft, abs=0.5)
+
+
+@pytest.mark.parametrize("end", [0, 1], ids=["front", "rear"])
+def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_is_the_static_load(end):
+    """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
+    R, b, k = np.array(
+        [
+            (TRACTOR.front_wheel_radius_m, TRACTOR.front_wheel_width_m, TRACTOR.front_tyre_stiffness_n_m),
+            (TRACTOR.rear_wheel_radius_m, TRACTOR.rear_wheel_width_m, TRACTOR.rear_tyre_stiffness_n_m),
+        ]
+    )[end]
+    load = (TRACTOR.front_axle_load, TRACTOR.rear_axle_load)[end] / 2
+    sunk = load / k
+    half = np.sqrt(2 * R * sunk)
+    narrow, flat = 0.4 * b, 1e6 * b
+    assert np.sqrt(2 * narrow * sunk) < b / 2
+    volumes = {narrow: np.pi / 2 * sunk * half * np.sqrt(2 * narrow * sunk), flat: 4 / 3 * sunk * half * b}
+    for crown, volume in volumes.items():
+        tread = treads(FIRM._replace(crown_share=crown / b), TRACTOR)[end]
+        assert tread[:3] == pytest.approx((R, b, crown))
+        assert tread.stiffness * volume == pytest.approx(load, rel=0.015)
