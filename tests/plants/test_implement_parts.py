@@ -156,6 +156,54 @@ def test_the_lateral_stiffness_of_a_tool_is_given_by_the_degree():
     assert Tool(type="grain_drill").law().by_depth == 0.0
 
 
+def ends(hitched, name):
+    """Smallest and largest coordinates of a shape, shape (2, 3), from the hitch [m]."""
+    (shape,) = (shape for shape in hitched.shapes if shape.name == name)
+    return np.array([np.subtract(shape.at, shape.half), np.add(shape.at, shape.half)])
+
+
+def test_the_parts_of_a_trailer_that_are_drawn_meet_each_other():
+    hitched, ground = TRAILER.hitched(TRACTOR), -TRACTOR.hitch_height_m
+    drawbar, frame, body = (ends(hitched, name) for name in ("drawbar", "frame", "body"))
+    assert drawbar[1, 0] == pytest.approx(0.0)
+    assert drawbar[0, 0] < frame[1, 0] < 0.0
+    assert frame[:, 0] == pytest.approx(hitched.centre[0] + np.array([-0.9, 0.9]))
+    assert body[:, :2] == pytest.approx(np.array([[frame[0, 0], -0.55], [frame[1, 0], 0.55]]))
+    assert body[0, 2] >= hitched.axle.at[2] + hitched.axle.radius  # above its wheels
+    beam = ends(hitched, "axle_beam_i")
+    assert beam.mean(axis=0) == pytest.approx(hitched.axle.at)
+    assert beam[:, 1] == pytest.approx([-0.65, 0.65])
+    bar = ends(hitched, "toolbar")
+    assert bar.mean(axis=0) == pytest.approx([-2.3, 0.0, ground + 0.3])
+    for leg in ("leg_0", "leg_1", "leg_2"):
+        found = ends(hitched, leg)
+        assert found[:, 2] == pytest.approx([ground, ground + 0.3])
+        assert found.mean(axis=0)[0] == -2.3
+    sides = [ends(hitched, f"leg_{i}")[:, 1].mean() for i in range(3)]
+    assert sides == pytest.approx([-0.44, 0.0, 0.44])
+    assert not any("leg" in shape.name for shape in Drawn().hitched(TRACTOR).shapes)
+
+
+def test_the_parts_of_a_mounted_implement_that_are_drawn_meet_each_other():
+    hitched, ground = PLOUGH.hitched(TRACTOR), -TRACTOR.hitch_height_m
+    bar = hitched.centre[2]
+    assert ends(hitched, "beam")[:, 0] == pytest.approx([-0.9, 0.0])
+    assert ends(hitched, "beam").mean(axis=0)[2] == bar
+    assert ends(hitched, "toolbar")[:, 1] == pytest.approx([-0.35, 0.35])
+    assert ends(hitched, "toolbar").mean(axis=0) == pytest.approx([-0.7, 0.0, bar])
+    assert ends(hitched, "leg")[:, 2] == pytest.approx([ground, bar])
+    assert ends(hitched, "share")[0, 2] == pytest.approx(ground)
+    for part in ("leg", "share"):
+        assert ends(hitched, part).mean(axis=0)[:2] == pytest.approx([-0.7, 0.2])
+    wheel = ends(hitched, "depth_wheel")
+    assert wheel.mean(axis=0)[:2] == pytest.approx([-0.6, 0.35])
+    assert wheel[:, 2] == pytest.approx([ground, ground + 0.32])
+    head = ends(hitched, "headstock")
+    assert head[0, 2] < bar < head[1, 2]
+    assert head[:, 1] == pytest.approx([-0.3, 0.3])
+    assert "depth_wheel" not in {shape.name for shape in Mounted().hitched(TRACTOR).shapes}
+
+
 # --- in the model -----------------------------------------------------------------------------------------------------
 
 
