@@ -6,8 +6,8 @@
 From each group of modules of scripts/mutants.toml a sample is drawn; a module's tests are those named there, not the
 whole suite. Each mutant runs in a forked process over a copy of the tree, with the libraries loaded already. Kernels
 run as plain Python, since to compile them again takes a minute; other modules run beside the compiled kernels of the
-unchanged tree. Before that the same tests must pass twice without a mutant, the second time as with one: the quickest
-first, without the slow ones.
+unchanged tree. Before that the same tests must pass without a mutant: once to find the slow ones, unless `--out` has
+their durations from an earlier call, and once as with a mutant, the quickest first and without the slow ones.
 
 A mutant counts as killed when a test fails, be it that it does not find what it expects or that the program ends with
 an error, or when it takes ten times the CPU time of its tests without it. It does not count at all when what fails is
@@ -113,7 +113,7 @@ class Bench:
         self.kernels = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(self.kernels)
         self.cache: Path = self.kernels.CACHE
-        self.known: dict[tuple[str, ...], tuple[dict[str, float], float]] = {}
+        self.known: dict[str, tuple[dict[str, float], float]] = {}
 
     def copy(self) -> None:
         """Bring the copy up to date; what is the same keeps its date, so that compiled kernels stay valid."""
@@ -177,19 +177,24 @@ class Bench:
 
         Raises SystemExit when one fails.
         """
-        key = (*tests, str(plain), str(whole))
+        key = " ".join((*tests, *("as plain Python" * plain, "all" * whole)))
         if key not in self.known:
-            durations, used = None, 0.0
-            for seek_slow in (not whole, False):  # the second time as with a mutant
-                fate, used = self.test(tests, plain, 3600.0, durations, seek_slow)
-                if fate.killed:
-                    raise SystemExit(f"{fate.killed} fails without a mutant: see {self.folder / 'output'}")
-                durations = durations or json.loads((self.folder / "durations").read_text())
-            assert durations is not None
-            self.known[key] = durations, used
-            slow = sum(time == inf for time in durations.values())
-            print(f"{' '.join(tests)}: {used:.1f} s, {len(durations)} tests, {slow} slow ones left out", flush=True)
+            file = self.folder / "durations.json"
+            before: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.exists() else {}
+            if key not in before:
+                self._pass(self.test(tests, plain, 3600.0, None, not whole)[0])
+                before[key] = json.loads((self.folder / "durations").read_text())
+                file.write_text(json.dumps(before))
+            fate, used = self.test(tests, plain, 3600.0, before[key])  # as with a mutant
+            self._pass(fate)
+            self.known[key] = before[key], used
+            slow = sum(time == inf for time in before[key].values())
+            print(f"{key}: {used:.1f} s, {len(before[key])} tests, {slow} slow ones left out", flush=True)
         return self.known[key]
+
+    def _pass(self, fate: Fate) -> None:
+        if fate.killed:
+            raise SystemExit(f"{fate.killed} fails without a mutant: see {self.folder / 'output'}")
 
     def try_out(self, module: str, mutant: Mutant, tests: list[str], whole: bool) -> tuple[Fate, float]:
         """The mutant's fate, see `test`; `whole` with the slow tests."""
