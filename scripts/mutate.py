@@ -1,7 +1,7 @@
 """Mutation test: does a test fail when the source is changed in one place?
 
     python scripts/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
-    python scripts/mutate.py --again --whole  those that survived, with the slow tests too
+    python scripts/mutate.py --again --slow inf  those that survived, with the slow tests too
 
 From each group of modules of scripts/mutants.toml a sample is drawn; a module's tests are those named there, not the
 whole suite. Each mutant runs in a forked process over a copy of the tree, with the libraries loaded already. Kernels
@@ -31,6 +31,7 @@ import tomllib
 from collections.abc import Iterator
 from math import inf
 from pathlib import Path
+from time import process_time
 from types import FrameType
 from typing import Any
 
@@ -47,8 +48,6 @@ from mutants import Mutant, changed, mutants
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("agrobot_mj", "models", "scenarios", "tests", "docs", "scripts", "examples", "pyproject.toml", "README.md")
-SLOW_S = 1.5
-"""CPU time beyond which a test is left out, unless all are asked for [s]."""
 LONGEST_S = 1200
 """Longest time of a mutant by the clock [s]."""
 
@@ -56,8 +55,8 @@ LONGEST_S = 1200
 class Recorder:
     """Writes down how the first test fails; runs quick tests first and leaves slow ones out, or finds these."""
 
-    def __init__(self, file: Path, durations: dict[str, float] | None, seek_slow: bool = False) -> None:
-        self.file, self.durations, self.seek_slow = file, durations, seek_slow
+    def __init__(self, file: Path, durations: dict[str, float] | None, slow_s: float) -> None:
+        self.file, self.durations, self.slow_s = file, durations, slow_s if durations is None else inf
         self.found: dict[str, float] = {}
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
@@ -70,22 +69,21 @@ class Recorder:
         def give_up(_: int, frame: FrameType | None) -> None:
             while frame is not None:
                 if re.search("numba|llvmlite", frame.f_code.co_filename):  # it compiles: the test starts after that
-                    signal.setitimer(signal.ITIMER_VIRTUAL, SLOW_S)
+                    signal.setitimer(signal.ITIMER_VIRTUAL, self.slow_s)
                     return
                 frame = frame.f_back
             self.found[item.nodeid] = inf
             pytest.skip("slow")
 
-        if self.seek_slow:
+        start = process_time()
+        if self.slow_s < inf:
             signal.signal(signal.SIGVTALRM, give_up)
-            signal.setitimer(signal.ITIMER_VIRTUAL, SLOW_S)
+            signal.setitimer(signal.ITIMER_VIRTUAL, self.slow_s)
         try:
             return (yield)
         finally:
             signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        self.found[report.nodeid] = self.found.get(report.nodeid, 0.0) + report.duration
+            self.found.setdefault(item.nodeid, process_time() - start)
 
     def pytest_sessionfinish(self) -> None:
         if self.durations is None:
@@ -103,8 +101,8 @@ class Recorder:
 class Bench:
     """A copy of the tree on which mutants are tried, one after another."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.tree = folder, folder / "tree"
+    def __init__(self, folder: Path, slow_s: float) -> None:
+        self.folder, self.tree, self.slow_s = folder, folder / "tree", slow_s
         self.tree.mkdir(parents=True, exist_ok=True)
         self.copy()
         spec = importlib.util.spec_from_file_location("kernels_of_the_copy", self.tree / "agrobot_mj/core/kernels.py")
@@ -125,7 +123,7 @@ class Bench:
                 shutil.copy2(source, target)
 
     def test(
-        self, tests: list[str], plain: bool, cpu_s: float, durations: dict[str, float] | None, seek_slow: bool = False
+        self, tests: list[str], plain: bool, cpu_s: float, durations: dict[str, float] | None
     ) -> tuple[Fate, float]:
         """How the first test fails, if one does, and the CPU time [s]."""
         named = self.folder / "failed"
@@ -134,7 +132,7 @@ class Bench:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         child = os.fork()
         if child == 0:
-            self._child(tests, plain, cpu_s, Recorder(named, durations, seek_slow))
+            self._child(tests, plain, cpu_s, Recorder(named, durations, self.slow_s))
         _, status = os.waitpid(child, 0)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -172,17 +170,17 @@ class Bench:
         arguments = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *(f"tests/{name}" for name in tests)]
         os._exit(pytest.main(arguments, plugins=[recorder]))
 
-    def baseline(self, tests: list[str], plain: bool, whole: bool) -> tuple[dict[str, float], float]:
-        """How long each test takes, infinity for a slow one unless the `whole` is wanted; CPU time of the others [s].
+    def baseline(self, tests: list[str], plain: bool) -> tuple[dict[str, float], float]:
+        """How long each test takes, infinity for a slow one, and the CPU time of the others [s].
 
         Raises SystemExit when one fails.
         """
-        key = " ".join((*tests, *("as plain Python" * plain, "all" * whole)))
+        key = f"{' '.join(tests)}{' as plain Python' * plain}, below {self.slow_s:g} s"
         if key not in self.known:
             file = self.folder / "durations.json"
             before: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.exists() else {}
             if key not in before:
-                self._pass(self.test(tests, plain, 3600.0, None, not whole)[0])
+                self._pass(self.test(tests, plain, 3600.0, None)[0])
                 before[key] = json.loads((self.folder / "durations").read_text())
                 file.write_text(json.dumps(before))
             fate, used = self.test(tests, plain, 3600.0, before[key])  # as with a mutant
@@ -196,12 +194,12 @@ class Bench:
         if fate.killed:
             raise SystemExit(f"{fate.killed} fails without a mutant: see {self.folder / 'output'}")
 
-    def try_out(self, module: str, mutant: Mutant, tests: list[str], whole: bool) -> tuple[Fate, float]:
-        """The mutant's fate, see `test`; `whole` with the slow tests."""
+    def try_out(self, module: str, mutant: Mutant, tests: list[str]) -> tuple[Fate, float]:
+        """The mutant's fate, see `test`."""
         file = self.tree / "agrobot_mj" / module
         source, dates = file.read_text(encoding="utf-8"), file.stat()
         plain = is_kernel(source)
-        durations, usual = self.baseline(tests, plain, whole)
+        durations, usual = self.baseline(tests, plain)
         file.write_text(changed(source, mutant), encoding="utf-8")
         cache = self.cache.parent / self.kernels._content()
         try:
@@ -259,10 +257,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, help="mutants of each group, instead of the numbers of the plan")
     parser.add_argument("--only", default=",".join(("named", *groups)), help="groups, separated by commas")
     parser.add_argument("--again", action="store_true", help="only those that survived before")
-    parser.add_argument("--whole", action="store_true", help="with the slow tests too")
+    parser.add_argument("--slow", type=float, default=1.5, help="CPU time beyond which a test is left out [s]")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "mutants")
     given = parser.parse_args()
-    bench, file = Bench(given.out.resolve()), given.out / "mutants.jsonl"
+    bench, file = Bench(given.out.resolve(), given.slow), given.out / "mutants.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {(row["module"], *row["span"], row["text"]): row for row in rows}
     for name in given.only.split(","):
@@ -272,7 +270,7 @@ def main() -> None:
             row = known.get(key)
             if row["killed"] or not given.again if row else given.again:
                 continue
-            fate, used = bench.try_out(module, mutant, tests, given.whole)
+            fate, used = bench.try_out(module, mutant, tests)
             change, absent = f"{mutant.before!r} -> {mutant.text!r}", brings_in_an_absent_name(mutant, fate)
             told = f"{fate.killed}, {fate.how}{', no such name' * absent}" if fate.killed else "SURVIVES"
             print(f"{module}:{mutant.line} {change}: {told} ({used:.1f} s)", flush=True)
