@@ -11,6 +11,7 @@ from agrobot_mj.estimation.full_filter import Core, FullFilter, Gates, Inputs
 from agrobot_mj.estimation.full_model import (
     B_G,
     B_S,
+    BETA,
     G_E,
     G_N,
     OMEGA,
@@ -107,6 +108,16 @@ def test_the_squared_innovation_is_that_of_both_together():
     y = np.array([row.innovation for row in pair])
     S = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
     assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
+
+
+def test_each_state_wanders_by_its_own_walk_and_the_correlated_error_keeps_its_size():
+    levels, n = LEVELS._replace(sideslip_walk=0.003), N + 1
+    decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
+    assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 0
+    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] == pytest.approx(DT * np.array(LEVELS.walks) ** 2)
+    assert Q[BETA, BETA] == pytest.approx(DT * 0.003**2)
+    assert decay == pytest.approx(np.exp(-DT / NOISE.correlation_time))
+    assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
 
 
 def test_the_steady_gain_is_that_of_the_riccati_equation():

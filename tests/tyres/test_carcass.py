@@ -7,8 +7,8 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Soil
 from agrobot_mj.tyres.bearing import FIRM
-from agrobot_mj.tyres.laws import treads, tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
+from agrobot_mj.tyres.laws import carry, treads, tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion, find_patch
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 REAR, VERTICAL, RADIUS = 2, 1.6e5, 0.42
@@ -86,3 +86,14 @@ def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_
         tread = treads(FIRM._replace(crown_share=crown / b), TRACTOR)[end]
         assert tread[:3] == pytest.approx((R, b, crown))
         assert tread.stiffness * volume == pytest.approx(load, rel=0.015)
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_on_firm_ground_a_wheel_is_carried_by_its_spring_alone(wheel):
+    tyres, sunk = tyre_set(MagicFormula(), TRACTOR), 0.02
+    R = float(tyres.radius[wheel])
+    motion = WheelMotion((1.0, -2.0, R - sunk), (0.0, 1.0, 0.0), (1.0, 0.2, 0.0), (0.0, 1.0 / R, 0.0))
+    patch = find_patch(GROUND, R, motion)
+    assert carry(tyres, wheel, GROUND, patch, motion.centre, 0.1) == pytest.approx(
+        (tyres.stiffness[wheel] * sunk, 0.0, 0.0, 0.0, 0.0, sunk)
+    )
