@@ -97,3 +97,13 @@ def test_on_firm_ground_a_wheel_is_carried_by_its_spring_alone(wheel):
     assert carry(tyres, wheel, GROUND, patch, motion.centre, 0.1) == pytest.approx(
         (tyres.stiffness[wheel] * sunk, 0.0, 0.0, 0.0, 0.0, sunk)
     )
+
+
+@pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
+def test_pushed_from_rest_the_carcass_is_a_spring_with_a_damper(tyre):
+    """After the first step: stiffness times the way and damping time times the speed, in both directions."""
+    tau, v = 0.02, 0.001
+    damped = tyre.model_copy(update={"bristle_damping_s": tau})
+    pushed, dragged = forces(damped, 0.0, v, 0.0, 1)[0, 1], forces(damped, 0.0, 0.0, v, 1)[0, 0]
+    assert -pushed == pytest.approx(0.45 * VERTICAL * v * (DT + tau), rel=0.02)
+    assert dragged == pytest.approx(0.6 * VERTICAL * v * (DT + tau), rel=0.02)
