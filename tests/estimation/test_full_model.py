@@ -160,6 +160,22 @@ def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
     assert P[0, 0] < 1e-3
 
 
+@pytest.mark.parametrize("w", [0.8, -0.5])
+def test_the_search_for_the_yaw_weighs_a_velocity_by_the_speed_of_the_wheels(w):
+    """A sum of w V exp(-i chi): its angle is what the course of the fixes is off the believed one, in reverse too."""
+    mean, yaw, off = np.zeros(N), 0.4, 0.9
+    mean[PSI] = yaw
+    core, found = Core(mean, np.diag(np.full(N, 1e-4))), []
+    filter_ = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+    for k in (1, 2):
+        fix = Fix(0.0, 0.0, 1.1 * w * cos(yaw + off), 1.1 * w * sin(yaw + off))
+        core = filter_.step(core, Inputs(k * DT, 0.0, w, 0.0, 0.0, 0.0), fix, Quality.FIX, DT)
+        found.append(core.search)
+    assert [search.weight for search in found] == pytest.approx([w * w, 2 * w * w])
+    assert [abs(search.total) for search in found] == pytest.approx([1.1 * w * w, 2.2 * w * w], rel=1e-3)
+    assert np.angle([search.total for search in found]) == pytest.approx([off, off], abs=1e-3)
+
+
 def test_errors_are_as_large_as_it_says():
     """Normalised squared error of all ten states at the end of independent runs of the model itself."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
