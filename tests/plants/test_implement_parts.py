@@ -352,6 +352,15 @@ def test_a_tool_without_grip_to_the_side_has_no_lateral_force():
     assert memory[AHEAD] > 0.0
 
 
+def test_however_little_grip_a_tool_has_it_is_in_proportion():
+    """Lateral force over slip angle after many relaxation lengths, from a ploughshare down to a wire."""
+    for stiffness in (150.0, 1e-2, 1e-5):
+        law, memory = Tool(depth_m=0.1, cornering_stiffness_n_deg=stiffness).law(), np.zeros(3)
+        for _ in range(400):
+            _, f_y, _ = soil_on_tool(law, 1.0, 1.0, 0.01, 0.1, 0.02, memory)
+        assert f_y == pytest.approx(-degrees(stiffness) * 0.01, rel=1e-3)
+
+
 # --- what it reports --------------------------------------------------------------------------------------------------
 
 
