@@ -63,6 +63,29 @@ def test_on_rough_ground_it_misses_no_summit_whatever_its_heading(radius):
     assert np.abs(missed).mean() < 0.001
 
 
+UNEVEN = Ground(-2.5, -3.5, 0.1, np.random.default_rng(5).uniform(-0.01, 0.01, (71, 51)))
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2, -0.3])
+def test_the_push_is_the_gradient_of_the_penetration(lean):
+    """By finite differences at places of a field that is no square, on nodes of their own height, of any heading."""
+    off, radius, h = [], 0.42, 1e-6
+    s = np.linspace(-radius, radius, 4001)
+    for x, y, yaw in np.random.default_rng(6).uniform(-1.5, 1.5, (20, 3)) * (1.0, 1.6, 2.1):
+        axle = (-sin(yaw) * cos(lean), cos(yaw) * cos(lean), sin(lean))
+        top = (heights(UNEVEN, x + s * cos(yaw), y + s * sin(yaw)) + np.sqrt(radius**2 - s**2)).max()
+        centre = np.array([x, y, top - 0.01])
+        n, depth = contact_plane(UNEVEN, radius, tuple(centre), axle)
+        pairs = [
+            [contact_plane(UNEVEN, radius, tuple(centre + way * h * e), axle)[1] for way in (1, -1)] for e in np.eye(3)
+        ]
+        gradient = np.diff(pairs)[:, 0]
+        off.append(np.abs(n - gradient / np.linalg.norm(gradient)).max())
+        assert lean or depth == pytest.approx(0.01, abs=0.004)  # of an upright wheel: that of the circle
+    assert np.median(off) < 0.005
+    assert np.quantile(off, 0.8) < 0.03  # but where the place jumps to the next one
+
+
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 def test_the_push_is_along_the_way_of_the_centre(radius):
     """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
