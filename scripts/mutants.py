@@ -137,10 +137,12 @@ class _Finder:
     def call(self, node: ast.Call) -> Iterator[Mutant]:
         """Exchange the first two arguments, or drop the call."""
         name = self.text(node.func).rpartition(".")[2]
-        if name in TRANSPARENT and node.args:
+        if not node.args or isinstance(node.args[0], ast.Starred):
+            return
+        if name in TRANSPARENT:
             yield self.put(node, f"({self.text(node.args[0])})")
         symmetric = {"min", "max", "hypot"}
-        if len(node.args) >= 2 and name not in symmetric and not isinstance(node.args[0], ast.Starred):
+        if len(node.args) >= 2 and name not in symmetric:
             yield self.exchange(*node.args[:2])
 
     def span(self, node: ast.AST) -> tuple[int, int]:
@@ -164,7 +166,7 @@ class _Finder:
         """Another operator between two operands; brackets about them stay."""
         span = self.span(left)[1], self.span(right)[0]
         gap = self.data[slice(*span)].decode()
-        after, before = len(gap) - len(gap.lstrip(" )")), len(gap) - len(gap.rstrip(" (\n"))
+        after, before = len(gap) - len(gap.lstrip(" )\n")), len(gap) - len(gap.rstrip(" (\n"))
         return self.make(left, (span[0] + after, span[1] - before), sign)
 
     def exchange(self, first: ast.AST, second: ast.AST) -> Mutant:

@@ -1,16 +1,22 @@
 """Mutation test: does a test fail when the source is changed in one place?
 
     python scripts/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
-    python scripts/mutate.py --again --whole  those that survived, with the slow tests too
+    python scripts/mutate.py --again --slow inf  those that survived, with the slow tests too
 
 From each group of modules of scripts/mutants.toml a sample is drawn; a module's tests are those named there, not the
 whole suite. Each mutant runs in a forked process over a copy of the tree, with the libraries loaded already. Kernels
 run as plain Python, since to compile them again takes a minute; other modules run beside the compiled kernels of the
-unchanged tree. A mutant counts as killed when a test fails, when it cannot be imported, or when it takes ten times the
-CPU time of its tests without it.
+unchanged tree. Before that the same tests must pass without a mutant: once to find the slow ones, unless `--out` has
+their durations from an earlier call, and once as with a mutant, the quickest first and without the slow ones.
+
+A mutant counts as killed when a test fails, be it that it does not find what it expects or that the program ends with
+an error, or when it takes ten times the CPU time of its tests without it. It does not count at all when what fails is
+a name that the mutant has brought in and that does not exist there: anything would notice that. One that has run for
+`LONGEST_S` by the clock, or that pytest cannot run, is left undecided and tried again by the next call.
 """
 
 import argparse
+import gc
 import importlib.util
 import json
 import os
@@ -23,7 +29,9 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from math import inf
 from pathlib import Path
+from time import process_time
 from types import FrameType
 from typing import Any
 
@@ -35,59 +43,66 @@ import pydantic  # noqa: F401
 import pytest
 import scipy.linalg
 import scipy.signal  # noqa: F401
+from fates import UNDECIDED, Fate, brings_in_an_absent_name, fate_of, table
 from mutants import Mutant, changed, mutants
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("agrobot_mj", "models", "scenarios", "tests", "docs", "scripts", "examples", "pyproject.toml", "README.md")
-SLOW_S = 1.5
-"""CPU time beyond which a test is left out, unless all are asked for [s]."""
 LONGEST_S = 1200
 """Longest time of a mutant by the clock [s]."""
 
 
 class Recorder:
-    """Names the first test that fails; finds the slow tests, or leaves them out."""
+    """Writes down how the first test fails; runs quick tests first and leaves slow ones out, or finds these."""
 
-    def __init__(self, file: Path, slow: set[str], seek_slow: bool) -> None:
-        self.file, self.slow, self.seek_slow = file, slow, seek_slow
+    def __init__(self, file: Path, durations: dict[str, float] | None, slow_s: float) -> None:
+        self.file, self.durations, self.slow_s = file, durations, slow_s if durations is None else inf
+        self.found: dict[str, float] = {}
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        items[:] = [item for item in items if item.nodeid not in self.slow]
+        if self.durations is not None:
+            time = {item.nodeid: self.durations.get(item.nodeid, 0.0) for item in items}
+            items[:] = sorted((item for item in items if time[item.nodeid] < inf), key=lambda item: time[item.nodeid])
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: Any) -> Any:
         def give_up(_: int, frame: FrameType | None) -> None:
             while frame is not None:
                 if re.search("numba|llvmlite", frame.f_code.co_filename):  # it compiles: the test starts after that
-                    signal.setitimer(signal.ITIMER_VIRTUAL, SLOW_S)
+                    signal.setitimer(signal.ITIMER_VIRTUAL, self.slow_s)
                     return
                 frame = frame.f_back
-            with self.file.with_name("slow").open("a") as file:
-                file.write(f"{item.nodeid}\n")
+            self.found[item.nodeid] = inf
             pytest.skip("slow")
 
-        if self.seek_slow:
+        start = process_time()
+        if self.slow_s < inf:
             signal.signal(signal.SIGVTALRM, give_up)
-            signal.setitimer(signal.ITIMER_VIRTUAL, SLOW_S)
+            signal.setitimer(signal.ITIMER_VIRTUAL, self.slow_s)
         try:
             return (yield)
         finally:
             signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+            self.found.setdefault(item.nodeid, process_time() - start)
 
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        if report.failed and not self.file.exists():
-            self.file.write_text(report.nodeid.partition("[")[0])
+    def pytest_sessionfinish(self) -> None:
+        if self.durations is None:
+            self.file.with_name("durations").write_text(json.dumps(self.found))
 
-    def pytest_collectreport(self, report: Any) -> None:
-        if report.failed and not self.file.exists():
-            self.file.write_text("import")
+    def pytest_exception_interact(self, call: Any, report: Any) -> None:
+        collected = isinstance(report, pytest.TestReport)
+        self.record(report.nodeid.partition("[")[0] if collected else "import", call.excinfo.value)
+
+    def record(self, test: str, error: BaseException) -> None:
+        if not self.file.exists():
+            self.file.write_text(json.dumps(fate_of(test, error)))
 
 
 class Bench:
     """A copy of the tree on which mutants are tried, one after another."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.tree = folder, folder / "tree"
+    def __init__(self, folder: Path, slow_s: float) -> None:
+        self.folder, self.tree, self.slow_s = folder, folder / "tree", slow_s
         self.tree.mkdir(parents=True, exist_ok=True)
         self.copy()
         spec = importlib.util.spec_from_file_location("kernels_of_the_copy", self.tree / "agrobot_mj/core/kernels.py")
@@ -96,7 +111,7 @@ class Bench:
         self.kernels = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(self.kernels)
         self.cache: Path = self.kernels.CACHE
-        self.known: dict[tuple[str, ...], tuple[set[str], float]] = {}
+        self.known: dict[str, tuple[dict[str, float], float]] = {}
 
     def copy(self) -> None:
         """Bring the copy up to date; what is the same keeps its date, so that compiled kernels stay valid."""
@@ -108,24 +123,27 @@ class Bench:
                 shutil.copy2(source, target)
 
     def test(
-        self, tests: list[str], plain: bool, cpu_s: float, slow: set[str], seek_slow: bool = False
-    ) -> tuple[str, float]:
-        """Which test fails first, the signal where the time is up, "" where none does; and the CPU time [s]."""
+        self, tests: list[str], plain: bool, cpu_s: float, durations: dict[str, float] | None
+    ) -> tuple[Fate, float]:
+        """How the first test fails, if one does, and the CPU time [s]."""
         named = self.folder / "failed"
         named.unlink(missing_ok=True)
+        gc.freeze()
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         child = os.fork()
         if child == 0:
-            self._child(tests, plain, cpu_s, Recorder(named, slow, seek_slow))
+            self._child(tests, plain, cpu_s, Recorder(named, durations, self.slow_s))
         _, status = os.waitpid(child, 0)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         if os.WIFSIGNALED(status):
-            return f"signal {signal.Signals(os.WTERMSIG(status)).name}", used
-        failed = named.read_text() if named.exists() else ""
-        if os.WEXITSTATUS(status) not in (0, 1, 2):
-            raise SystemExit(f"pytest cannot run {tests}: see {self.folder / 'output'}")
-        return failed or ("import" if os.WEXITSTATUS(status) else ""), used
+            name = signal.Signals(os.WTERMSIG(status)).name
+            return Fate(f"signal {name}", name), used
+        if named.exists():
+            killed, how, absent = json.loads(named.read_text())
+            return Fate(killed, how, tuple(absent)), used
+        broken = os.WEXITSTATUS(status)
+        return (Fate(f"status {broken} of pytest", UNDECIDED[0]) if broken else Fate("")), used
 
     def _child(self, tests: list[str], plain: bool, cpu_s: float, recorder: Recorder) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_s) + 1, int(cpu_s) + 5))
@@ -135,52 +153,70 @@ class Bench:
         os.dup2(output, 2)
         os.chdir(self.tree)
         sys.path.insert(0, str(self.tree))
-        sys.dont_write_bytecode = True
-        os.environ["PYTHONPATH"] = str(self.tree)
+        mutated = recorder.durations is not None  # else what is compiled of the source may stay
+        sys.dont_write_bytecode = mutated
+        os.environ.update(PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1" if mutated else "")
         if plain:
             os.environ["NUMBA_DISABLE_JIT"] = "1"
             numba.config.DISABLE_JIT = 1
-        hypothesis.settings.register_profile("mutants", deadline=None, derandomize=True, database=None)
+        unhurried = {"deadline": None, "suppress_health_check": list(hypothesis.HealthCheck)}
+        hypothesis.settings.register_profile("mutants", derandomize=True, database=None, **unhurried)
         hypothesis.settings.load_profile("mutants")
+        try:
+            importlib.import_module("agrobot_mj.cli")  # as tests/conftest.py does
+        except Exception as error:
+            recorder.record("import", error)
+            os._exit(1)
         arguments = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *(f"tests/{name}" for name in tests)]
         os._exit(pytest.main(arguments, plugins=[recorder]))
 
-    def baseline(self, tests: list[str], plain: bool, whole: bool) -> tuple[set[str], float]:
-        """Slow tests, none for the `whole`, and the CPU time of the others. Raises SystemExit when one fails."""
-        key = (*tests, str(plain), str(whole))
+    def baseline(self, tests: list[str], plain: bool) -> tuple[dict[str, float], float]:
+        """How long each test takes, infinity for a slow one, and the CPU time of the others [s].
+
+        Raises SystemExit when one fails.
+        """
+        key = f"{' '.join(tests)}{' as plain Python' * plain}, below {self.slow_s:g} s"
         if key not in self.known:
-            told = self.folder / "slow"
-            told.write_text("")
-            failed, used = self.test(tests, plain, 3600.0, set(), not whole)
-            if failed:
-                raise SystemExit(f"{failed} fails without a mutant: see {self.folder / 'output'}")
-            slow = set(told.read_text().splitlines())
-            self.known[key] = slow, used - SLOW_S * len(slow)
+            file = self.folder / "durations.json"
+            before: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.exists() else {}
+            if key not in before:
+                self._pass(self.test(tests, plain, 3600.0, None)[0])
+                before[key] = json.loads((self.folder / "durations").read_text())
+                file.write_text(json.dumps(before))
+            fate, used = self.test(tests, plain, 3600.0, before[key])  # as with a mutant
+            self._pass(fate)
+            self.known[key] = before[key], used
+            slow = sum(time == inf for time in before[key].values())
+            print(f"{key}: {used:.1f} s, {len(before[key])} tests, {slow} slow ones left out", flush=True)
         return self.known[key]
 
-    def try_out(self, module: str, mutant: Mutant, tests: list[str], whole: bool) -> tuple[str, float]:
-        """The mutant's fate, see `test`; `whole` with the slow tests."""
+    def _pass(self, fate: Fate) -> None:
+        if fate.killed:
+            raise SystemExit(f"{fate.killed} fails without a mutant: see {self.folder / 'output'}")
+
+    def try_out(self, module: str, mutant: Mutant, tests: list[str]) -> tuple[Fate, float]:
+        """The mutant's fate, see `test`."""
         file = self.tree / "agrobot_mj" / module
         source, dates = file.read_text(encoding="utf-8"), file.stat()
         plain = is_kernel(source)
-        slow, usual = self.baseline(tests, plain, whole)
+        durations, usual = self.baseline(tests, plain)
         file.write_text(changed(source, mutant), encoding="utf-8")
-        link = self.cache.parent / self.kernels._content()
+        cache = self.cache.parent / self.kernels._content()
         try:
-            if not plain and link != self.cache:
-                shutil.rmtree(link, ignore_errors=True)
-                link.symlink_to(self.cache)
-            return self.test(tests, plain, 10.0 * usual + 20.0, slow)
+            if not plain and cache != self.cache:  # one of its own: what it compiles must not stay
+                shutil.rmtree(cache, ignore_errors=True)
+                shutil.copytree(self.cache, cache, copy_function=os.link)
+            return self.test(tests, plain, 10.0 * usual + 20.0, durations)
         finally:
             file.write_text(source, encoding="utf-8")
             os.utime(file, ns=(dates.st_atime_ns, dates.st_mtime_ns))
-            if link.is_symlink():
-                link.unlink()
+            if cache != self.cache:
+                shutil.rmtree(cache, ignore_errors=True)
 
 
 def is_kernel(source: str) -> bool:
-    """Whether a file has kernels: it runs as plain Python then."""
-    return "core.kernels import kernel" in source or "core.kernels import jit" in source
+    """Whether a file has kernels, or methods that become some: it runs as plain Python then."""
+    return bool(re.search(r"core\.kernels import .*\b(kernel|jit)|def (force|drag)\(self, slip", source))
 
 
 def named(entries: list[dict[str, str]]) -> Iterator[tuple[str, list[str], Mutant]]:
@@ -212,21 +248,6 @@ def drawn(group: dict[str, Any], seed: str, count: int | None) -> Iterator[tuple
     yield from (places[k] for k in sorted(picked))
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Mutants by group, and the survivors, as Markdown."""
-    lines = ["| group | mutants | killed | share |", "|---|---|---|---|"]
-    for name in [*dict.fromkeys(row["group"] for row in rows), "together"]:
-        some = [row for row in rows if name in (row["group"], "together")]
-        dead = sum(bool(row["killed"]) for row in some)
-        lines.append(f"| {name} | {len(some)} | {dead} | {dead / len(some):.0%} |")
-    lines += ["", "| survivor | change |", "|---|---|"]
-    for row in rows:
-        if not row["killed"]:
-            change = f"`{row['before']}` becomes `{row['text']}`".replace("|", "\\|").replace("\n", " ")
-            lines.append(f"| {row['module']}:{row['line']} | {change} |")
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Draw, try, tell."""
     plan = tomllib.loads((ROOT / "scripts" / "mutants.toml").read_text(encoding="utf-8"))
@@ -236,10 +257,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, help="mutants of each group, instead of the numbers of the plan")
     parser.add_argument("--only", default=",".join(("named", *groups)), help="groups, separated by commas")
     parser.add_argument("--again", action="store_true", help="only those that survived before")
-    parser.add_argument("--whole", action="store_true", help="with the slow tests too")
+    parser.add_argument("--slow", type=float, default=1.5, help="CPU time beyond which a test is left out [s]")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "mutants")
     given = parser.parse_args()
-    bench, file = Bench(given.out.resolve()), given.out / "mutants.jsonl"
+    bench, file = Bench(given.out.resolve(), given.slow), given.out / "mutants.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {(row["module"], *row["span"], row["text"]): row for row in rows}
     for name in given.only.split(","):
@@ -249,16 +270,14 @@ def main() -> None:
             row = known.get(key)
             if row["killed"] or not given.again if row else given.again:
                 continue
-            killed, used = bench.try_out(module, mutant, tests, given.whole)
-            known[key] = {
-                "group": name,
-                "module": module,
-                **mutant._asdict(),
-                "killed": killed,
-                "cpu_s": round(used, 1),
-            }
-            change = f"{mutant.before!r} -> {mutant.text!r}"
-            print(f"{module}:{mutant.line} {change}: {killed or 'SURVIVES'} ({used:.1f} s)", flush=True)
+            fate, used = bench.try_out(module, mutant, tests)
+            change, absent = f"{mutant.before!r} -> {mutant.text!r}", brings_in_an_absent_name(mutant, fate)
+            told = f"{fate.killed}, {fate.how}{', no such name' * absent}" if fate.killed else "SURVIVES"
+            print(f"{module}:{mutant.line} {change}: {told} ({used:.1f} s)", flush=True)
+            if fate.how in UNDECIDED:
+                continue
+            about = {"group": name, "seed": row["seed"] if row else given.seed, "module": module, **mutant._asdict()}
+            known[key] = {**about, "killed": fate.killed, "how": fate.how, "absent": absent, "cpu_s": round(used, 1)}
             file.write_text("".join(f"{json.dumps(each)}\n" for each in known.values()))
     print(table(list(known.values())))
 

@@ -10,7 +10,8 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
 from agrobot_mj.estimation import EkfFull
-from agrobot_mj.estimation.full_model import B_G
+from agrobot_mj.estimation.full_filter import _forget_correlated
+from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, K, X, Y
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.validation.filters import (
     BIAS,
@@ -66,6 +67,67 @@ def driven(estimator, duration, speed=1.2, turn=0.1, yaw=0.3, told_yaw=0.3, seed
 def off(step):
     _, e, (x, y, _) = step
     return np.hypot(e.rear_x - x, e.rear_y - y)
+
+
+# --- numbers of the start
+
+
+def test_keys_in_degrees_are_radians_inside_and_the_start_is_as_uncertain_as_they_say():
+    keys = {
+        "position_sigma_m": 0.07,
+        "gyro_bias_sigma_deg_s": 0.4,
+        "steer_bias_sigma_deg": 1.5,
+        "sideslip_sigma_deg": 3.0,
+    }
+    spec = EkfFull(**{f"initial_{name}": value for name, value in keys.items()}, initial_wheel_scale_sigma=0.03)
+    state = spec.init(1.0, 2.0, 0.3, TRACTOR)
+    sigma = np.sqrt(np.diag(state.horizon.core.covariance))
+    assert sigma[[X, Y, K]].tolist() == pytest.approx([0.07, 0.07, 0.03])
+    assert np.degrees(sigma[[B_G, B_S]]) == pytest.approx([0.4, 1.5])
+    assert 0.1 < degrees(sigma[OMEGA]) < 10.0  # it stands
+    assert sigma[PSI] > 1.5  # unknown
+    levels = state.filter.levels
+    assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
+    assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
+    assert np.degrees([levels.sideslip_walk, levels.compliance]) == pytest.approx([0.1, 0.7])
+    walks = (0.003, 0.003, radians(0.05), 0.1, radians(3.0), radians(0.003), radians(0.1), 0.001)
+    assert levels.walks == pytest.approx(walks)
+
+
+def test_the_error_of_a_fix_is_split_by_its_share_and_the_lean_of_the_antenna_is_slow():
+    noises = EkfFull(terrain_compensation=True, imu_wander_sigma_deg=0.5)._fix_noises(2.0)
+    lean = radians(0.5) * 2.0
+    for quality, sigma, share, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
+        noise = noises[quality]
+        assert noise.correlated**2 == pytest.approx(share * sigma**2 + lean**2)
+        assert noise.white**2 == pytest.approx((1 - share) * sigma**2)
+        assert noise.correlation_time == time
+
+
+def test_another_quality_of_the_fix_has_a_correlated_error_of_its_own():
+    core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
+    core.mean[[G_E, G_N]] = 0.8, -0.5
+    covariance = core.covariance + 0.01
+    found = _forget_correlated(core._replace(covariance=covariance))
+    assert found.mean[[G_E, G_N]].tolist() == [0.0, 0.0]
+    assert found.covariance[G_E].tolist() == np.eye(len(core.mean))[G_E].tolist()
+    assert found.covariance[G_N].tolist() == np.eye(len(core.mean))[G_N].tolist()
+    assert found.covariance[X, Y] == covariance[X, Y]
+    assert core.mean[G_E] == 0.8
+
+
+def test_the_cg_lies_from_the_rear_axle_as_the_lean_of_the_body_says():
+    roll, pitch, yaw = 0.15, -0.25, 0.6
+    spec = EkfFull(terrain_compensation=True)
+    fix = Fix(1.0, 2.0, 0.0, 0.0, t=DT)
+    reading = Measurement(DT, fix, Quality.FIX, 0.0, 0.0, gyro=0.0, roll=roll, pitch=pitch, wheel_speed=0.0)
+    _, e = spec.update(spec.init(1.0, 2.0, yaw, TRACTOR), reading, DT)
+    c, s = np.cos, np.sin
+    yawed = np.array([[c(yaw), -s(yaw), 0.0], [s(yaw), c(yaw), 0.0], [0.0, 0.0, 1.0]])
+    pitched = np.array([[c(pitch), 0.0, s(pitch)], [0.0, 1.0, 0.0], [-s(pitch), 0.0, c(pitch)]])
+    rolled = np.array([[1.0, 0.0, 0.0], [0.0, c(roll), -s(roll)], [0.0, s(roll), c(roll)]])
+    cg = yawed @ pitched @ rolled @ [TRACTOR.cg_to_rear_axle, 0.0, TRACTOR.cg_height_m]
+    assert (e.x - e.rear_x, e.y - e.rear_y) == pytest.approx(cg[:2], abs=2e-3)
 
 
 # --- accuracy

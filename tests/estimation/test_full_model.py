@@ -11,6 +11,7 @@ from agrobot_mj.estimation.full_filter import Core, FullFilter, Gates, Inputs
 from agrobot_mj.estimation.full_model import (
     B_G,
     B_S,
+    BETA,
     G_E,
     G_N,
     OMEGA,
@@ -109,6 +110,16 @@ def test_the_squared_innovation_is_that_of_both_together():
     assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
 
 
+def test_each_state_wanders_by_its_own_walk_and_the_correlated_error_keeps_its_size():
+    levels, n = LEVELS._replace(sideslip_walk=0.003), N + 1
+    decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
+    assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 0
+    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] == pytest.approx(DT * np.array(LEVELS.walks) ** 2)
+    assert Q[BETA, BETA] == pytest.approx(DT * 0.003**2)
+    assert decay == pytest.approx(np.exp(-DT / NOISE.correlation_time))
+    assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
+
+
 def test_the_steady_gain_is_that_of_the_riccati_equation():
     walk, sigma, p = 0.1, 0.02, 1.0
     for _ in range(200):
@@ -147,6 +158,22 @@ def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
         assert np.allclose(core.mean[keep], m, rtol=0, atol=1e-9)
         assert np.allclose(core.covariance[np.ix_(keep, keep)], P, rtol=0, atol=1e-12)
     assert P[0, 0] < 1e-3
+
+
+@pytest.mark.parametrize("w", [0.8, -0.5])
+def test_the_search_for_the_yaw_weighs_a_velocity_by_the_speed_of_the_wheels(w):
+    """A sum of w V exp(-i chi): its angle is what the course of the fixes is off the believed one, in reverse too."""
+    mean, yaw, off = np.zeros(N), 0.4, 0.9
+    mean[PSI] = yaw
+    core, found = Core(mean, np.diag(np.full(N, 1e-4))), []
+    filter_ = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+    for k in (1, 2):
+        fix = Fix(0.0, 0.0, 1.1 * w * cos(yaw + off), 1.1 * w * sin(yaw + off))
+        core = filter_.step(core, Inputs(k * DT, 0.0, w, 0.0, 0.0, 0.0), fix, Quality.FIX, DT)
+        found.append(core.search)
+    assert [search.weight for search in found] == pytest.approx([w * w, 2 * w * w])
+    assert [abs(search.total) for search in found] == pytest.approx([1.1 * w * w, 2.2 * w * w], rel=1e-3)
+    assert np.angle([search.total for search in found]) == pytest.approx([off, off], abs=1e-3)
 
 
 def test_errors_are_as_large_as_it_says():

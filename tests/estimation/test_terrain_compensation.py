@@ -1,6 +1,6 @@
 """Fixes of a leaning antenna, moved to R: by kinematics alone, and on the MuJoCo tractor across and along a slope."""
 
-from math import cos, hypot, pi, radians, sin
+from math import cos, hypot, nan, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -78,6 +78,20 @@ def test_a_tractor_that_rocks_is_found_where_it_is(kind, yaw):
 
     assert error(True) < 0.01
     assert error(False) > 0.3
+
+
+@pytest.mark.parametrize("kind", [Ekf, EkfBias])
+@pytest.mark.parametrize("attitude", [(0.2, nan), (nan, 0.2), (nan, nan)])
+def test_half_an_attitude_is_none(kind, attitude):
+    """Then the CG is taken as on level ground, and the antenna leans as it did."""
+    estimator = kind(terrain_compensation=True)
+    state = estimator.init(1.0, 2.0, 0.5, TRACTOR)
+    fix = Fix(1.0, 2.0, 0.0, 0.0)
+    state, _ = estimator.update(state, Measurement(DT, fix, Quality.FIX, 0.0, 0.0, 0.0, 0.1, -0.1), DT)
+    after, e = estimator.update(state, Measurement(2 * DT, None, Quality.NONE, 0.0, 0.0, 0.0, *attitude), DT)
+    level = TRACTOR.cg_to_rear_axle * np.array([cos(e.yaw), sin(e.yaw)])
+    assert (e.x - e.rear_x, e.y - e.rear_y) == pytest.approx(level)
+    assert after.lever == state.lever
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])

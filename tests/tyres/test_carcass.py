@@ -6,8 +6,9 @@ import pytest
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Soil
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
+from agrobot_mj.tyres.bearing import FIRM
+from agrobot_mj.tyres.laws import carry, treads, tyre_set, wheel_step
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion, find_patch
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 REAR, VERTICAL, RADIUS = 2, 1.6e5, 0.42
@@ -64,3 +65,45 @@ def test_the_steady_force_does_not_know_the_carcass(tyre):
     for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
         stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
         assert stiff == pytest.approx(soft, abs=0.5)
+
+
+@pytest.mark.parametrize("end", [0, 1], ids=["front", "rear"])
+def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_is_the_static_load(end):
+    """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
+    R, b, k = np.array(
+        [
+            (TRACTOR.front_wheel_radius_m, TRACTOR.front_wheel_width_m, TRACTOR.front_tyre_stiffness_n_m),
+            (TRACTOR.rear_wheel_radius_m, TRACTOR.rear_wheel_width_m, TRACTOR.rear_tyre_stiffness_n_m),
+        ]
+    )[end]
+    load = (TRACTOR.front_axle_load, TRACTOR.rear_axle_load)[end] / 2
+    sunk = load / k
+    half = np.sqrt(2 * R * sunk)
+    narrow, flat = 0.4 * b, 1e6 * b
+    assert np.sqrt(2 * narrow * sunk) < b / 2
+    volumes = {narrow: np.pi / 2 * sunk * half * np.sqrt(2 * narrow * sunk), flat: 4 / 3 * sunk * half * b}
+    for crown, volume in volumes.items():
+        tread = treads(FIRM._replace(crown_share=crown / b), TRACTOR)[end]
+        assert tread[:3] == pytest.approx((R, b, crown))
+        assert tread.stiffness * volume == pytest.approx(load, rel=0.015)
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_on_firm_ground_a_wheel_is_carried_by_its_spring_alone(wheel):
+    tyres, sunk = tyre_set(MagicFormula(), TRACTOR), 0.02
+    R = float(tyres.radius[wheel])
+    motion = WheelMotion((1.0, -2.0, R - sunk), (0.0, 1.0, 0.0), (1.0, 0.2, 0.0), (0.0, 1.0 / R, 0.0))
+    patch = find_patch(GROUND, R, motion)
+    assert carry(tyres, wheel, GROUND, patch, motion.centre, 0.1) == pytest.approx(
+        (tyres.stiffness[wheel] * sunk, 0.0, 0.0, 0.0, 0.0, sunk)
+    )
+
+
+@pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
+def test_pushed_from_rest_the_carcass_is_a_spring_with_a_damper(tyre):
+    """After the first step: stiffness times the way and damping time times the speed, in both directions."""
+    tau, v = 0.02, 0.001
+    damped = tyre.model_copy(update={"bristle_damping_s": tau})
+    pushed, dragged = forces(damped, 0.0, v, 0.0, 1)[0, 1], forces(damped, 0.0, 0.0, v, 1)[0, 0]
+    assert -pushed == pytest.approx(0.45 * VERTICAL * v * (DT + tau), rel=0.02)
+    assert dragged == pytest.approx(0.6 * VERTICAL * v * (DT + tau), rel=0.02)

@@ -63,6 +63,34 @@ def test_on_rough_ground_it_misses_no_summit_whatever_its_heading(radius):
     assert np.abs(missed).mean() < 0.001
 
 
+UNEVEN = Ground(-2.5, -3.5, 0.1, np.random.default_rng(5).uniform(-0.01, 0.01, (71, 51)))
+
+
+def steepest(ground, radius, centre, axle, h=1e-6):
+    """Direction of the centre in which the penetration falls fastest."""
+    depths = [
+        [contact_plane(ground, radius, tuple(centre + way * h * e), axle)[1] for way in (1, -1)] for e in np.eye(3)
+    ]
+    down = np.diff(depths)[:, 0]
+    return down / np.linalg.norm(down)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2, -0.3])
+def test_the_push_is_the_gradient_of_the_penetration(lean):
+    """By finite differences at places of a field that is no square, on nodes of their own height, of any heading."""
+    off, radius = [], 0.42
+    s = np.linspace(-radius, radius, 4001)
+    for x, y, yaw in np.random.default_rng(6).uniform(-1.5, 1.5, (20, 3)) * (1.0, 1.6, 2.1):
+        axle = (-sin(yaw) * cos(lean), cos(yaw) * cos(lean), sin(lean))
+        top = (heights(UNEVEN, x + s * cos(yaw), y + s * sin(yaw)) + np.sqrt(radius**2 - s**2)).max()
+        centre = np.array([x, y, top - 0.01])
+        n, depth = contact_plane(UNEVEN, radius, tuple(centre), axle)
+        off.append(np.abs(n - steepest(UNEVEN, radius, centre, axle)).max())
+        assert lean or depth == pytest.approx(0.01, abs=0.004)  # of an upright wheel: that of the circle
+    assert np.median(off) < 0.005
+    assert np.quantile(off, 0.8) < 0.03  # but where the place jumps to the next one
+
+
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 def test_the_push_is_along_the_way_of_the_centre(radius):
     """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
@@ -110,6 +138,24 @@ def test_in_a_ditch_that_it_spans_both_edges_share_the_load():
     ditch = profile(np.clip(np.abs(nodes) - 0.2, -0.2, 0.0), nodes)
     assert stand(ditch, 0.42, 0.0)[1] == pytest.approx((0.0, 0.0, 1.0), abs=0.01)
     assert stand(ditch, 0.42, 0.03)[1][0] < -0.2 < 0.2 < stand(ditch, 0.42, -0.03)[1][0]
+
+
+@pytest.mark.parametrize("x", [-0.013, -0.01, 0.008, 0.01])
+def test_between_two_places_the_push_is_the_gradient_too(x):
+    """A furrow of 8 mm, so shallow that its bottom keeps the two edges from sharing the load in full."""
+    nodes = np.arange(-100, 101) * 0.02
+    furrow = profile(-0.008 * np.cos(np.pi / 0.2 * np.clip(nodes, -0.1, 0.1)), nodes)
+    centre = np.array([x, 0.01, 0.408])
+    n, _ = contact_plane(furrow, 0.42, tuple(centre), EAST)
+    assert n == pytest.approx(steepest(furrow, 0.42, centre, EAST), abs=5e-4)
+
+
+def test_a_wheel_that_lies_flat_is_as_deep_as_its_middle():
+    ground = FURROWS["wide"].ground()
+    for x, z in ((0.3, 0.2), (-0.7, -0.05)):
+        n, depth = contact_plane(ground, 0.42, (x, 0.4, z), (0.0, 0.0, 1.0))
+        assert n == (0.0, 0.0, 1.0)
+        assert depth == pytest.approx(height_and_gradient(ground, x, 0.4)[0] - z)
 
 
 NODES = np.arange(-60, 61) * 0.1

@@ -6,10 +6,11 @@ import pytest
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
+from agrobot_mj.terrain.grid import Surface, plane
 from agrobot_mj.terrain.patches import RectanglePatch
 from agrobot_mj.tyres import Linear, MagicFormula, Soil, Tyre
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, WheelMotion
+from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, WheelMotion, find_patch
 
 LAWS = [law for law in every(Tyre) if law().judged]
 REAR, SUNK, SPEED = 2, 0.0144, 1.5
@@ -103,3 +104,20 @@ def test_a_soft_carcass_lowers_the_stiffness_and_not_the_peak(law):
         ]
         assert peaks[1] == pytest.approx(peaks[0], rel=0.05)
     assert steady(law(), Flat().ground(), share=0.4)[LOAD] == steady(law(), Flat().ground())[LOAD]
+
+
+def test_on_a_slope_a_wheel_has_the_friction_of_the_place_where_it_touches():
+    """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
+    slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
+    n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)
+    motion = WheelMotion(tuple((RADIUS - SUNK) * n), (0.0, 1.0, 0.0), (0.0, SPEED, -0.2 * SPEED), (0.0, 0.0, 0.0))
+    x, y, _ = np.array(motion.centre) + find_patch(slope, RADIUS, motion).arm
+    assert np.hypot(x - motion.centre[0], y - motion.centre[1]) > 0.1
+    forces = []
+    for west in (x - 0.02, x + 10.0):
+        wet = slope._replace(surface=Surface(west, y - 0.02, 0.04, np.array([[0.5]]), np.array([[0.0]])))
+        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+        for _ in range(1000):
+            wheel_step(tyres, REAR, wet, motion, 0.002, bristle, wrench, report)
+        forces.append(report[FORCE_Y] / report[LOAD])
+    assert forces[0] / forces[1] == pytest.approx(0.5, rel=0.01)

@@ -10,6 +10,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Soil
+from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
@@ -66,6 +67,20 @@ def test_steady_pure_slip_is_the_formulas(ply, cone_index_kpa, wheel):
             reading = rig.steady(Setting(speed, alpha, 0.0, load))
             assert reading.fy == pytest.approx(lateral(soil, wheel, load, alpha), rel=1e-9)
             assert reading.fx == pytest.approx(longitudinal(soil, wheel, load, 0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("ply", ["bias", "radial"])
+@pytest.mark.parametrize("wheel", [FRONT, REAR])
+@pytest.mark.parametrize("load", [800.0, 3000.0])
+def test_the_law_alone_at_pure_slip_is_the_formulas(ply, wheel, load):
+    soil = Soil(cone_index_kpa=700.0, ply=ply)
+    law, (*_, k) = soil.coefficients(TRACTOR)[wheel == REAR], SIZES[wheel]
+    for kappa in (-0.9, -0.2, 0.03, 0.9):
+        slip = Slip(-kappa, 0.0, load, load / k, 1.0, Footing(1.0, 7e5))
+        assert law.force(slip).x + law.drag(slip, 1.0) == pytest.approx(longitudinal(soil, wheel, load, kappa))
+    for alpha in (-0.5, 0.01, 1.0):
+        force = law.force(Slip(0.0, tan(alpha), load, load / k, 1.0, Footing(1.0, 7e5)))
+        assert (force.x, force.y) == pytest.approx((0.0, lateral(soil, wheel, load, alpha)))
 
 
 @pytest.mark.parametrize(
