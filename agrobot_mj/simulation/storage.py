@@ -161,7 +161,8 @@ def _locked(folder: Path) -> int | None:
 
 
 def _temporary(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    """A place beside `path`; absolute, since pyarrow takes the start of `a:/b` for the name of a file system."""
+    return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 
 @contextmanager

@@ -128,7 +128,7 @@ def source_name(source: Source) -> str:
 
 def _metadata(path: Path) -> pa.Schema:
     try:
-        return pq.read_schema(path)
+        return pq.read_schema(path.absolute())
     except (pa.ArrowException, OSError) as error:
         raise FieldLogError(f"{path.name}: is no Parquet file: {_first_line(error)}") from None
 
@@ -136,7 +136,7 @@ def _metadata(path: Path) -> pa.Schema:
 def _rows(path: Path) -> int:
     """Number of rows that a Parquet file declares; of a CSV file none can be known, its size is checked instead."""
     if path.suffix.lower() == ".parquet":
-        return int(pq.read_metadata(path).num_rows)
+        return int(pq.read_metadata(path.absolute()).num_rows)
     size = path.stat().st_size
     if size > MOST_CSV_BYTES:
         raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {MOST_CSV_BYTES / 1e6:g}; cut it")
@@ -145,7 +145,7 @@ def _rows(path: Path) -> int:
 
 def _page(path: Path, column: str) -> pa.ChunkedArray:
     try:
-        return pq.read_table(path, columns=[column])[column]
+        return pq.read_table(path.absolute(), columns=[column])[column]
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         raise FieldLogError(
             f"{path.name}: {column!r} cannot be read: {_first_line(error)}; the file is damaged, export it again"

@@ -60,7 +60,7 @@ def read_traffic(path: Path) -> list[Datagram]:
     if not path.is_file():
         raise ScenarioError(f"{path}: no such file; --replay wants the link.parquet of an earlier run")
     try:
-        table = pq.read_table(path, columns=SCHEMA.names).cast(SCHEMA)
+        table = pq.read_table(path.absolute(), columns=SCHEMA.names).cast(SCHEMA)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ScenarioError(f"{path}: not the link.parquet of a run: {str(error).splitlines()[0]}") from None
     rows = list(zip(*(column.to_pylist() for column in table.columns), strict=True))

@@ -44,7 +44,7 @@ def _signals(file: Path) -> pa.Table:
     """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
     known = column_names(file)
     empty = {
-        field.name for field in pq.read_schema(file) if pa.types.is_null(field.type)
+        field.name for field in pq.read_schema(file.absolute()) if pa.types.is_null(field.type)
     }  # of a run that ended at once
     columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known and name not in empty)])
     check_time(file.name, "t", columns["t"])

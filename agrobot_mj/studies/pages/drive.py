@@ -24,7 +24,7 @@ Signals = dict[str, Array]
 
 def read_signals(folder: Path) -> Signals:
     """Signals of a run as arrays of equal length, shape (n,), thinned out."""
-    file = folder / "signals.parquet"
+    file = (folder / "signals.parquet").absolute()
     there = set(pq.read_schema(file).names)
     table = pq.read_table(file, columns=[name for name in (*SIGNALS, *MORE) if name in there])
     step = max(1, table.num_rows // MOST_POINTS)

@@ -15,7 +15,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
-    rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+    rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
     parameters = parameters_of(rows)
     groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
     with mpl.rc_context(STYLE):

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.pages.answers import limit_page, validation_page
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
@@ -27,11 +28,7 @@ def write_report(folder: Path) -> list[Path]:
     found = next((name for name in PAGES if (folder / name).is_file()), None)
     if found is None:
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
-    try:
+    with intact(folder / found, "reported"):
         page = PAGES[found](folder)
-    except (KeyError, IndexError, ValueError) as error:
-        if isinstance(error, ScenarioError):
-            raise
-        raise ScenarioError(f"{folder / found}: cannot be reported: {type(error).__name__}: {error}") from None
-    printed = sweep_figures(folder) if found == "sweep.parquet" else []
+        printed = sweep_figures(folder) if found == "sweep.parquet" else []
     return [page.write(folder / "report.html"), *printed]

@@ -62,7 +62,7 @@ def centimetres(rows: Iterable[Row]) -> Array:
 
 def sweep_page(folder: Path) -> Document:
     """The page of a sweep's folder."""
-    rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+    rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
     file = (folder / "sweep.toml").read_text("utf-8")
     base, text = (folder / "base.toml").read_text("utf-8"), tomllib.loads(file)
     parameters = parameters_of(rows)

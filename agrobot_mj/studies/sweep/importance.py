@@ -58,9 +58,14 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     `method = "saltelli"`, or the metric no value in some runs.
     """
     analyze = _analyzer()
+    with intact(folder / "sweep.parquet", "read"):
+        return _importance(folder, metric, analyze)
+
+
+def _importance(folder: Path, metric: str, analyze: Analyze) -> list[Influence]:
     try:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
-        rows: Rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+        rows: Rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
     if file.get("method") != "saltelli":

@@ -135,7 +135,7 @@ class Store:
     def in_table(self) -> int:
         """Number of rows of the table; 0 where there is none."""
         try:
-            return int(pq.read_metadata(self.folder / TABLE).num_rows)
+            return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, pa.ArrowException):
             return 0
 
