@@ -317,6 +317,12 @@ def test_a_pipe_is_no_file_to_export_to(call):
     assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
 
 
+def test_a_folder_may_be_named_as_a_drive_is(call):
+    assert call("run", "circle", *QUICK[:-1], "a:") == (0, "")
+    assert call("report", "a:", "--quiet") == (0, "")
+    assert call("identify", "a:")[0] == 2  # a second is too short, and that is read
+
+
 def test_no_file_takes_the_place_of_a_device(monkeypatch):
     monkeypatch.setattr(Path, "is_char_device", lambda path: path.name == "null")
     with pytest.raises(OSError, match="is a device; name a file"):

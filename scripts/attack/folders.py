@@ -13,13 +13,13 @@ from data import bent
 from judge import call
 
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=2", "--quiet")
+LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 0.5")
 MADE: dict[str, tuple[str, ...]] = {
     "run": ("run", "circle", "--out", "run", *BICYCLE),
     "compare": ("compare", "circle", "--controllers", "pd", "--plants", "bicycle", "--out", "compare", *BICYCLE),
     "sweep": ("sweep", "small.toml", "--jobs", "1", "--out", "sweep", "--quiet"),
-    "limit": ("limit", "circle", "--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 0.5", "--seeds", "1",
-              "--jobs", "1", "--out", "limit", *BICYCLE),
-}  # fmt: skip
+    "limit": ("limit", "circle", *LIMIT, "--seeds", "1", "--jobs", "1", "--out", "limit", *BICYCLE),
+}
 """Commands that make a folder."""
 READ: dict[str, tuple[tuple[str, ...], ...]] = {
     "run": (("report", "run"), ("export", "run", "--mcap"), ("identify", "run"), ("replay", "run", "--out", "out")),

@@ -139,8 +139,21 @@ def test_a_folder_without_results_is_told(tmp_path):
     with pytest.raises(ScenarioError, match="no such folder"):
         write_report(tmp_path / "nowhere")
     (tmp_path / "comparison.json").write_text("[{}]")
-    with pytest.raises(ScenarioError, match=r"comparison\.json: cannot be reported"):
+    with pytest.raises(
+        ScenarioError, match=r"comparison\.json: cannot be reported: it, or a file beside it, is damaged"
+    ):
         write_report(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["limit.json", "comparison.json", "validation.json"])
+@pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
+def test_a_damaged_file_is_told(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    if (name, content) == ("validation.json", "[]"):  # a validation of nothing
+        return
+    with pytest.raises(ScenarioError, match="cannot be reported"):
+        write_report(tmp_path)
+    assert not (tmp_path / "report.html").exists()
 
 
 def test_without_plotly_the_message_names_the_extra(folders, monkeypatch):

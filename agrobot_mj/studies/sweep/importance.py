@@ -7,7 +7,7 @@ index is the share that stays while only it is unknown, interactions included. T
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from agrobot_mj.core.palette import BLUE, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 RESAMPLES = 1000
@@ -59,10 +60,10 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     """
     analyze = _analyzer()
     with intact(folder / "sweep.parquet", "read"):
-        return _importance(folder, metric, analyze)
+        return _found(folder, metric, analyze)
 
 
-def _importance(folder: Path, metric: str, analyze: Analyze) -> list[Influence]:
+def _found(folder: Path, metric: str, analyze: Callable[[list[str], Array], Array]) -> list[Influence]:
     try:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
         rows: Rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()

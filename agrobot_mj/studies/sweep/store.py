@@ -181,13 +181,16 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
             raise ScenarioError(f"{folder}: is of another sweep than the rest: different {', '.join(different)}")
+    named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
+    if target.begun is None and (lost := [name for name in named if not (stores[0].folder / name).is_file()]):
+        raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing; a sweep's folder has it")
     for store in stores:
         if store.folder.resolve() != target.folder.resolve():
             for name in (ROWS, "runs"):
                 if (store.folder / name).is_dir():
                     shutil.copytree(store.folder / name, target.folder / name, dirs_exist_ok=True)
     if target.begun is None:
-        for name in (*common.get("files", ()), "base.toml", "sweep.toml", PLAN):
+        for name in named:
             shutil.copyfile(stores[0].folder / name, target.folder / name)
     return common
 
