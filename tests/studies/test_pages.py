@@ -148,9 +148,9 @@ def test_a_folder_without_results_is_told(tmp_path):
 @pytest.mark.parametrize("name", ["limit.json", "comparison.json", "validation.json"])
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
 def test_a_damaged_file_is_told(tmp_path, name, content):
+    if name == "validation.json" and content in ("[]", "{}"):
+        pytest.skip("a validation of nothing")
     (tmp_path / name).write_text(content)
-    if (name, content) == ("validation.json", "[]"):  # a validation of nothing
-        return
     with pytest.raises(ScenarioError, match="cannot be reported"):
         write_report(tmp_path)
     assert not (tmp_path / "report.html").exists()
