@@ -46,8 +46,9 @@ demo: $(STAMP) ## Run the figure eight on both plants, with and without the netw
 demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this computer only
 	@$(PY) scripts/demo_link.py
 
+# A hundred tests start a process of their own: without bytecode each would compile the package's sources again.
 test: $(STAMP) ## Run the tests
-	@$(PY) -m pytest -m "not slow" -n 2 --dist loadfile
+	@PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -m "not slow" -n 2 --dist worksteal
 
 plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"

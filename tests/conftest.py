@@ -1,5 +1,6 @@
 """Fixtures of many tests."""
 
+import gc
 import os
 import sys
 
@@ -10,6 +11,16 @@ from agrobot_mj import cli
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Before numpy is imported: with tests on every core, threads for small matrices only wait for each other, at the cost
 of most of a fit's processor time."""
+gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
+"""As in a command: else the collection of the tests looks through the modules' objects again and again."""
+
+
+def pytest_configure(config):
+    """With several workers, each kernel is compiled by one of them."""
+    if hasattr(config, "workerinput"):
+        from compiling import take_turns
+
+        take_turns()
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from processes import command, program
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
@@ -26,14 +27,14 @@ def folder(tmp_path_factory):
 def python(folder, *arguments, **more):
     """A Python process in a folder; warnings of the users' kind are errors."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *more.get("path", [])])}
-    command = [sys.executable, "-W", "error::UserWarning", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    words = [sys.executable, "-W", "error::UserWarning", *arguments]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_the_commands_of_the_page_work_and_the_run_repeats(folder):
     for line in COMMANDS.splitlines():
         short = ["--set", "duration_s=2", "--no-rrd"] if line.split()[1] == "run" else []
-        done = python(folder, "-m", "agrobot_mj", *line.split()[1:], *short)
+        done = command(folder, *line.split()[1:], *short)
         assert (done.returncode, done.stderr) == (0, ""), line
     guidance = tomllib.loads((folder / "mine" / "scenario.toml").read_text())["guidance"]
     assert guidance == {"kind": "my_law", "ahead_m": 2.5}
@@ -43,7 +44,7 @@ def test_the_commands_of_the_page_work_and_the_run_repeats(folder):
 
 def test_without_the_plugin_the_message_names_the_option(folder):
     (folder / "mine.toml").write_text('[guidance]\nkind = "my_law"\n')
-    done = python(folder, "-m", "agrobot_mj", "run", "mine.toml")
+    done = command(folder, "run", "mine.toml")
     assert done.returncode == 2
     assert done.stderr.startswith("mine.toml: guidance.kind: unknown kind 'my_law'")
     assert "--plugin FILE.py" in done.stderr
@@ -51,7 +52,7 @@ def test_without_the_plugin_the_message_names_the_option(folder):
 
 
 def test_the_script_of_the_page_works(folder):
-    done = python(folder, "-c", SCRIPT)
+    done = program(folder, SCRIPT)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "completed\n")
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from processes import command
 
 from agrobot_mj import cli
 
@@ -39,12 +40,13 @@ def in_process(arguments):
     return output.getvalue()
 
 
+def on_one_core():
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
 def in_a_process_of_its_own(arguments):
     """As `in_process`, for commands that bring kinds, on one core: a comparison then starts no workers."""
-    command = [sys.executable, "-m", "agrobot_mj", *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    one_core = {"preexec_fn": lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, **one_core)
+    done = command(Path.cwd(), *arguments, before=on_one_core)
     assert (done.returncode, done.stderr) == (0, ""), arguments
     return done.stdout
 
@@ -56,8 +58,8 @@ def linked(arguments):
             each.bind(("127.0.0.1", 0))
         own, other = a.getsockname()[1], b.getsockname()[1]
     (host,) = (shlex.split(line) for line in LINES if line.startswith("python -m"))
-    command = [sys.executable, *host[1:], f"--port={other}", f"--board-port={own}", "--duration=120"]
-    process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
+    words = [sys.executable, *host[1:], f"--port={other}", f"--board-port={own}", "--duration=120"]
+    process = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     try:
         shorter = ["--port", str(own), "--host-port", str(other), "--pace", "answered", "--duration", "10"]
         return in_process([*arguments, *shorter])

@@ -152,7 +152,7 @@ def test_a_path_survives_its_serialisation(path: Any) -> None:
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
 def test_a_reference_costs_no_more_than_a_few_of_a_circle(path: Any) -> None:
     def cost(of: Any) -> float:
-        grid = np.linspace(0, of.duration_s, 2000).tolist()
+        grid = np.linspace(0, of.duration_s, 500).tolist()
         of.at(0.0)
         return min(timeit(lambda: [of.at(t) for t in grid], number=1) for _ in range(5))
 
@@ -209,8 +209,8 @@ def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any
     tolerance = 1e-4 if path in CONTINUOUS else 3e-2  # a step of the curvature within a step of the grid costs some
     heading = yaw[0] + integral(u * kappa)
     assert np.abs(np.angle(np.exp(1j * (heading - yaw)))).max() < tolerance
-    assert x - x[0] == pytest.approx(integral(u * np.cos(yaw)), abs=1e-4)
-    assert y - y[0] == pytest.approx(integral(u * np.sin(yaw)), abs=1e-4)
+    assert np.abs(x - x[0] - integral(u * np.cos(yaw))).max() <= 1e-4
+    assert np.abs(y - y[0] - integral(u * np.sin(yaw))).max() <= 1e-4
 
 
 @pytest.mark.parametrize("path", [path for path in TIMED if path.motion.course.cusps.any()], ids=repr)

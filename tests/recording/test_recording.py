@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import program
 from recorded import Recorded, replay
 
 from agrobot_mj import __version__, load_scenario, run
@@ -136,7 +137,7 @@ def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_killed_run_leaves_what_was_told_before(tmp_path):
     path = tmp_path / "run.rrd"
-    done = subprocess.run([sys.executable, "-c", KILLED, path], capture_output=True, text=True, check=False)
+    done = program(tmp_path, KILLED, path)
     assert done.returncode == -9, done.stderr
     recorded = Recorded(path)
     times, _ = recorded.column("/plots/tracking/error", "Scalars:scalars")
@@ -179,7 +180,7 @@ def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
     path = tmp_path / "run.rrd"
-    done = subprocess.run([sys.executable, "-c", CRAMPED, path], capture_output=True, text=True, check=False)
+    done = program(tmp_path, CRAMPED, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
     assert "is the disk full? It ends early, but opens" in done.stderr
     assert path.stat().st_size < 1_200_000
@@ -192,7 +193,7 @@ def test_a_file_without_room_for_its_footer_opens(tmp_path):
     whole = (tmp_path / "whole.rrd").stat().st_size
     path = tmp_path / "run.rrd"
     code = CRAMPED.replace("1_200_000", str(whole - 20_000))
-    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False, timeout=60)
+    done = program(tmp_path, code, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
     assert "It ends early, but opens" in done.stderr
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
@@ -200,8 +201,7 @@ def test_a_file_without_room_for_its_footer_opens(tmp_path):
 
 def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path):
     limits = [20_000, 50_000, 80_000]
-    command = [sys.executable, "-c", ROOMLESS, tmp_path, *map(str, limits)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = program(tmp_path, ROOMLESS, tmp_path, *map(str, limits))
     assert done.returncode == 0, done.stderr
     for limit, said in zip(limits, done.stdout.splitlines(), strict=True):
         assert f"no room for a recording: '{tmp_path / str(limit)}'" in said

@@ -3,16 +3,18 @@
 A test that registers something runs in a process of its own, since a registration lasts as long as the process.
 """
 
-import os
-import subprocess
 import sys
-from pathlib import Path
+from typing import Literal
 
 import pytest
+from processes import program
 
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control import GuidanceLaw
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Command
 from agrobot_mj.scenario.reference import families
 
-ROOT = Path(__file__).parents[2]
 HEAD = "from typing import Literal\nfrom agrobot_mj import load_scenario, register, run\n"
 MEMBERS = {
     "terrain": ("agrobot_mj.terrain", "Flat"),
@@ -23,13 +25,6 @@ MEMBERS = {
     "plant.tyre": ("agrobot_mj.tyres", "Linear"),
     "implement": ("agrobot_mj.machine.implements", "Drawn"),
 }
-
-
-def python(folder, code):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    (folder / "own.py").write_text(HEAD + code, encoding="utf-8")
-    command = [sys.executable, "-W", "error::UserWarning", "own.py"]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_a_member_of_every_family_is_validated_overridden_written_and_found_again(tmp_path):
@@ -73,7 +68,7 @@ same = run(load_scenario("straight_line", {**short, "controller.kind": "pd"}))
 assert log.outcome == "completed"
 assert log.signals.column("x").equals(same.signals.column("x"))
 """
-    done = python(tmp_path, code)
+    done = program(tmp_path, HEAD + code)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -104,7 +99,7 @@ register(Watching)
 run(s.changed({"estimator.kind": "watching"}))
 assert seen[:2] == [20.0, 19.99], seen[:3]
 """
-    done = python(tmp_path, code)
+    done = program(tmp_path, HEAD + code)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -156,34 +151,31 @@ def test_a_bad_plugin_is_told_in_one_message_and_changes_no_family(tmp_path, mon
 
 
 @pytest.mark.parametrize(
-    ("result", "message"),
+    ("answer", "message"),
     [
-        ("None", "update must return its state and a Command, got None"),
-        ("(state, 0.1)", "update must return its state and a Command, got (None, 0.1)"),
-        ("(state, Command(0.1, 1.0), 3)", "update must return its state and a Command, got (None, Command("),
-        ("(state, Command('left', 1.0))", "commands what is no number: Command(steer='left'"),
-        ("(state, Command(None, None))", "commands what is no number: Command(steer=None"),
-        ("(state, Command([0.1] * 1000, 1.0))", " ... "),
-        ("exit(3)", "code of the scenario's kinds has ended the run (SystemExit)"),
+        (lambda state: None, "update must return its state and a Command, got None"),
+        (lambda state: (state, 0.1), "update must return its state and a Command, got (None, 0.1)"),
+        (
+            lambda state: (state, Command(0.1, 1.0), 3),
+            "update must return its state and a Command, got (None, Command(",
+        ),
+        (lambda state: (state, Command("left", 1.0)), "commands what is no number: Command(steer='left'"),
+        (lambda state: (state, Command(None, None)), "commands what is no number: Command(steer=None"),
+        (lambda state: (state, Command([0.1] * 1000, 1.0)), " ... "),
+        (lambda state: sys.exit(3), "code of the scenario's kinds has ended the run (SystemExit)"),
     ],
 )
-def test_a_law_that_answers_with_something_else_is_told(tmp_path, result, message):
-    code = f"""
-from agrobot_mj.control import GuidanceLaw
-from agrobot_mj.core.signals import Command
-from agrobot_mj.core.errors import ScenarioError
-@register
-class Mine(GuidanceLaw):
-    \"\"\"A law.\"\"\"
-    kind: Literal["mine"] = "mine"
-    def update(self, state, situation, dt):
-        return {result}
-try:
-    run(load_scenario("straight_line", {{"guidance.kind": "mine", "duration_s": 1, "plant.kind": "bicycle"}}))
-except ScenarioError as error:
-    print(error)
-"""
-    done = python(tmp_path, code)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert message in done.stdout
-    assert len(done.stdout) < 400
+def test_a_law_that_answers_with_something_else_is_told(answer, message):
+    class Mine(GuidanceLaw):
+        """A law."""
+
+        kind: Literal["mine"] = "mine"
+
+        def update(self, state, situation, dt):
+            return answer(state)
+
+    scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle"})
+    with pytest.raises(ScenarioError) as error:
+        run(scenario.model_copy(update={"guidance": Mine()}))
+    assert message in str(error.value)
+    assert len(str(error.value)) < 400

@@ -1,13 +1,12 @@
 """A number that is not finite ends the run where it comes from, by name; a bad reading counts as missing."""
 
 import json
-import subprocess
-import sys
 from math import inf, nan
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from processes import command
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.signals import Drive
@@ -107,9 +106,9 @@ def test_a_controller_from_outside_that_commands_no_number_is_named(tmp_path):
     """In a process of its own, since a registration lasts as long as the process."""
     (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
     sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
-    command = ["run", "figure_eight", "--plugin", "nan_steer.py", "--no-rrd", "--quiet", "--out", "out"]
-    command += [word for text in sets for word in ("--set", text)]
-    done = subprocess.run([sys.executable, "-m", "agrobot_mj", *command], cwd=tmp_path, capture_output=True, text=True)
+    arguments = ["run", "figure_eight", "--plugin", "nan_steer.py", "--no-rrd", "--quiet", "--out", "out"]
+    arguments += [word for text in sets for word in ("--set", text)]
+    done = command(tmp_path, *arguments)
     assert done.returncode == 1, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text("utf-8"))
     assert metrics["outcome"] == "diverged"

@@ -371,7 +371,7 @@ def killed_and_resumed(folder, text, kill_after_rows, serial_table):
         sweep = start(folder, "mine.toml", "--out", "out", "--jobs", "2")
         deadline = time.monotonic() + 120
         while len(list(rows.rglob("*.json"))) < number and sweep.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.02)
+            time.sleep(0.05)
         assert sweep.poll() is None, "it ended before it could be killed"
         assert len(group(sweep.pid)) >= 3
         os.kill(sweep.pid, signal.SIGKILL)
@@ -384,7 +384,7 @@ def killed_and_resumed(folder, text, kill_after_rows, serial_table):
         there = {file: file.stat().st_mtime_ns for file in rows.rglob("[0-9]*.json")}
         assert before.items() <= there.items(), "a finished run was done again"
         before = there
-    out, err = start(folder, "mine.toml", "--out", "out", "--jobs", "2").communicate()
+    out, err = start(folder, "mine.toml", "--out", "out", "--jobs", "1").communicate()
     assert err == ""
     done, kept = map(int, re.match(r"(\d+) runs done, (\d+) were there", out).groups())
     assert kept == len(before)

@@ -1,0 +1,64 @@
+"""Programs in processes of their own that start at once: forked from a server that has imported the package.
+
+For what lasts as long as its process, as registrations and limits of resources do. What is about the start itself, or
+about signals and pools, starts Python, which takes a second or two.
+"""
+
+import multiprocessing
+import os
+import runpy
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "driven"])
+
+LONGEST_S = 120
+"""Time after which a process hangs [s]."""
+
+
+class Done(NamedTuple):
+    """How a process ended, as `subprocess.CompletedProcess` has it."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def command(folder, *arguments, before=None):
+    """`agrobot-mj` with these arguments in a folder; `before()` is called first in its process."""
+    return _done(folder, runpy.run_module, "agrobot_mj", ["agrobot-mj", *arguments], before)
+
+
+def program(folder, code, *arguments):
+    """A program's text, started as a file of a folder."""
+    file = Path(folder) / "own.py"
+    file.write_text(code, encoding="utf-8")
+    return _done(folder, runpy.run_path, str(file), [str(file), *arguments], None)
+
+
+def _done(folder, execute, what, arguments, before):
+    with tempfile.TemporaryDirectory() as place:
+        streams = [Path(place) / name for name in ("stdout", "stderr")]
+        process = SERVER.Process(target=_child, args=(folder, streams, execute, what, arguments, before))
+        process.start()
+        process.join(LONGEST_S)
+        if process.exitcode is None:
+            process.kill()
+            raise TimeoutError(f"no end within {LONGEST_S} s")
+        return Done(process.exitcode, *(file.read_text(encoding="utf-8") for file in streams))
+
+
+def _child(folder, streams, execute, what, arguments, before):
+    for number, file in enumerate(streams, 1):
+        os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), number)
+    if before is not None:
+        before()
+    os.chdir(folder)
+    warnings.simplefilter("error", UserWarning)
+    sys.path.insert(0, str(folder))
+    sys.argv = [str(argument) for argument in arguments]
+    execute(what, run_name="__main__")
