@@ -11,7 +11,7 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import LOAD, WheelMotion
+from agrobot_mj.tyres.patch import FORCE_Y, LOAD, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 SCRUBBING = [MagicFormula(), Soil()]
@@ -53,6 +53,19 @@ def test_the_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
     assert yawed(tyre, 1.0, slip) * slip > 0
     assert yawed(tyre, -1.0, slip) * slip < 0
     assert yawed(tyre, 1.0, slip) == pytest.approx(-yawed(tyre, 1.0, -slip))
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("slip", [-0.2, 0.03])
+def test_a_wheel_that_rolls_straight_has_the_aligning_moment_and_no_other(way, slip):
+    """Its side force times the trail, behind the patch as it travels."""
+    wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
+    motion = WheelMotion((0, 0, 0.268), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / 0.276, 0.0))
+    for _ in range(100):
+        wheel_step(wheel.tyres, 0, GROUND, motion, 0.1, wheel.bristle, wheel.wrench, wheel.report)
+    behind = way * trail * np.exp(-abs(slip) / 0.1)
+    assert wheel.wrench[5] == pytest.approx(-behind * wheel.report[FORCE_Y], rel=1e-3)
+    assert wheel.wrench[5] * slip * way > 0
 
 
 def test_its_lever_is_the_trail_at_small_slip_and_vanishes_at_large_slip():
