@@ -110,9 +110,12 @@ def test_on_a_slope_a_wheel_has_the_friction_of_the_place_where_it_touches():
     """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
     slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
     n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)
-    motion = WheelMotion(tuple((RADIUS - SUNK) * n), (0.0, 1.0, 0.0), (0.0, SPEED, -0.2 * SPEED), (0.0, 0.0, 0.0))
-    x, y, _ = np.array(motion.centre) + find_patch(slope, RADIUS, motion).arm
-    assert np.hypot(x - motion.centre[0], y - motion.centre[1]) > 0.1
+    axle = np.array([-np.sin(-0.6), np.cos(-0.6), 0.0])
+    aside = SPEED * (axle - (axle @ n) * n)
+    motion = WheelMotion(tuple((RADIUS - SUNK) * n), tuple(axle), tuple(aside), (0.0, 0.0, 0.0))
+    arm = find_patch(slope, RADIUS, motion).arm
+    x, y, _ = np.add(motion.centre, arm)
+    assert min(abs(arm[0]), abs(arm[1]), abs(arm[0] - arm[1])) > 0.02
     forces = []
     for west in (x - 0.02, x + 10.0):
         wet = slope._replace(surface=Surface(west, y - 0.02, 0.04, np.array([[0.5]]), np.array([[0.0]])))
