@@ -10,12 +10,16 @@ import runpy
 import sys
 import tempfile
 import warnings
+from multiprocessing.forkserver import ensure_running
 from pathlib import Path
 from typing import NamedTuple
+
+import pytest
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "driven"])
 
+PLACES = Path(__file__).parent, Path(__file__).parents[1]
 LONGEST_S = 120
 """Time after which a process hangs [s]."""
 
@@ -41,6 +45,9 @@ def program(folder, code, *arguments):
 
 
 def _done(folder, execute, what, arguments, before):
+    with pytest.MonkeyPatch.context() as patch:  # what is to be imported first is looked for before `sys.path` is told
+        patch.setenv("PYTHONPATH", os.pathsep.join(map(str, PLACES)))
+        ensure_running()
     with tempfile.TemporaryDirectory() as place:
         streams = [Path(place) / name for name in ("stdout", "stderr")]
         process = SERVER.Process(target=_child, args=(folder, streams, execute, what, arguments, before))
