@@ -200,11 +200,12 @@ def _label(grid: Any, x: str, y: str) -> None:
 
 
 def _legend(figure: Figure, keys: list[Line2D]) -> None:
+    if not keys:
+        return
     most = 2 if figure.get_figwidth() <= PANEL_WIDTH_IN else 5 if len(keys) <= 5 else 4
     widths = [KEY_IN + LETTER_IN * len(str(key.get_label())) for key in keys]
     columns = next((n for n in range(most, 1, -1) if _width(widths, n) <= figure.get_figwidth()), 1)
-    if keys:
-        figure.legend(handles=keys, loc="outside upper center", ncols=columns)
+    figure.legend(handles=keys, loc="outside upper center", ncols=columns)
 
 
 def _width(widths: Sequence[float], columns: int) -> float:

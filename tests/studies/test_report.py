@@ -58,7 +58,7 @@ def curves(figure: Figure) -> list[Any]:
     return [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
 
 
-@pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
+@pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5), Line()], ids=["circle", "eight", "line"])
 def test_each_figure_of_the_paper_is_a_picture_with_something_on_it(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]
