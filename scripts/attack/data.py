@@ -109,6 +109,8 @@ def _odd_table(chance: random.Random, table: pa.Table) -> pa.Table:
     numbers = values.astype(float) if values.dtype.kind in "fiu" else np.zeros(n)
     some = numbers.copy()
     some[:: chance.choice([1, 7])] = chance.choice([np.nan, np.inf, -np.inf, 1e308, 0.0, -1.0])
+    with np.errstate(over="ignore"):
+        milli = 1e3 * numbers
     new = chance.choice(
         [
             pa.array(some),
@@ -117,7 +119,7 @@ def _odd_table(chance: random.Random, table: pa.Table) -> pa.Table:
             pa.array(["x"] * n),
             pa.array([[1.0]] * n),
             pa.array(np.zeros(n)),
-            pa.array(1e3 * numbers),
+            pa.array(milli),
             pa.array(np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0).clip(-1e6, 1e6).astype(np.int64)),
             pa.array(np.arange(n), pa.timestamp("ms")),
             pa.array([True] * n),
