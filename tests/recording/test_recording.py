@@ -20,6 +20,7 @@ from agrobot_mj.simulation.run import CHUNK_TICKS
 
 KILLED = """
 import os, signal, sys, time
+from importlib import import_module
 from pathlib import Path
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
@@ -32,6 +33,7 @@ class Killed(Recording):
             time.sleep(0.5)  # the writer works beside the run
             os.kill(os.getpid(), signal.SIGKILL)
 
+import_module("agrobot_mj.simulation.run").REPORT_S = 1e9  # no earlier pieces on a busy machine
 run(load_scenario("straight_line", {"duration_s": 150}), (Killed(Path(sys.argv[1])),))
 """
 

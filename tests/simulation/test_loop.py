@@ -1,5 +1,7 @@
 """The loop: determinism, ends of a run, watchers, and a log that means what its columns say."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -148,7 +150,8 @@ def test_an_impossible_tractor_is_bad_input():
 # --- watchers -----------------------------------------------------------------------------------------------------
 
 
-def test_watchers_hear_every_row_once_in_chunks():
+def test_watchers_hear_every_row_once_in_chunks(monkeypatch):
+    monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
     witness = Witness()
     ticks = 2 * CHUNK_TICKS + 30
     run(short(seconds=ticks * 0.05, plant__kind="bicycle"), (witness,))
