@@ -284,3 +284,14 @@ def test_columns_and_report_agree() -> None:
             continue
         assert len(law.columns) == len(law.report(law.init()))
         assert all(c.unit and c.description for c in law.columns)
+
+
+@pytest.mark.parametrize("u", [0.62, 1.2, 2.9, -1.7])
+def test_the_gains_of_the_lqr_between_speeds_are_those_between_its_grid(u):
+    """Straight between the neighbours of the grid, and so near those of the speed itself."""
+    law = Lqr()
+    k = next(k for k, speed in enumerate(SPEEDS) if speed > abs(u))
+    low, high = (_gains(law, MACHINE, SPEEDS[j] if u > 0 else -SPEEDS[j]) for j in (k - 1, k))
+    share = (abs(u) - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
+    assert law.gains(MACHINE, u) == pytest.approx((1 - share) * low + share * high, rel=1e-12)
+    assert law.gains(MACHINE, u) == pytest.approx(_gains(law, MACHINE, u), rel=0.05, abs=0.01)
