@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import Reference
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line
 from agrobot_mj.studies import report, style
-from agrobot_mj.studies.report import ReportedRun, write_figures
+from agrobot_mj.studies.report import ReportedRun, q, write_figures
 from agrobot_mj.studies.tables import table
 
 NAMES = ["trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q"]
@@ -58,7 +58,7 @@ def curves(figure: Figure) -> list[Any]:
     return [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
 
 
-@pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5), Line()], ids=["circle", "eight", "line"])
+@pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
 def test_each_figure_of_the_paper_is_a_picture_with_something_on_it(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]
@@ -69,6 +69,13 @@ def test_each_figure_of_the_paper_is_a_picture_with_something_on_it(path: Any, t
         assert pixels[..., :3].std() > 0.05
         assert (pixels[:, [0, -1], :3] == 1).all(), "something is cut off at the sides"
         assert (pixels[[0, -1], :, :3] == 1).all(), "something is cut off above or below"
+
+
+def test_a_path_without_turns_needs_no_legend_for_q() -> None:
+    figure = q([ReportedRun("bicycle", "pd_t2fnn", RunLog(Line(), 0.1, "pd_t2fnn"))])
+    assert figure is not None
+    assert curves(figure)
+    assert figure.legends == []
 
 
 def test_drawing_leaves_the_global_style_alone(tmp_path: Path) -> None:
