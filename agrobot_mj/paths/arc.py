@@ -72,7 +72,6 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
     half = distance / 2
     middle = curvature + sharpness * half
     # Only over short turns is the quadrature exact to rounding: halve a longer piece.
-    # Only over short turns is the quadrature exact to rounding: halve a longer piece.
     if abs(middle * half) + abs(sharpness) * half * half > WIDEST_TURN:
         first = _along_clothoid(start, curvature, half, sharpness)
         return _along_clothoid(first, middle, half, sharpness)
