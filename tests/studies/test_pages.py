@@ -17,7 +17,8 @@ from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
-from agrobot_mj.studies.pages.sweep import Again, toml_value
+from agrobot_mj.studies.pages.print import ranking
+from agrobot_mj.studies.pages.sweep import Again, Group, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
@@ -189,3 +190,10 @@ def test_a_browser_draws_it_without_a_complaint(folders, kind):
             page.close()
         browser.close()
     assert said == []
+
+
+def test_laws_without_a_success_have_a_rate_and_no_box():
+    rows = [{"expected": False, "xte_rms": None}, {"expected": False, "xte_rms": 0.1}]
+    left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
+    assert len(left.lines) > len(right.lines) == 0

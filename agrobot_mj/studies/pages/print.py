@@ -34,7 +34,9 @@ def ranking(groups: list[Group]) -> Figure:
         ends = [[100 * max(rate - low, 0.0)], [100 * max(high - rate, 0.0)]]
         left.errorbar([100 * rate], [k], xerr=ends, color=COLOURS[0], marker="o", markersize=4, capsize=2)
     shown = [(k, group.values) for k, group in enumerate(groups) if len(group.values)]
-    right.boxplot([values for _, values in shown], positions=[k for k, _ in shown], orientation="horizontal", sym=".")
+    if shown:
+        boxes, at = [values for _, values in shown], [k for k, _ in shown]
+        right.boxplot(boxes, positions=at, orientation="horizontal", sym=".")
     left.set_yticks(places, [group.name for group in groups])
     left.set(xlabel=f"successful runs, {CONFIDENCE:.0%} interval [%]", xlim=(-3, 103), ylim=(len(groups) - 0.5, -0.5))
     right.set_xlabel(LABEL)
