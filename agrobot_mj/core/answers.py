@@ -1,10 +1,24 @@
 """Whether what a method of somebody's own kind returns is what its base asks for: told in words, before it is used."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 Message = TypeVar("Message")
+
+
+@contextmanager
+def unending() -> Iterator[None]:
+    """Code of somebody's own kinds within the block does not end the program, with a status that it chose.
+
+    Raises `ScenarioError` where it tries.
+    """
+    try:
+        yield
+    except SystemExit as error:
+        raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
 
 
 def answered(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
-from agrobot_mj.core.answers import told
+from agrobot_mj.core.answers import told, unending
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
@@ -231,11 +231,13 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
 
     Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
     """
-    try:
-        scenario.path.check()
-    except ValueError as error:
-        raise ScenarioError(f"{source}: {below('path', str(error))}") from None
-    if errors := [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]:
+    with unending():
+        try:
+            scenario.path.check()
+        except ValueError as error:
+            raise ScenarioError(f"{source}: {below('path', str(error))}") from None
+        errors = [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]
+    if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 
 

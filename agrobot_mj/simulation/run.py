@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from agrobot_mj.core.answers import unending
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
@@ -73,7 +74,8 @@ def followed(
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
     try:
         reporting, began = _Reporting(sim.rows, watchers), time.perf_counter()
-        drive(sim, reporting.tell)
+        with unending():
+            drive(sim, reporting.tell)
         wall = time.perf_counter() - began
         reporting.tell(at_the_end=True)
         log = finish(sim.log(wall))
@@ -82,8 +84,6 @@ def followed(
     except BaseException as error:
         for watcher in watchers:
             watcher.fail(error)
-        if isinstance(error, SystemExit):  # else the command would end with the status that a law has chosen
-            raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
         raise
     return log
 

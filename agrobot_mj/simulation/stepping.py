@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
+from agrobot_mj.core.answers import unending
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
@@ -45,7 +46,8 @@ class Simulation:
             self.scenario = scenario.changed(overrides) if overrides else scenario
         else:
             self.scenario = load_scenario(scenario, overrides)
-        self.loop = Loop(self.scenario)
+        with unending():
+            self.loop = Loop(self.scenario)
         self._begin()
 
     def _begin(self) -> None:
@@ -59,7 +61,8 @@ class Simulation:
     def reset(self) -> Measurement:
         """Place the tractor at the start again; returns the first measurement."""
         if self._sensed is not None or self.rows.filled:
-            self.loop = Loop(self.scenario)
+            with unending():
+                self.loop = Loop(self.scenario)
             self._begin()
         if not self.done:
             self._sense()

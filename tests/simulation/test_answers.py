@@ -201,6 +201,29 @@ def test_what_a_base_asks_for_must_be_there():
         register(Deaf)
 
 
+class Quitting(Hole):
+    kind: Literal["quitting"] = "quitting"
+
+    def relief(self):
+        raise SystemExit(3)
+
+
+class Resigning(Blunt):
+    kind: Literal["resigning"] = "resigning"
+
+    def init(self, x, y, yaw, tractor):
+        raise SystemExit(0)
+
+
+def test_no_kind_ends_the_program():
+    for begin in (
+        lambda: check_files(scenario(terrain=Quitting()), "mine.toml"),
+        lambda: run(scenario(estimator=Resigning())),
+    ):
+        with pytest.raises(ScenarioError, match=r"code of the scenario's kinds has ended the run \(SystemExit\)"):
+            begin()
+
+
 def test_answers_are_shown_shortened():
     with pytest.raises(ScenarioError) as refused:
         answered([0] * 10_000, int, "the law", "mine", "update")
