@@ -98,7 +98,8 @@ def _opened(viewer: ViewerClient, file: Path, patience: int) -> dict[str, Any]:
     """Load `file` and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(file.resolve())).store_ids:
-        raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
+        mend = f"if it was cut short: python -m rerun rrd optimize {file} -o whole.rrd"
+        raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)? {mend}")
     while viewer.get_state().loading:
         if time.monotonic() > deadline:
             raise _LateError(f"the recording was not loaded within {patience * LOAD_S:g} s")
