@@ -24,6 +24,7 @@ from agrobot_mj.core.signals import (
     Reference,
     Truth,
 )
+from agrobot_mj.faults.base import Scripted
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
@@ -93,13 +94,14 @@ def check_estimate(estimate: Estimate, estimator: str) -> None:
         refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
 
 
-def check_conditions(conditions: Conditions, faults: str) -> None:
-    """Raise `NotFiniteError` if faults make conditions that are not finite; `faults` names them."""
+def check_conditions(conditions: Conditions, faults: Sequence[Scripted]) -> None:
+    """Raise `NotFiniteError`, naming the kinds, if faults make conditions that are not finite."""
     c = conditions
     wheels = (*c.tyre_stiffness, *c.tyre_rolling)
     forces = c.valve_gain + c.valve_dead_band + c.drawbar + c.side_force + c.grip
     if not isfinite(c.gnss_quality + c.gnss_latency_s + sum(c.gnss_offset) + c.steer_pot_bias + forces + sum(wheels)):
-        refuse("conditions", c, tuple(name for name in c._fields if name != "payload"), f"a fault ({faults})")
+        kinds = ", ".join(fault.kind for fault in faults)
+        refuse("conditions", c, tuple(name for name in c._fields if name != "payload"), f"a fault ({kinds})")
 
 
 def check_reference(reference: Reference, path: str) -> None:

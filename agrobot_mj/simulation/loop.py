@@ -106,7 +106,7 @@ class Loop:
         s, state, truth = self.scenario, self.stages, self.truth
         check_truth(truth, s.plant.kind)
         if state.conditions is not NOMINAL:
-            check_conditions(state.conditions, ", ".join(fault.kind for fault in s.fault))
+            check_conditions(state.conditions, s.fault)
         state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
         state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
         try:
