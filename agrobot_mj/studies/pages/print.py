@@ -4,18 +4,18 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from agrobot_mj.studies.limit.search import wilson
 from agrobot_mj.studies.pages.document import COLOURS
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, is_number, parameters_of
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.sweep.store import read_rows
 
 
 def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
-    rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
+    rows = read_rows(folder)
     parameters = parameters_of(rows)
     groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
     with mpl.rc_context(STYLE):

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.signals import Array
@@ -23,6 +22,7 @@ from agrobot_mj.studies.limit.search import wilson
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.sweep.plan import decides
+from agrobot_mj.studies.sweep.store import read_rows
 
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
 CONFIDENCE = 0.8
@@ -62,7 +62,7 @@ def centimetres(rows: Iterable[Row]) -> Array:
 
 def sweep_page(folder: Path) -> Document:
     """The page of a sweep's folder."""
-    rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
+    rows = read_rows(folder)
     file = (folder / "sweep.toml").read_text("utf-8")
     base, text = (folder / "base.toml").read_text("utf-8"), tomllib.loads(file)
     parameters = parameters_of(rows)

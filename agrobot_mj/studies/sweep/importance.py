@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
@@ -24,6 +23,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.sweep.store import read_rows
 
 RESAMPLES = 1000
 """Resamples of the bootstrap [-]."""
@@ -66,7 +66,7 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
 def _found(folder: Path, metric: str, analyze: Callable[[list[str], Array], Array]) -> list[Influence]:
     try:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
-        rows: Rows = pq.read_table((folder / "sweep.parquet").absolute()).to_pylist()
+        rows: Rows = read_rows(folder)
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
     if file.get("method") != "saltelli":

@@ -162,6 +162,12 @@ class Store:
                     yield int(name)
 
 
+def read_rows(folder: Path) -> list[dict[str, Any]]:
+    """Rows of the table in a sweep's folder. Raises OSError or `pa.ArrowException` where there is none."""
+    rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
+    return rows
+
+
 def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
     """Bring the rows of several folders of the same sweep together in `target`; returns their common plan.
 
