@@ -11,7 +11,8 @@ compensation is an orifice: its flow falls with the load as sqrt(1 - p / p_suppl
 [Merritt1967].
 
 The cylinder is described by its displacement per radian at the bicycle's virtual wheel. The bicycle plant takes
-it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate and the wheels.
+it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate and the wheels. Bore and arm set the
+steering rate. What carries load is sized to the front axle where it is not given: relief pressure, stiffness, damping.
 """
 
 from math import exp, inf, pi, sqrt
@@ -23,11 +24,21 @@ from pydantic import Field, model_validator
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.machine.linkage import UPRIGHT, Linkage
+from agrobot_mj.machine.tractor import TractorParameters
 
 FULL_RANGE_V = 12.0
 """Top of the voltage range of a valve [V]. Paper, section V-B."""
 LITRE_PER_MINUTE = 1e-3 / 60
 """One litre per minute [m3/s]."""
+RELIEF_MARGIN = 3.0
+"""Relief torque over that which turns the standing wheels [-]. Estimate: a front axle loaded twice over, and a half for
+rough ground and stops; 100 bar on a cylinder of the class."""
+STIFFNESS, DAMPING = 5.0e4, 400.0
+"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Estimate: oil about 2e5 in series with linkage
+and hoses of about 7e4."""
+COMPACT = TractorParameters()
+"""Tractor of that oil column."""
 
 
 class Valve(Spec):
@@ -63,6 +74,12 @@ class Valve(Spec):
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
 
+def steering_size(tractor: TractorParameters) -> float:
+    """Size of a steering over that of the default tractor: load of the front axle times width of its tyres [-]."""
+    share = tractor.front_axle_load / COMPACT.front_axle_load
+    return share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
+
+
 class Cylinder(Spec):
     """The steering cylinder, seen at the bicycle's virtual wheel."""
 
@@ -72,12 +89,13 @@ class Cylinder(Spec):
     """Diameter of the rod [mm]. Estimate; the mean of both piston areas counts."""
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Estimate."""
-    relief_pressure_bar: Positive = 100.0
-    """Pressure at which the relief valve opens [bar]. Estimate."""
-    stiffness_n_m_rad: Positive = 5.0e4
-    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Estimate: oil about 2e5, linkage about 7e4."""
-    damping_n_m_s_rad: NonNegative = 400.0
-    """Damping of linkage and seals [N m s/rad]. Estimate."""
+    relief_pressure_bar: Positive | None = None
+    """Pressure at which the relief valve opens [bar]. When left out three times what turns the standing wheels."""
+    stiffness_n_m_rad: Positive | None = None
+    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. When left out it goes with load times width of
+    the front tyres: 5e4 here."""
+    damping_n_m_s_rad: NonNegative | None = None
+    """Damping of linkage and seals [N m s/rad]. When left out as the stiffness: 400 here."""
 
     @model_validator(mode="after")
     def _rod_inside_the_bore(self) -> "Cylinder":
@@ -96,10 +114,26 @@ class Cylinder(Spec):
         """Oil volume per radian of the virtual wheel [m3/rad]."""
         return self.area * self.arm_m
 
-    @property
-    def relief_torque(self) -> float:
-        """Largest torque about the virtual kingpin [N m]."""
-        return self.relief_pressure_bar * 1e5 * self.displacement
+    def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
+        """The oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
+        size, bar = steering_size(tractor), self.relief_pressure_bar
+        sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
+        return OilColumn(
+            relief_torque=sized if bar is None else bar * 1e5 * self.displacement,
+            stiffness=STIFFNESS * size if self.stiffness_n_m_rad is None else self.stiffness_n_m_rad,
+            damping=DAMPING * size if self.damping_n_m_s_rad is None else self.damping_n_m_s_rad,
+        )
+
+
+class OilColumn(NamedTuple):
+    """Oil of the steering cylinder, with hoses and linkage, about the virtual kingpin."""
+
+    relief_torque: float
+    """Largest torque [N m]."""
+    stiffness: float
+    """Stiffness [N m/rad]."""
+    damping: float
+    """Damping [N m s/rad]."""
 
 
 class ValveLaw(NamedTuple):

@@ -6,12 +6,16 @@ cylinder feels them: the push of a stone, the weight that steering lifts, the si
 defaults are zero: wheels that turn about their own centres, without play. Only the backlash counts for the bicycle.
 """
 
-from math import radians, tan
+from math import radians, sqrt, tan
 from typing import Annotated
 
 from pydantic import Field
 
 from agrobot_mj.core.spec import NonNegative, Spec
+from agrobot_mj.machine.tractor import TractorParameters
+
+DRY_GRIP = 0.75
+"""Friction under a scrubbing contact patch on dry ground [-]. Estimate (0.6-0.8 in the field)."""
 
 
 class Linkage(Spec):
@@ -42,3 +46,16 @@ class Linkage(Spec):
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:
         """Point where it meets the ground from the centre of a wheel of loaded `radius` [m], vehicle axes [m]."""
         return radius * tan(radians(self.caster_deg)), -side * self.kingpin_offset_m, -radius
+
+    def parked_torque(self, tractor: TractorParameters) -> float:
+        """Torque that turns the standing front wheels on dry ground, both together [N m].
+
+        mu W sqrt(b^2 / 8 + e^2), with the width b of the tyre and the kingpin offset e: the rule of makers of steering
+        units [Eaton2006]. Friction is left out.
+        """
+        arm = sqrt(tractor.front_wheel_width_m**2 / 8 + self.kingpin_offset_m**2)
+        return DRY_GRIP * tractor.front_axle_load * arm
+
+
+UPRIGHT = Linkage()
+"""Kingpins in the wheels' centres, no play and no friction."""

@@ -4,8 +4,8 @@
 *estimate* is ours, chosen inside ranges that `docs/models.md` names.
 """
 
-from math import radians
-from typing import Annotated
+from math import radians, sqrt
+from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -13,6 +13,37 @@ from agrobot_mj.core.spec import Fraction, NonNegative, Positive, Spec
 
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
+
+
+class Springs(NamedTuple):
+    """A tyre, from which the springs and dampers of larger and smaller ones follow.
+
+    Tyres of one shape at one share of their deflection: the stiffness goes with the load over the radius, and the
+    damping keeps its share of the critical one for the load that is carried.
+    """
+
+    load: float
+    """Static load [N]."""
+    radius: float
+    """Free radius [m]."""
+    stiffness: float
+    """Vertical stiffness [N/m]."""
+    damping: float
+    """Vertical damping [N s/m]."""
+
+    def stiffness_at(self, load: float, radius: float) -> float:
+        """Vertical stiffness of a tyre for a static load [N], of a free radius [m]: [N/m]."""
+        return self.stiffness * (load / self.load) * (self.radius / radius)
+
+    def damping_at(self, load: float, stiffness: float) -> float:
+        """Vertical damping of a tyre under a static load [N], of a vertical stiffness [N/m]: [N s/m]."""
+        return self.damping * sqrt(stiffness / self.stiffness * (load / self.load))
+
+
+FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
+"""Front tyre of the default tractor. Estimate: it deflects by 4 % of its radius, 15 % of critical damping."""
+REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
+"""Rear tyre of the default tractor. Estimate: it deflects by 3 % of its radius, 15 % of critical damping."""
 
 
 class TractorParameters(Spec):
@@ -46,14 +77,14 @@ class TractorParameters(Spec):
     """Mass of one front wheel with its tyre [kg]. Estimate."""
     rear_wheel_mass_kg: Positive = 45.0
     """Mass of one rear wheel with its tyre [kg]. Estimate."""
-    front_tyre_stiffness_n_m: Positive = 1.2e5
-    """Vertical stiffness of one front tyre [N/m]. Estimate."""
-    rear_tyre_stiffness_n_m: Positive = 1.6e5
-    """Vertical stiffness of one rear tyre [N/m]. Estimate."""
-    front_tyre_damping_n_s_m: NonNegative = 1200.0
-    """Vertical damping of one front tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
-    rear_tyre_damping_n_s_m: NonNegative = 1800.0
-    """Vertical damping of one rear tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
+    front_tyre_stiffness_n_m: Positive | None = None
+    """Vertical stiffness of one front tyre [N/m]. When left out it follows from static load and radius: 1.2e5 here."""
+    rear_tyre_stiffness_n_m: Positive | None = None
+    """Vertical stiffness of one rear tyre [N/m]. When left out it follows from static load and radius: 1.6e5 here."""
+    front_tyre_damping_n_s_m: NonNegative | None = None
+    """Vertical damping of one front tyre [N s/m]. When left out 15 % of critical for the load it carries."""
+    rear_tyre_damping_n_s_m: NonNegative | None = None
+    """Vertical damping of one rear tyre [N s/m]. When left out 15 % of critical for the load it carries."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops, either way [deg]. Estimate (8-12)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
@@ -102,3 +133,37 @@ class TractorParameters(Spec):
     def rear_axle_load(self) -> float:
         """Static load of the rear axle, both wheels, level ground [N]."""
         return self.mass_kg * GRAVITY * (1 - self.front_load_fraction)
+
+    @property
+    def front_wheel_load(self) -> float:
+        """Static load of one front wheel, level ground [N]."""
+        return self.front_axle_load / 2
+
+    @property
+    def rear_wheel_load(self) -> float:
+        """Static load of one rear wheel, level ground [N]."""
+        return self.rear_axle_load / 2
+
+    @property
+    def front_tyre_stiffness(self) -> float:
+        """Vertical stiffness of one front tyre, as given or for its load [N/m]."""
+        given = self.front_tyre_stiffness_n_m
+        return FRONT_TYRE.stiffness_at(self.front_wheel_load, self.front_wheel_radius_m) if given is None else given
+
+    @property
+    def rear_tyre_stiffness(self) -> float:
+        """Vertical stiffness of one rear tyre, as given or for its load [N/m]."""
+        given = self.rear_tyre_stiffness_n_m
+        return REAR_TYRE.stiffness_at(self.rear_wheel_load, self.rear_wheel_radius_m) if given is None else given
+
+    @property
+    def front_tyre_damping(self) -> float:
+        """Vertical damping of one front tyre, as given or for its load [N s/m]."""
+        given = self.front_tyre_damping_n_s_m
+        return FRONT_TYRE.damping_at(self.front_wheel_load, self.front_tyre_stiffness) if given is None else given
+
+    @property
+    def rear_tyre_damping(self) -> float:
+        """Vertical damping of one rear tyre, as given or for its load [N s/m]."""
+        given = self.rear_tyre_damping_n_s_m
+        return REAR_TYRE.damping_at(self.rear_wheel_load, self.rear_tyre_stiffness) if given is None else given

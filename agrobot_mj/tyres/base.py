@@ -7,8 +7,9 @@ compiled for the tick and usable as they stand. A new tyre is one file with both
 `Tyre`.
 """
 
+from collections.abc import Iterator
 from math import sqrt
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol, Self
 
 from pydantic import Field
 
@@ -130,8 +131,9 @@ class Structure(NamedTuple):
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]."""
     rolling_resistance: float = 0.0
     """Rolling resistance moment over load and rolling radius [-]."""
-    patch_half_length_m: float = 0.0
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]."""
+    patch_half_length_m: float | None = 0.0
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none, None for that of the static deflection
+    [m]."""
     trail_m: float = 0.0
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index_pa: float = 0.0
@@ -167,6 +169,17 @@ class TyreBase(Spec):
     def structure(self) -> Structure:
         """Carcass and contact patch."""
         raise NotImplementedError
+
+    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Where the static loads of a front and a rear wheel [N] leave the law's range: lines that begin with a key.
+
+        Keys are those below the tyre. None by default.
+        """
+        yield from ()
+
+    def of_implement(self) -> Self:
+        """The same law for the wheels of an implement: without what was measured on the tractor's own loads."""
+        return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
         """Law of one front and one rear tyre; both of the same class."""

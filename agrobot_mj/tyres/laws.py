@@ -1,6 +1,6 @@
 """From a tyre's specification to the four tyres of the compiled kernel, and one wheel's step under any law."""
 
-from math import atan, exp
+from math import atan, exp, sqrt
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from agrobot_mj.core.answers import made, pair
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector
+from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.memory import virgin
@@ -34,8 +35,8 @@ from agrobot_mj.tyres.patch import (
 
 SLIDE = 0.1
 """Twist at which all of the patch slides [rad]. Estimate."""
-GRIP = 0.75
-"""Friction under a scrubbing patch [-]. Estimate (0.6-0.8 in the field)."""
+GRIP = DRY_GRIP
+"""Friction under a scrubbing patch [-]."""
 TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
 ROLLING = 0.2
@@ -64,14 +65,14 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         front=front,
         rear=rear,
         radius=radius,
-        stiffness=np.array([tractor.front_tyre_stiffness_n_m] * 2 + [tractor.rear_tyre_stiffness_n_m] * 2),
-        damping=np.array([tractor.front_tyre_damping_n_s_m] * 2 + [tractor.rear_tyre_damping_n_s_m] * 2),
+        stiffness=np.array([tractor.front_tyre_stiffness] * 2 + [tractor.rear_tyre_stiffness] * 2),
+        damping=np.array([tractor.front_tyre_damping] * 2 + [tractor.rear_tyre_damping] * 2),
         relaxation=np.stack([relaxation, relaxation], axis=1),
         carcass_share=structure.carcass_share,
         bristle_damping=structure.bristle_damping_s
         * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
         rolling_resistance=structure.rolling_resistance,
-        patch_half_length=structure.patch_half_length_m,
+        patch_half_length=patch_half_lengths(structure, tractor),
         trail=structure.trail_m,
         cone_index=structure.cone_index_pa,
         bearing=structure.bearing,
@@ -79,6 +80,15 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         grip=np.ones(4),
         carcass=np.ones((4, 2)),
     )
+
+
+def patch_half_lengths(structure: Structure, tractor: TractorParameters) -> Array:
+    """Half the contact length of each tyre, as given or half the chord of its static deflection, shape (4,) [m]."""
+    if structure.patch_half_length_m is not None:
+        return np.full(4, structure.patch_half_length_m)
+    front = sqrt(2 * tractor.front_wheel_radius_m * tractor.front_wheel_load / tractor.front_tyre_stiffness)
+    rear = sqrt(2 * tractor.rear_wheel_radius_m * tractor.rear_wheel_load / tractor.rear_tyre_stiffness)
+    return np.array([front, front, rear, rear])
 
 
 def remembering(ground: Ground, bearing: Bearing) -> Ground:
@@ -98,14 +108,14 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
         (
             tractor.front_wheel_radius_m,
             tractor.front_wheel_width_m,
-            tractor.front_tyre_stiffness_n_m,
-            tractor.front_axle_load / 2,
+            tractor.front_tyre_stiffness,
+            tractor.front_wheel_load,
         ),
         (
             tractor.rear_wheel_radius_m,
             tractor.rear_wheel_width_m,
-            tractor.rear_tyre_stiffness_n_m,
-            tractor.rear_axle_load / 2,
+            tractor.rear_tyre_stiffness,
+            tractor.rear_wheel_load,
         ),
     ):
         crown, sunk = bearing.crown_share * b, load / stiffness
@@ -116,13 +126,12 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 
 @kernel
-def scrub(tyres: TyreSet, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
+def scrub(a: float, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
     The patch twists until its rim slides, over a bristle deflection of `SLIDE` times its half length, and then holds
-    two thirds of grip times load times half length; rolling wipes the twist out over the patch's length.
+    two thirds of grip times load times half length `a` [m]; rolling wipes the twist out over the patch's length.
     """
-    a = tyres.patch_half_length
     if a <= 0.0:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
@@ -215,7 +224,8 @@ def wheel_step(
     bristle[0], bristle[1] = force.held * z_x, force.held * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
-    moment = scrub(tyres, patch, load, footing.grip, dt, bristle) + way * aligning(tyres, slip_y, force.y)
+    moment = way * aligning(tyres, slip_y, force.y)
+    moment += scrub(tyres.patch_half_length[i], patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
     add_wrench(
         wrench,

@@ -5,11 +5,24 @@ angle enters as its tangent, which is what the bristle yields. Each tyre has hal
 that both plants agree on level ground.
 """
 
+from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
+
+STIFFNESS_PER_LOAD = (2.0, 20.0)
+"""Cornering stiffness over load that tyres have [1/rad]. Estimate: 3.5-9 on soil, up to 15 on roads."""
+
+
+def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
+    """A line that begins with `key`, where no tyre under this load [N] has this cornering stiffness [N/rad]."""
+    low, high = STIFFNESS_PER_LOAD
+    if low * load <= C_alpha <= high * load:
+        return ""
+    share = f"{C_alpha:g} N/rad is {C_alpha / load:.2g} times the load of {load:.0f} N"
+    return f"{key}: {share}; tyres have {low:g} to {high:g}"
 
 
 class LinearLaw(NamedTuple):
@@ -49,6 +62,13 @@ class Linear(TyreBase):
     """Rolling resistance moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+
+    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Stiffnesses that are not those of tyres under these loads."""
+        given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
+        for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
+            if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):
+                yield line
 
     def structure(self) -> Structure:
         """Carcass without a contact patch."""

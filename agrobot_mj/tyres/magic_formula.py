@@ -2,7 +2,9 @@
 
 In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip
 and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
-mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). Zero camber, no ply steer or conicity.
+mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). The reference is the static load of the wheel, an
+implement's for its own, unless it is given: a larger machine stands on larger tyres. A straight line holds near its
+reference, between `KNOWN_LOADS`. Zero camber, no ply steer or conicity.
 
 Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves.
 The force has a direction m in shares of both peaks (`base.force_direction`), which turns from that of the stiffnesses
@@ -11,8 +13,9 @@ to that against the sliding velocity, and the magnitude m_x^2 F0_x / D_x + m_y^2
 angle, s_y = atan(slip_y).
 """
 
+from collections.abc import Iterator
 from math import atan, pi, sin, sqrt, tan
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field
 
@@ -26,6 +29,9 @@ BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 LEAST_SHARE = 0.2
 """Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
+KNOWN_LOADS = (0.5, 2.0)
+"""Loads over the reference between which the change with load is known [-]. Estimate: what a tyre of one size at one
+pressure is made for."""
 
 
 class CurveLaw(NamedTuple):
@@ -128,26 +134,37 @@ class Curve(Spec):
 class AxleTyre(Spec):
     """Both directions of the tyres of one axle."""
 
-    reference_load_n: Positive
-    """Reference load F_z0 [N]."""
+    reference_load_n: Positive | None = None
+    """Reference load F_z0 [N]. When left out the static load of a wheel of its axle."""
     lateral: Curve = Curve()
     """Lateral curve, over the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Longitudinal curve, over the slip ratio [-]."""
 
-    def law(self, anisotropy: float = 0.0) -> MagicLaw:
-        """Coefficients of one tyre."""
-        peak = min(self.lateral.peak, self.longitudinal.peak)
-        return MagicLaw(self.reference_load_n, self.longitudinal.law(), self.lateral.law(), peak, anisotropy)
+    def clamped(self, df: float) -> str:
+        """What is held at its least share, `df` of the reference load above it, in words; else nothing."""
+        curves = (self.lateral, self.longitudinal)
+        held = {
+            "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
+            "stiffness": any(1 + curve.stiffness_load * df < LEAST_SHARE for curve in curves),
+        }
+        names = " and ".join(name for name, least in held.items() if least)
+        return f"; beyond it {names} over load is held at {LEAST_SHARE:g} of its value" if names else ""
+
+    def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
+        """Coefficients of one tyre that carries `static_load` [N]."""
+        along, across, given = self.longitudinal, self.lateral, self.reference_load_n
+        reference = static_load if given is None else given
+        return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
 
 
 class MagicFormula(TyreBase):
     """The default tyre: a small agricultural tyre on firm ground."""
 
     kind: Literal["magic_formula"] = "magic_formula"
-    front: AxleTyre = AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3))
+    front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
     """Front tyres; the stiffness gives the bicycle's at the static load."""
-    rear: AxleTyre = AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6))
+    rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
@@ -164,8 +181,9 @@ class MagicFormula(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
     Estimate."""
-    patch_half_length_m: NonNegative = 0.08
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
+    patch_half_length_m: NonNegative | None = None
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
+    the static deflection of each axle's tyres."""
     trail_m: NonNegative = 0.03
     """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Estimate."""
 
@@ -182,4 +200,20 @@ class MagicFormula(TyreBase):
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
         """Law of one front and one rear tyre."""
-        return self.front.law(self.sliding_anisotropy), self.rear.law(self.sliding_anisotropy)
+        a = self.sliding_anisotropy
+        return self.front.law(tractor.front_wheel_load, a), self.rear.law(tractor.rear_wheel_load, a)
+
+    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Loads far from the reference."""
+        axles = (("front", self.front, tractor.front_wheel_load), ("rear", self.rear, tractor.rear_wheel_load))
+        for load, (axle, tyre, static) in zip(loads, axles, strict=True):
+            reference = tyre.law(static).F_z0
+            if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
+                known = "grip and stiffness are known from {:g} to {:g} times it".format(*KNOWN_LOADS)
+                at = f"a wheel carries {load:.0f} N, {share:.2g} times the reference of {reference:.0f} N"
+                yield f"{axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
+
+    def of_implement(self) -> Self:
+        """The law with the implement's own static load as its reference."""
+        own = {axle: getattr(self, axle).model_copy(update={"reference_load_n": None}) for axle in ("front", "rear")}
+        return self.model_copy(update=own)

@@ -54,8 +54,8 @@ class TyreSet(NamedTuple):
     """Damping time tau of the bristle, see above [s]."""
     rolling_resistance: float
     """Rolling resistance moment over load and rolling radius [-]."""
-    patch_half_length: float
-    """Lever arm of the scrubbing moment; 0 for none [m]."""
+    patch_half_length: Array
+    """Lever arm of the scrubbing moment; 0 for none, shape (4,) [m]."""
     trail: float
     """Pneumatic trail at small slip; 0 for none [m]."""
     cone_index: float

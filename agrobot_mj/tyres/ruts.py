@@ -10,18 +10,23 @@ The slip is that of the faster of rim and ground; the direction of the force is 
 without memory (a test rig) the tyre stands on its deflection alone.
 """
 
+from collections.abc import Iterator
 from math import exp, hypot, radians, sqrt, tan
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import Fraction, NonNegative, Positive
+from agrobot_mj.core.spec import HUGE, Fraction, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
+STIFFEST_MPA_M = 1e4
+"""Rebound beyond which the patch is so short that a rolling tyre's load and resistance depend on the step [MPa/m]."""
+DEEPEST = 1 / 3
+"""Sinkage of a rigid wheel over its radius to which its closed form holds [-]. [Bekker1969]."""
 SHEARED = 20.0
 """Shear displacement over K at which the bristles break away at rest: 95 % of the strength is in use [-]."""
 BREAKAWAY_SPEED = 0.1
@@ -34,6 +39,14 @@ def sheared(j: float) -> float:
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
+
+
+def rebound_in_range(mpa_m: float) -> float:
+    """Return `mpa_m` unchanged. Raises ValueError for soil that rebounds stiffer than the physics steps resolve."""
+    if not 1.0 <= mpa_m <= STIFFEST_MPA_M:
+        why = "stiffer soil rebounds within a step; take a firm tyre law instead"
+        raise ValueError(f"must be from 1 to {STIFFEST_MPA_M:g} MPa/m ({why}), got {mpa_m:g}")
+    return mpa_m
 
 
 class RutsLaw(NamedTuple):
@@ -85,7 +98,7 @@ class Ruts(TyreBase):
     """Angle of internal friction phi [deg]. Estimate: as k_c."""
     shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
     """Shear modulus K [m]. Estimate: 0.01 for firm sand to 0.025 for loose soil."""
-    rebound_mpa_m: Annotated[float, Field(ge=1, le=1e6)] = 200.0
+    rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
     """Elastic stiffness of the soil that rebounds [MPa/m]. Estimate: as Project Chrono's wet sand."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
     """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Estimate: 2-3 loose, 3-5 firm, after
@@ -100,13 +113,28 @@ class Ruts(TyreBase):
     """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
-    patch_half_length_m: NonNegative = 0.08
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
+    patch_half_length_m: NonNegative | None = None
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
+    the static deflection of each axle's tyres."""
 
     @property
     def judged(self) -> bool:
         """Theories of firm ground do not predict it; it has validation cases of its own."""
         return False
+
+    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Soil in which wheels would sink deeper than the law of sinkage reaches."""
+        sizes = (
+            ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m),
+            ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m),
+        )
+        n = self.exponent
+        for load, (axle, R, b) in zip(loads, sizes, strict=True):
+            k = 1e3 * (self.k_c_kn / b + self.k_phi_kn)
+            sunk = (3 * load / ((3 - n) * b * k * sqrt(2 * R))) ** (2 / (2 * n + 1))
+            if sunk > DEEPEST * R:
+                deep = f"a rigid {axle} wheel under {load:.0f} N would sink by {sunk:.2g} m of its radius of {R:.2g} m"
+                yield f"k_phi_kn: {deep}; the law holds to a third of it"
 
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""

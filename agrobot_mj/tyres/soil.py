@@ -18,6 +18,7 @@ On ground softer than that of the fits the two part: the lateral peak would grow
 traction left. Below a number M of `SOFTEST` the lateral force therefore falls in proportion to M, as the soil weakens.
 """
 
+from collections.abc import Iterator
 from math import atan, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
@@ -44,11 +45,17 @@ def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: fl
 
 
 @kernel
+def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
+    """Mobility number M of the lateral fit [-]."""
+    return float(CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d)))
+
+
+@kernel
 def lateral_shape(
     b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
 ) -> tuple[float, float]:
     """Peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
-    M = CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d))
+    M = lateral_number(b, d, h, CI, W, delta)
     strength, M = min(M / SOFTEST, 1.0), max(M, SOFTEST)
     if radial > 0.5:
         return 0.8 * strength, (2.79 + 0.16 * M) / 0.8
@@ -116,8 +123,22 @@ class Soil(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
     Estimate."""
-    patch_half_length_m: NonNegative = 0.08
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Estimate."""
+    patch_half_length_m: NonNegative | None = None
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
+    the static deflection of each axle's tyres."""
+
+    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Soil softer than that of the fits under these loads."""
+        sizes = (
+            ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m, tractor.front_tyre_stiffness),
+            ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m, tractor.rear_tyre_stiffness),
+        )
+        for load, (axle, R, b, stiffness) in zip(loads, sizes, strict=True):
+            h = self.section_height_share * b
+            M = lateral_number(b, 2 * R, h, 1e3 * self.cone_index_kpa, load, load / stiffness)
+            if M < SOFTEST:
+                soft = f"too soft for {load:.0f} N on a {axle} wheel of {2 * R:.2g} m by {b:.2g} m"
+                yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
 
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""

@@ -17,8 +17,9 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
     worn,
 )
+from agrobot_mj.machine.tractor import TractorParameters
 
-DT = 0.002
+DT, TRACTOR = 0.002, TractorParameters()
 
 
 def flow_at(voltage, **changes):
@@ -102,7 +103,7 @@ def test_the_cylinder_in_numbers():
     head, rod = pi / 4 * 0.06**2, pi / 4 * (0.06**2 - 0.03**2)
     assert cylinder.area == pytest.approx((head + rod) / 2)
     assert cylinder.displacement == pytest.approx(cylinder.area * 0.2)
-    assert cylinder.relief_torque == pytest.approx(120e5 * cylinder.area * 0.2)
+    assert cylinder.column(TRACTOR).relief_torque == pytest.approx(120e5 * cylinder.area * 0.2)
 
 
 def test_the_default_steering_rate_lies_in_the_published_range():

@@ -21,7 +21,7 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
 
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-TRACTOR = TractorParameters()
+TRACTOR, STRONG = TractorParameters(), Cylinder(relief_pressure_bar=100.0)
 
 
 def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
@@ -52,9 +52,10 @@ def test_the_oil_column_winds_up_to_the_relief_torque_and_no_farther(side, rate)
     v.qpos[v.steer_q], v.qvel[v.steer_v] = 0.1, rate
     v.act[STEERING] = 0.1 + side * 0.5
     relieve(v, oil)
-    k, c = Cylinder().stiffness_n_m_rad, Cylinder().damping_n_m_s_rad
+    column = Cylinder().column(TRACTOR)
+    k, c = column.stiffness, column.damping
     torque = k * (v.act[STEERING] - 0.1) - c * rate
-    assert torque == pytest.approx(side * Cylinder().relief_torque)
+    assert torque == pytest.approx(side * column.relief_torque)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -71,7 +72,7 @@ def test_the_oil_column_ends_at_the_stops(side):
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, play_deg):
     """No wind-up: after ten seconds of full flow into the stop, the first flow back moves the column."""
-    plant = placed(linkage=Linkage(backlash_deg=play_deg))
+    plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=play_deg))
     v, oil, dt = plant.views, plant.oil, 0.002
     v.qpos[v.steer_q] = side * TRACTOR.steer_limit
     v.act[STEERING] = side * TRACTOR.steer_limit
@@ -98,7 +99,7 @@ def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, pla
 @pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
 def test_inside_its_play_the_cylinder_pushes_no_wheel(cylinder, column):
     """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
-    plant = placed(linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
+    plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
     v = plant.views
     v.qpos[v.steer_q], plant.cylinder[0] = 0.10, cylinder
     take_up_play(v, plant.oil, plant.cylinder, 0.002)
@@ -144,7 +145,8 @@ HELD = Linkage(friction_n_m=2e4)
 
 def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
     """Flow [l/min] and pressure [bar] in the end, `back_s` after the valve was thrown to the other side."""
-    plant = MujocoPlant(Mujoco(tyre=Linear()), Machine(valve=valve, linkage=HELD), Flat().ground())
+    machine = Machine(valve=valve, cylinder=STRONG, linkage=HELD)
+    plant = MujocoPlant(Mujoco(tyre=Linear()), machine, Flat().ground())
     plant.reset(ORIGIN)
     for _ in range(round(seconds / 0.05)):
         truth = plant.advance(Drive(volts, NEUTRAL_V))

@@ -160,7 +160,7 @@ def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
     report = trace.wheels[-40:].mean(axis=0)
     free = Under(NOMINAL, tyre).drive(1.2, 15.0).wheels[-40:].mean(axis=0)
     load, slip, forward = report[LOAD], report[SLIP_RATIO], report[FORCE_X]
-    sunk = load[2] / TRACTOR.rear_tyre_stiffness_n_m
+    sunk = load[2] / TRACTOR.rear_tyre_stiffness
     assert trace.mean("speed", 2.0) == pytest.approx(1.2, rel=0.005)
     assert forward.sum() == pytest.approx(pull, rel=0.01)
     height = TRACTOR.hitch_height_m + 2 / 3 * sunk  # above the line of the tyres' effective radius
@@ -278,7 +278,7 @@ def test_on_a_soft_rear_tyre_the_tractor_leans_as_its_spring_says():
     under = Under(SOFT_LEFT)
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
-    k = TRACTOR.rear_tyre_stiffness_n_m
+    k = TRACTOR.rear_tyre_stiffness
     sunk = load[2] / (0.4 * k) - load[3] / k
     assert roll == pytest.approx(-sunk / T, rel=0.02)
     assert degrees(roll) < -0.7

@@ -45,6 +45,13 @@ def test_it_is_refused_with_key_value_and_limit(key, value, said):
     assert key in text or "path." in said
 
 
+def test_soil_that_rebounds_within_a_step_is_refused():
+    soil = {"plant__tyre__kind": "ruts"}
+    said = refused(**soil, plant__tyre__rebound_mpa_m=2e4)
+    assert "plant.tyre.rebound_mpa_m: must be from 1 to 10000 MPa/m" in said
+    assert load_scenario("straight_line", {"plant.tyre.kind": "ruts", "plant.tyre.rebound_mpa_m": 1e4})
+
+
 def test_a_bend_sharper_than_tyres_hold_is_refused():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
     assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text

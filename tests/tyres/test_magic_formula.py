@@ -35,6 +35,8 @@ curvature = -0.0074722
 ANGLES = np.radians([-55, -20, -9, -3, -0.4, 0.4, 3, 9, 20, 55])
 RATIOS = [-0.95, -0.5, -0.15, -0.04, -0.003, 0.003, 0.04, 0.15, 0.5, 0.9]
 LOADS = np.geomspace(60, 12_000, 10)
+STATIC = 750 * 9.81 * 0.38 / 2, 750 * 9.81 * 0.62 / 2
+"""Static loads of a front and a rear wheel, the references of the law [N]."""
 
 
 def force(alpha, kappa, load, tyre=DEFAULT, wheel=FRONT):
@@ -92,7 +94,7 @@ def test_a_bad_set_is_refused_with_every_fault(tmp_path):
 @pytest.mark.parametrize("load", [300.0, 1400.0, 2300.0, 5000.0])
 @pytest.mark.parametrize("slip", [-0.6, -0.05, 0.01, 0.2, 1.2])
 def test_pure_slip_is_the_formula_written_out(wheel, load, slip):
-    axle = DEFAULT.front if wheel == FRONT else DEFAULT.rear
+    axle, static = (DEFAULT.front, STATIC[0]) if wheel == FRONT else (DEFAULT.rear, STATIC[1])
     across, along = axle.lateral, axle.longitudinal
     for curve, found in (
         (across, -force(slip, 0.0, load, wheel=wheel)[1]),
@@ -106,7 +108,7 @@ def test_pure_slip_is_the_formula_written_out(wheel, load, slip):
             curve.shape,
             curve.curvature,
         )
-        assert found == pytest.approx(written_out(slip, load, axle.reference_load_n, *numbers)[0], rel=1e-12)
+        assert found == pytest.approx(written_out(slip, load, static, *numbers)[0], rel=1e-12)
 
 
 def test_the_front_and_rear_tyres_have_the_bicycles_stiffness_at_the_static_load():
@@ -119,7 +121,7 @@ def test_on_a_thousand_points_the_force_is_bounded_odd_and_takes_power():
     rig, axle, v = Rig(DEFAULT, TRACTOR), DEFAULT.front, 1.0
     for alpha, kappa, load in product(ANGLES, RATIOS, LOADS):
         fx, fy, *_ = rig.steady(Setting(v, alpha, kappa, load))
-        df = (load - axle.reference_load_n) / axle.reference_load_n
+        df = (load - STATIC[0]) / STATIC[0]
         D_x, D_y = (c.mu * max(1 + c.mu_load * df, 0.2) * load for c in (axle.longitudinal, axle.lateral))
         assert hypot(fx / D_x, fy / D_y) <= 1 + 1e-9
         assert (fx * kappa > 0, fy * alpha < 0) == (True, True)
@@ -181,3 +183,21 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
     assert max(used) <= 1.003  # the grip is a little higher at 1440 N than at the reference
     assert min(used[2500:]) > 0.95
     assert report[FORCE_X] * velocity[0] + report[FORCE_Y] * velocity[1] < 0
+
+
+@pytest.mark.parametrize("mass", [400.0, 3600.0, 12_000.0])
+@pytest.mark.parametrize("wheel", [FRONT, REAR])
+def test_on_a_machine_of_any_mass_the_static_load_has_the_grip_and_stiffness_that_are_given(mass, wheel):
+    tractor = TractorParameters(mass_kg=mass, front_load_fraction=0.41)
+    load = mass * 9.81 * (0.41 if wheel == FRONT else 0.59) / 2
+    law = DEFAULT.coefficients(tractor)[wheel // 2]
+    grip = max(law.force(Slip(0.0, -tan(a), load, 0.01, 1.0, DRY)).y for a in np.linspace(0, 1, 400)) / load
+    stiffness = -law.force(Slip(0.0, 1e-6, load, 0.01, 1.0, DRY)).y / 1e-6 / load
+    assert grip == pytest.approx(0.75, rel=1e-3)
+    assert stiffness == pytest.approx(5.3 if wheel == FRONT else 6.6)
+
+
+def test_a_given_reference_is_that_of_the_tractor_and_not_of_its_trailer():
+    tyre = MagicFormula(rear=AxleTyre(reference_load_n=9000.0))
+    assert tyre.coefficients(TRACTOR)[1].F_z0 == 9000.0
+    assert tyre.of_implement().coefficients(TRACTOR)[1].F_z0 == TRACTOR.rear_wheel_load

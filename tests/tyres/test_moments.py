@@ -1,6 +1,6 @@
 """Moments about the vertical: the aligning moment of a rolling tyre and the scrubbing moment of a turning one."""
 
-from math import radians, tan
+from math import radians, sqrt, tan
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.rig import FRONT, Rig, Setting
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface
-from agrobot_mj.tyres import Linear, MagicFormula, Soil
+from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_Y, LOAD, WheelMotion
 
@@ -17,6 +17,8 @@ TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 SCRUBBING = [MagicFormula(), Soil()]
 GRIP = 0.75
 """Friction under a scrubbing patch, as the tyres have it."""
+HALF_M = sqrt(2 * 0.28 * (750 * 9.81 * 0.38 / 2) / 1.2e5)
+"""Half the chord that the static deflection of the front tyre cuts off [m]."""
 
 
 class Turning:
@@ -89,7 +91,7 @@ def test_without_a_trail_there_is_no_aligning_moment():
 def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, turn):
     wheel = Turning(tyre)
     moments = wheel.moments([turn] * 1000)
-    limit = 2 / 3 * GRIP * wheel.report[LOAD] * tyre.patch_half_length_m
+    limit = 2 / 3 * GRIP * wheel.report[LOAD] * HALF_M
     assert (moments * turn < 0).all()
     assert abs(moments[-1]) == pytest.approx(limit)
     assert np.abs(moments).max() <= limit * (1 + 1e-9)
@@ -121,7 +123,7 @@ def test_a_standing_wheel_holds_its_twist(tyre):
 def test_rolling_wipes_the_twist_out_over_the_length_of_the_patch(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
-    length = 2 * tyre.patch_half_length_m
+    length = 2 * HALF_M
     rolled = wheel.moments([0.0] * round(3 * length / v / DT), v)
     travelled = v * DT * np.arange(1, len(rolled) + 1)
     assert rolled == pytest.approx(twisted * np.exp(-travelled / length))
@@ -134,7 +136,7 @@ def test_scrubbing_to_and_fro_only_takes_work(tyre, v):
     turns = 0.6 * np.sin(2 * np.pi * 0.5 * t)
     moments = Turning(tyre).moments(turns, v)
     work = DT * np.cumsum(moments * turns)
-    stored = 0.5 * 2 / 3 * GRIP * 1440.0 * tyre.patch_half_length_m * 0.1
+    stored = 0.5 * 2 / 3 * GRIP * 1440.0 * HALF_M * 0.1
     assert work[-1] < -2 * stored
     assert work.max() <= 1e-9
     assert (work[1000:] - work[:-1000] < 0).all()  # over each whole period
@@ -159,3 +161,20 @@ def test_a_wheel_in_the_air_has_no_moment():
     wheel_step(wheel.tyres, FRONT, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     assert not wheel.wrench.any()
     assert not wheel.bristle.any()
+
+
+@pytest.mark.parametrize("tyre", [MagicFormula(), Soil(), Ruts()], ids=lambda tyre: tyre.kind)
+def test_the_patch_is_the_chord_of_each_axles_static_deflection(tyre):
+    large = TRACTOR.model_copy(
+        update={
+            "mass_kg": 5200.0,
+            "rear_wheel_radius_m": 0.8,
+            "front_tyre_stiffness_n_m": 3e5,
+            "front_wheel_radius_m": 0.5,
+        }
+    )
+    front, rear = tyre_set(tyre, large).patch_half_length[[0, 2]]
+    assert front == pytest.approx(sqrt(2 * 0.5 * (5200 * 9.81 * 0.38 / 2) / 3e5))
+    assert rear == pytest.approx(0.8 * sqrt(2 * (750 * 9.81 * 0.62 / 2) / 1.6e5 / 0.42))
+    given = tyre.model_copy(update={"patch_half_length_m": 0.05})
+    assert tyre_set(given, large).patch_half_length.tolist() == [0.05] * 4

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.implements.draught import ToolLaw
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Place = tuple[float, float, float]
 """x ahead, y left, z up from the hitch [m]."""
@@ -40,6 +40,8 @@ class Axle(NamedTuple):
     """Section width [m]."""
     mass: float
     """Mass of one wheel [kg]."""
+    load: float
+    """Static load of one wheel [N]."""
     stiffness: float
     """Vertical stiffness of one tyre [N/m]."""
     damping: float
@@ -140,6 +142,24 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
     Rigid with the tractor, by the tyres' vertical stiffness.
     """
     L = tractor.wheelbase_m
-    rear = load * (L + behind) / L / (2 * tractor.rear_tyre_stiffness_n_m)
-    front = -load * behind / L / (2 * tractor.front_tyre_stiffness_n_m)
+    rear = load * (L + behind) / L / (2 * tractor.rear_tyre_stiffness)
+    front = -load * behind / L / (2 * tractor.front_tyre_stiffness)
     return rear + (rear - front) * at / L
+
+
+def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
+    """Static load of a front and of a rear wheel on level ground, with what hangs at the hitch [N]."""
+    down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
+    moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
+    return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
+
+
+def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
+    """Static load that an implement puts on the tractor [N], and how far behind the hitch [m]."""
+    weight, x = hitched.mass * GRAVITY, hitched.centre[0]
+    if hitched.axle is not None:
+        return weight * (1 - x / hitched.axle.at[0]), 0.0
+    if hitched.depth_wheel.stiffness <= 0.0 or not hitched.joints:
+        return weight, -x
+    hinge, wheel = hitched.joints[0].at[0], hitched.depth_wheel.at[0]
+    return weight * (x - wheel) / (hinge - wheel), -hinge

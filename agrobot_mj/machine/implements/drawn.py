@@ -12,7 +12,7 @@ from pydantic import Field
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, ImplementBase, Joint, Shape, Unevenness, box_inertia
 from agrobot_mj.machine.implements.tool import Tool
-from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, Springs, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
@@ -24,6 +24,8 @@ PIN = (
     Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
 )
 """The pin at the drawbar."""
+TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
+"""Tyre of the default trailer. Estimate (1e5-3e5 N/m): it deflects by 4 % of its radius, 15 % of critical damping."""
 
 
 class Drawn(ImplementBase):
@@ -54,10 +56,10 @@ class Drawn(ImplementBase):
     """Section width of a tyre [m]. Estimate."""
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Estimate."""
-    tyre_stiffness_n_m: Positive = 1.8e5
-    """Vertical stiffness of one tyre [N/m]. Estimate (1e5-3e5)."""
-    tyre_damping_n_s_m: NonNegative = 1800.0
-    """Vertical damping of one tyre [N s/m]. Estimate: 15 % of critical for the load it carries."""
+    tyre_stiffness_n_m: Positive | None = None
+    """Vertical stiffness of one tyre [N/m]. When left out it follows from static load and radius: 1.8e5 here."""
+    tyre_damping_n_s_m: NonNegative | None = None
+    """Vertical damping of one tyre [N s/m]. When left out 15 % of critical for the load it carries."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
     """Slip stiffness of its tyres over that of the law of `plant.tyre` at the rear [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
@@ -75,7 +77,7 @@ class Drawn(ImplementBase):
         body = self.mass_kg - wheels
         if body <= 0:
             raise ValueError(f"implement.mass_kg: its wheels alone weigh {wheels:g} kg; raise it, got {self.mass_kg:g}")
-        sink = self.axle_load / 2 / self.tyre_stiffness_n_m
+        sink = self.axle_load / 2 / self.tyre_stiffness
         axle_at = (-self.axle_behind_m, 0.0, ground + self.wheel_radius_m - sink)
         at = self.tool_behind_m if self.lowered else self.axle_behind_m
         height = (self.mass_kg * (self.cg_height_m + ground) - wheels * axle_at[2]) / body
@@ -99,6 +101,18 @@ class Drawn(ImplementBase):
         """Static load of the axle, both wheels, level ground [N]."""
         return self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m
 
+    @property
+    def tyre_stiffness(self) -> float:
+        """Vertical stiffness of one tyre, as given or for its load [N/m]."""
+        given = self.tyre_stiffness_n_m
+        return TYRE.stiffness_at(self.axle_load / 2, self.wheel_radius_m) if given is None else given
+
+    @property
+    def tyre_damping(self) -> float:
+        """Vertical damping of one tyre, as given or for its load [N s/m]."""
+        given = self.tyre_damping_n_s_m
+        return TYRE.damping_at(self.axle_load / 2, self.tyre_stiffness) if given is None else given
+
     def _axle(self, at: tuple[float, float, float]) -> Axle:
         return Axle(
             at=at,
@@ -106,8 +120,9 @@ class Drawn(ImplementBase):
             radius=self.wheel_radius_m,
             width=self.wheel_width_m,
             mass=self.wheel_mass_kg,
-            stiffness=self.tyre_stiffness_n_m,
-            damping=self.tyre_damping_n_s_m,
+            load=self.axle_load / 2,
+            stiffness=self.tyre_stiffness,
+            damping=self.tyre_damping,
             slip_stiffness=self.slip_stiffness_scale,
             rolling=self.rolling_scale,
         )

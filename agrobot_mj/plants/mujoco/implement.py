@@ -12,7 +12,7 @@ from agrobot_mj.core.randomness import gauss_markov, stream
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.machine.implements.base import Axle, DepthWheel, HitchedBody, Unevenness
 from agrobot_mj.machine.implements.draught import ToolLaw
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.implement_model import IMPLEMENT_WHEELS
 from agrobot_mj.plants.mujoco.tools import DEPTH, DRAUGHT, SIDE, WHEEL_LOAD, Attached
 from agrobot_mj.plants.mujoco.views import CHASSIS, IMPLEMENT
@@ -46,14 +46,18 @@ COLUMNS = (
 
 
 def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """The two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no axle."""
+    """The two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no axle.
+
+    They are the rear tyres of a tractor that stands on four such wheels, each under the static load of the axle's.
+    """
     if axle is None:
         return tyre_set(tyre, tractor)
     sizes = {"radius_m": axle.radius, "width_m": axle.width, "mass_kg": axle.mass}
     springs = {"stiffness_n_m": axle.stiffness, "damping_n_s_m": axle.damping}
     wheels = {f"{end}_wheel_{name}": value for end in ("front", "rear") for name, value in sizes.items()}
     tyres = {f"{end}_tyre_{name}": value for end in ("front", "rear") for name, value in springs.items()}
-    whole = tyre_set(tyre, tractor.model_copy(update=wheels | tyres))
+    weight = {"mass_kg": 4 * axle.load / GRAVITY, "front_load_fraction": 0.5}
+    whole = tyre_set(tyre.of_implement(), tractor.model_copy(update=wheels | tyres | weight))
     arrays: dict[str, Any] = {
         name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)
     }

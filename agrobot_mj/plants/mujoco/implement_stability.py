@@ -8,7 +8,6 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
 from agrobot_mj.machine.implements.draught import DEEPEST, draught
-from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants.mujoco.stability import LIMIT, SMALL_SLIP, largest
 from agrobot_mj.plants.mujoco.tools import GIVE, Attached
 from agrobot_mj.tyres.base import Footing, Slip
@@ -57,7 +56,8 @@ def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: Hitched
 def _refusal(sprung: Sprung, spec: ImplementBase, share: float, dt: float) -> str:
     value: Any = spec
     for name in sprung.key.split("."):
-        value = getattr(value, name, None)
+        given = getattr(value, name, None)
+        value = getattr(value, name.removesuffix("_n_m").removesuffix("_n_s_m"), None) if given is None else given
     key = f"implement.{sprung.key}" if isinstance(value, float) else "implement"
     if not isinstance(value, float):
         limit = f"its {sprung.key} must be stable; {share:.2g} of what it is would be"
@@ -91,8 +91,7 @@ def _wheels(hitched: HitchedBody, parts: Attached) -> list[Sprung]:
     if axle is None or parts.native:
         return []
     bodies, at = tuple(parts.wheels.tolist()), np.array([[0.0, 0.0, -axle.radius]] * 2)
-    load = GRAVITY * (hitched.mass / 2 + axle.mass)
-    slip = Slip(0.0, SMALL_SLIP, load, load / axle.stiffness, 0.0, Footing(1.0, tyres.cone_index))
+    slip = Slip(0.0, SMALL_SLIP, axle.load, axle.load / axle.stiffness, 0.0, Footing(1.0, tyres.cone_index))
     lateral = -tyres.rear.force(slip).y / SMALL_SLIP / tyres.relaxation[0, 1] * axle.slip_stiffness
     return [
         Sprung("tyre_stiffness_n_m", True, 2, bodies, at, axle.stiffness, 0.0),

@@ -13,8 +13,8 @@ import numpy as np
 from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
-from agrobot_mj.machine.linkage import Linkage
+from agrobot_mj.machine.hydraulics import Cylinder, OilColumn, steering_size
+from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
@@ -27,8 +27,8 @@ mass in the tread."""
 def static_deflections(tractor: TractorParameters) -> tuple[float, float]:
     """Tyre deflection front and rear under the static load on level ground [m]."""
     return (
-        tractor.front_axle_load / 2 / tractor.front_tyre_stiffness_n_m,
-        tractor.rear_axle_load / 2 / tractor.rear_tyre_stiffness_n_m,
+        tractor.front_wheel_load / tractor.front_tyre_stiffness,
+        tractor.rear_wheel_load / tractor.rear_tyre_stiffness,
     )
 
 
@@ -44,8 +44,6 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of the kingpins' friction: MuJoCo's default creeps through a degree of play in seconds."""
-UPRIGHT = Linkage()
-"""Kingpins in the wheels' centres, no play and no friction."""
 
 
 def tractor_spec(
@@ -56,7 +54,7 @@ def tractor_spec(
     _place_wheels(spec, tractor)
     _couple_knuckles(spec, tractor)
     _set_kingpins(spec, tractor, linkage)
-    _set_actuators(spec, tractor, cylinder, driveline)
+    _set_actuators(spec, tractor, cylinder.column(tractor, linkage), driveline)
     chassis = spec.body("chassis")
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
     spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
@@ -116,7 +114,9 @@ def add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
 def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     left = ackermann_coefficients(tractor)
     limit = tractor.steer_limit_deg  # the file's own unit
-    spec.joint("steer").range = [-limit, limit]
+    steer = spec.joint("steer")
+    steer.range = [-limit, limit]
+    steer.armature *= steering_size(tractor)  # with that of the oil's stiffness: its frequency stays
     mirror = np.array([-1, 1, -1, 1, -1])
     for name, coefficients in (("ackermann_fl", left), ("ackermann_fr", mirror * left)):
         data = np.array(spec.equality(name).data)
@@ -139,11 +139,11 @@ def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Link
         joint.pos = linkage.foot(side, tractor.front_wheel_radius_m - sink)
 
 
-def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline) -> None:
-    limit, relief = tractor.steer_limit, cylinder.relief_torque
+def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColumn, driveline: Driveline) -> None:
+    limit = tractor.steer_limit
     steering, drive = spec.actuator("steering"), spec.actuator("drive")
     for actuator, stiffness, damping, torque in (
-        (steering, cylinder.stiffness_n_m_rad, cylinder.damping_n_m_s_rad, relief),
+        (steering, oil.stiffness, oil.damping, oil.relief_torque),
         (drive, driveline.stiffness_n_m_rad, driveline.damping_n_m_s_rad, driveline.torque_limit_n_m),
     ):
         actuator.gainprm[0] = stiffness

@@ -56,7 +56,10 @@ def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParam
             }
             key = max(alone, key=lambda key: alone[key])
             table, name = (tractor, key[8:]) if key.startswith("tractor.") else (tyre, key[11:])
-            raise ValueError(_refusal(key, getattr(table, name, None), LIMIT / whole, dt))
+            value = getattr(table, name, None)
+            if value is None:  # of the tractor's springs those left out follow from its size
+                value = getattr(table, name.removesuffix("_n_m").removesuffix("_n_s_m"), None)
+            raise ValueError(_refusal(key, value, LIMIT / whole, dt))
 
 
 def _refusal(key: str, value: float | None, share: float, dt: float) -> str:

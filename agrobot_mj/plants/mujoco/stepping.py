@@ -51,12 +51,12 @@ class Oil(NamedTuple):
 
 def oil_of(machine: Machine) -> Oil:
     """Steering cylinder and hydrostat of a machine."""
-    cylinder, driveline = machine.cylinder, machine.driveline
+    driveline, column = machine.driveline, machine.cylinder.column(machine.tractor, machine.linkage)
     return Oil(
-        displacement=cylinder.displacement,
+        displacement=machine.cylinder.displacement,
         steer_limit=machine.tractor.steer_limit,
-        steer_windup=cylinder.relief_torque / cylinder.stiffness_n_m_rad,
-        steer_lead=cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad,
+        steer_windup=column.relief_torque / column.stiffness,
+        steer_lead=column.damping / column.stiffness,
         steer_play=radians(machine.linkage.backlash_deg) / 2,
         drive_radius=machine.tractor.rear_wheel_radius_m,
         drive_torque=driveline.torque_limit_n_m,

@@ -89,7 +89,7 @@ def changed(**linkage: float) -> Machine:
 def loaded_radius(plant: MujocoPlant) -> float:
     """Height of a front wheel's centre at the static load [m]."""
     tractor = plant.tractor
-    return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_tyre_stiffness_n_m
+    return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_tyre_stiffness
 
 
 def parked(tyre: Any) -> tuple[list[Check], list[MujocoPlant]]:
@@ -157,7 +157,7 @@ def trailing(tyre: Any) -> tuple[Check, list[MujocoPlant]]:
         delta = plant.truth().steer
         side = float(plant.tyred.report[:2, FORCE_Y].sum())
         more = float(plant.tyred.report[1, LOAD] - plant.tyred.report[0, LOAD])
-        roll = more / (plant.tractor.front_tyre_stiffness_n_m * plant.tractor.track_m)
+        roll = more / (plant.tractor.front_tyre_stiffness * plant.tractor.track_m)
         plants.append(plant)
     weight, radius, c = plant.tractor.front_axle_load, loaded_radius(plant), radians(caster)
     wanted = (side + weight * roll) * radius * sin(c) - weight * radius * sin(c) ** 2 * sin(2 * delta) / 2

@@ -23,6 +23,7 @@ from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.studies.validation.base import (
     BICYCLE,
     ORIGIN,
+    STOCK,
     About,
     Check,
     Findings,
@@ -100,8 +101,8 @@ def measure(plant: Any, side: int, displacement: float) -> Law:
 
 def oil_column(subject: str) -> float:
     """Delay that the cylinder adds [s]."""
-    cylinder = Cylinder()
-    return 0.0 if subject == BICYCLE else cylinder.damping_n_m_s_rad / cylinder.stiffness_n_m_rad
+    column = STOCK.cylinder.column(STOCK.tractor)
+    return 0.0 if subject == BICYCLE else column.damping / column.stiffness
 
 
 def identification(subject: str, plant: Any) -> list[Check]:
@@ -140,7 +141,7 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 
 def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
     """Checks of the pressure, parked and rolling."""
-    patch, front = plant.tyred.tyres.patch_half_length, plant.tractor.front_axle_load
+    patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
     twisting = 2 / 3 * GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
     still = About("steering", "pressure to turn the wheels, parked", tyre.kind, "bar")
@@ -154,14 +155,15 @@ def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
 def relief(tyre: Any) -> tuple[Check, MujocoPlant]:
     """Mean pressure while a torque of 1.1 times relief pushes the wheels aside, from 5 to 30 degrees."""
     plant, _ = mujoco_plant(tyre, tick_s=PHYSICS_S)
-    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.1 * Cylinder().relief_torque
+    torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
+    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.1 * torque
     pressures: list[float] = []
     for _ in range(round(1.0 / PHYSICS_S)):
         angle = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V)).steer
         if radians(5.0) < angle < radians(30.0):
             pressures.append(abs(plant.actuation()[1]) / 1e5)
     about = About("steering", "pressure at relief", tyre.kind, "bar")
-    return about.near(float(np.mean(pressures)), Cylinder().relief_pressure_bar, 0.01), plant
+    return about.near(float(np.mean(pressures)), torque / Cylinder().displacement / 1e5, 0.01), plant
 
 
 def leaving(seen: Array, stop: float) -> float:

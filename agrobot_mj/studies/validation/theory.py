@@ -21,7 +21,7 @@ front wheels has a sideways part; and in a bend the patches scrub against turnin
 moment adds to the roll.
 """
 
-from math import cos, radians, sin, tan
+from math import cos, degrees, radians, sin, tan
 from typing import Any, NamedTuple
 
 import mujoco
@@ -33,7 +33,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
-from agrobot_mj.tyres import Linear
+from agrobot_mj.tyres import Linear, MagicFormula
 from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, tyre_set
 
@@ -107,7 +107,7 @@ class Tractor:
     def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
         """Wheel loads; `front_force` is F_f, and `shift` the load that moves from the front to the rear axle [N]."""
         p, b = self.p, self.parts
-        L, T, k = p.wheelbase_m, p.track_m, p.rear_tyre_stiffness_n_m
+        L, T, k = p.wheelbase_m, p.track_m, p.rear_tyre_stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
         rise = (1 - g_n / GRAVITY) * p.rear_axle_load / (2 * k)
         G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
@@ -179,7 +179,7 @@ class Tractor:
     def scrub(self, loads: Array, curvature: float) -> float:
         """Moment of the patches against turning with the path [N m]: each twists by the curvature times its length."""
         half = self.tyres.patch_half_length
-        return float(2 / 3 * GRIP * loads.sum() * half * min(2 * half * abs(curvature) / SLIDE, 1.0))
+        return float(2 / 3 * GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
 
     def trail(self, slip: float) -> float:
         """Pneumatic trail at a slip angle [m]."""
@@ -227,3 +227,13 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
     """Gradient K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
+
+
+def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
+    """Mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
+
+    From the coefficients alone: sin(grade) over the stiffnesses per load, weighted by the axles' shares of the weight.
+    """
+    share = tractor.front_load_fraction
+    front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load
+    return degrees(sin(radians(grade_deg)) / (front + rear))

@@ -1,0 +1,86 @@
+"""What follows from the size of a machine where it is not given, and what is told where it does not fit."""
+
+from math import sqrt
+
+import pytest
+
+from agrobot_mj.machine import Cylinder, Linkage, TractorParameters
+from agrobot_mj.machine.implements import Drawn, Mounted
+from agrobot_mj.machine.implements.base import wheel_loads
+
+COMPACT = TractorParameters()
+LARGE = TractorParameters(
+    mass_kg=3600, front_load_fraction=0.44, wheelbase_m=2.3, front_wheel_radius_m=0.55, rear_wheel_radius_m=0.75
+)
+G = 9.81
+
+
+def test_the_default_tractor_has_the_springs_that_its_file_has():
+    assert (COMPACT.front_tyre_stiffness, COMPACT.rear_tyre_stiffness) == (1.2e5, 1.6e5)
+    assert (COMPACT.front_tyre_damping, COMPACT.rear_tyre_damping) == (1200.0, 1800.0)
+
+
+def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
+    for small, large in (
+        (
+            COMPACT.front_wheel_load / COMPACT.front_tyre_stiffness / COMPACT.front_wheel_radius_m,
+            LARGE.front_wheel_load / LARGE.front_tyre_stiffness / LARGE.front_wheel_radius_m,
+        ),
+        (
+            COMPACT.rear_wheel_load / COMPACT.rear_tyre_stiffness / COMPACT.rear_wheel_radius_m,
+            LARGE.rear_wheel_load / LARGE.rear_tyre_stiffness / LARGE.rear_wheel_radius_m,
+        ),
+    ):
+        assert large == pytest.approx(small)
+
+
+def test_its_damping_keeps_its_share_of_the_critical():
+    def share(p):
+        return p.rear_tyre_damping / (2 * sqrt(p.rear_tyre_stiffness * p.rear_wheel_load / G))
+
+    stiff = LARGE.model_copy(update={"rear_tyre_stiffness_n_m": 9e5})
+    assert share(LARGE) == pytest.approx(share(COMPACT))
+    assert share(stiff) == pytest.approx(share(COMPACT))
+
+
+def test_what_is_given_stays():
+    given = LARGE.model_copy(update={"front_tyre_stiffness_n_m": 3e5, "front_tyre_damping_n_s_m": 0.0})
+    assert (given.front_tyre_stiffness, given.front_tyre_damping) == (3e5, 0.0)
+
+
+def test_a_trailer_of_twice_the_load_has_tyres_of_twice_the_stiffness():
+    small, large = (Drawn(mass_kg=kg).hitched(COMPACT).axle for kg in (500.0, 1000.0))
+    assert (small.stiffness, small.damping) == (1.8e5, 1800.0)
+    assert (large.stiffness, large.damping) == pytest.approx((3.6e5, 3600.0))
+    assert large.load == pytest.approx(1000 * G * 1.75 / 2.0 / 2)
+
+
+def test_relief_is_thrice_what_turns_the_standing_wheels():
+    wide = LARGE.model_copy(update={"front_wheel_width_m": 0.36})
+    laid = Linkage(kingpin_offset_m=0.05, friction_n_m=20.0)
+    rule = 0.75 * 3600 * G * 0.44 * sqrt(0.36**2 / 8 + 0.05**2)
+    assert Cylinder().column(wide, laid).relief_torque == pytest.approx(3 * rule)
+    assert Cylinder(relief_pressure_bar=50).column(wide).relief_torque == pytest.approx(50e5 * Cylinder().displacement)
+
+
+def test_the_oil_column_grows_with_the_load_and_width_of_the_front_tyres():
+    heavy = COMPACT.model_copy(update={"mass_kg": 1500.0, "front_wheel_width_m": 0.24})
+    assert Cylinder().column(COMPACT)[1:] == (5e4, 400.0)
+    assert Cylinder().column(heavy)[1:] == pytest.approx((1.5e5, 1200.0))
+    assert Cylinder(stiffness_n_m_rad=1e4, damping_n_m_s_rad=7.0).column(heavy)[1:] == (1e4, 7.0)
+
+
+@pytest.mark.parametrize("implement", [Drawn(mass_kg=900.0), Mounted(mass_kg=150.0), Mounted(linkage="float")])
+def test_wheel_loads_and_what_an_implement_carries_itself_are_its_weight(implement):
+    hitched = implement.hitched(COMPACT)
+    front, rear = wheel_loads(COMPACT, hitched)
+    wheel = hitched.depth_wheel
+    on_depth_wheel = wheel.stiffness * (-COMPACT.hitch_height_m - wheel.at[2])
+    own, wheels = (2 * hitched.axle.load, 2 * hitched.axle.mass) if hitched.axle else (on_depth_wheel, 0.0)
+    assert own + 2 * (front + rear) == pytest.approx(G * (COMPACT.mass_kg + hitched.mass + wheels))
+
+
+def test_an_implement_behind_takes_load_off_the_front_axle():
+    """150 kg, 0.5 m behind a hitch that is 0.55 m behind the axle, on a wheelbase of 1.4 m."""
+    front, _ = wheel_loads(COMPACT, Mounted(mass_kg=150.0, cg_behind_m=0.5).hitched(COMPACT))
+    assert front == pytest.approx(COMPACT.front_wheel_load - 150 * G * 1.05 / 1.4 / 2)
