@@ -10,6 +10,7 @@ its time constants scale with the speed. Valves and drive are those of the MuJoC
 wheel slip. A linkage with backlash lets the wheels stay until the cylinder has taken it up.
 """
 
+from collections.abc import Iterator
 from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
 from typing import Any, Literal, NamedTuple
 
@@ -33,6 +34,7 @@ from agrobot_mj.machine.hydraulics import (
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.terrain import Ground
+from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
 CRAWL = 0.05
@@ -47,6 +49,14 @@ class Bicycle(Spec):
     """C_alpha,f of the front axle [N/rad]. Estimate: two tyres at 1200 kPa cone index."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """C_alpha,r of the rear axle [N/rad]. Estimate: two tyres at 1200 kPa cone index."""
+
+    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
+        """Stiffnesses that are not those of tyres under the static loads: lines that begin with a key."""
+        loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
+        given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
+        for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
+            if line := unlike_a_tyre(f"plant.{axle}_cornering_stiffness_n_rad", C_alpha, load):
+                yield line
 
 
 class BicycleLaw(NamedTuple):

@@ -1,5 +1,6 @@
 """What a scenario says that is legal, but hardly meant: told before a run, which goes on."""
 
+from collections.abc import Iterator
 from math import ceil
 
 from agrobot_mj.core.signals import TICK_S
@@ -8,13 +9,23 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 def doubts(scenario: Scenario) -> list[str]:
-    """One line for each key that has no effect, beginning with it."""
-    end, found = scenario.ticks * TICK_S, []
+    """One line for each key that has no effect, or that does not fit the machine's size, beginning with it."""
+    return [*_faults(scenario), *_machine(scenario)]
+
+
+def _faults(scenario: Scenario) -> Iterator[str]:
+    end = scenario.ticks * TICK_S
     for k, fault in enumerate(scenario.fault):
         first = max(0, ceil((fault.start_s - ROUNDING_S) / TICK_S)) * TICK_S
         if first >= end - ROUNDING_S:
-            found.append(f"fault[{k}].start_s: {fault.start_s:g} s is not before the end of the run, {end:g} s")
+            yield f"fault[{k}].start_s: {fault.start_s:g} s is not before the end of the run, {end:g} s"
         elif not fault.active(first):
             window = f"{fault.start_s:g} to {fault.last_s:g} s"
-            found.append(f"fault[{k}]: its window, {window}, holds no tick of {TICK_S:g} s; it will not act")
-    return found
+            yield f"fault[{k}]: its window, {window}, holds no tick of {TICK_S:g} s; it will not act"
+
+
+def _machine(scenario: Scenario) -> list[str]:
+    try:
+        return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
+    except ValueError:
+        return []  # no such machine can be: whoever builds it says so

@@ -1,7 +1,7 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import cos, hypot, isfinite, nan, radians
 from typing import Annotated, Any, Literal
 
@@ -15,7 +15,9 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Condition
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
+from agrobot_mj.machine.fitting import misfits
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
+from agrobot_mj.machine.implements.base import wheel_loads
 from agrobot_mj.plants.base import Clock
 from agrobot_mj.plants.mujoco.build import build
 from agrobot_mj.plants.mujoco.clearance import clearance_of
@@ -75,6 +77,13 @@ class Mujoco(Spec):
     """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
+
+    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
+        """Parts of a machine that do not fit its weight at the path's `speed` [m/s]: lines that begin with a key."""
+        yield from misfits(machine, self.tyre.structure().patch_half_length_m != 0.0, speed)
+        hitched = machine.implement.hitched(machine.tractor)
+        loads = wheel_loads(machine.tractor, hitched)
+        yield from (f"plant.tyre.{line}" for line in self.tyre.doubts(machine.tractor, loads))
 
 
 class MujocoPlant:

@@ -1,0 +1,80 @@
+"""Whether the parts of a machine fit its weight: one line for each that cannot, beginning with its key.
+
+Rough bounds, of machines far from any that is built: a machine that crosses none may still be a bad one.
+"""
+
+from collections.abc import Iterator
+
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
+from agrobot_mj.machine.tractor import GRAVITY
+
+DEEPEST_SHARE = 0.15
+"""Static deflection over free radius beyond which a tyre is flat [-]. Estimate: half its section height or so."""
+DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
+"""Load over width times diameter beyond which no tyre of that size is made, tractor's and implement's [kPa]. Estimate:
+up to 45 and 100 in the tables of makers."""
+HIGHEST_BAR = 250.0
+"""Pressure beyond which no steering works [bar]. Estimate: 100-200."""
+LEAST_PULL, LEAST_POWER = 0.15, 0.07
+"""Pull over weight of a tractor that works on field and slope, and that which power must give at speed [-]. Estimate:
+0.05-0.07 go into rolling resistance alone."""
+
+
+def misfits(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
+    """Parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
+    hitched = machine.implement.hitched(machine.tractor)
+    yield from _tyres(machine, hitched)
+    if scrubs:
+        yield from _steering(machine)
+    yield from _drive(machine, hitched, speed)
+
+
+def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
+    tractor = machine.tractor
+    loads = wheel_loads(tractor, hitched)
+    sizes = (
+        ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m, tractor.front_tyre_stiffness),
+        ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m, tractor.rear_tyre_stiffness),
+    )
+    for load, (axle, radius, width, stiffness) in zip(loads, sizes, strict=True):
+        if load / stiffness > DEEPEST_SHARE * radius:
+            sunk = f"under {load:.0f} N the tyre deflects by {1e3 * load / stiffness:.0f} mm of {1e3 * radius:.0f}"
+            yield f"tractor.{axle}_tyre_stiffness_n_m: {sunk}; it is flat"
+        yield from _overloaded(f"tractor.{axle}_wheel_radius_m", load, radius, width, DENSEST_KPA)
+    if hitched is not None and (drawn := hitched.axle) is not None:
+        yield from _overloaded("implement", drawn.load, drawn.radius, drawn.width, DENSEST_DRAWN_KPA)
+
+
+def _overloaded(key: str, load: float, radius: float, width: float, most_kpa: float) -> Iterator[str]:
+    kpa = load / (2 * radius * width) / 1e3
+    if kpa > most_kpa:
+        wheel = f"a wheel of {2 * radius:.2g} m by {width:.2g} m carries {load:.0f} N, {kpa:.0f} kPa over its size"
+        yield f"{key}: {wheel}; no tyre does beyond {most_kpa:g}: set radius and width"
+
+
+def _steering(machine: Machine) -> Iterator[str]:
+    tractor, cylinder = machine.tractor, machine.cylinder
+    needed, relief = machine.linkage.parked_torque(tractor), cylinder.column(tractor, machine.linkage).relief_torque
+    if relief < needed:
+        less = f"holds {relief:.0f} N m, the standing front wheels need {needed:.0f}"
+        yield f"steering.cylinder.relief_pressure_bar: {less}; they turn only while rolling"
+    bar = relief / cylinder.displacement / 1e5
+    if cylinder.relief_pressure_bar is None and bar > HIGHEST_BAR:
+        small = f"too small for this front axle, whose relief would be at {bar:.0f} bar"
+        yield f"steering.cylinder.bore_mm: {small}; enlarge it, and the flows of steering.valve alike"
+
+
+def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Iterator[str]:
+    tractor, driveline = machine.tractor, machine.driveline
+    if not driveline.connected:
+        return
+    wheels = 0.0 if hitched is None or hitched.axle is None else 2 * hitched.axle.mass
+    hung = 0.0 if hitched is None else hitched.mass + wheels
+    weight = GRAVITY * (tractor.mass_kg + hung)
+    pull = driveline.torque_limit_n_m / tractor.rear_wheel_radius_m / weight
+    if pull < LEAST_PULL:
+        yield f"driveline.torque_limit_n_m: pulls {pull:.2g} of the weight of {weight:.0f} N, too little for a slope"
+    if speed > 0.0 and (share := 1e3 * driveline.power_limit_kw / speed / weight) < LEAST_POWER:
+        at = f"at {speed:g} m/s it pulls {share:.2g} of the weight of {weight:.0f} N"
+        yield f"driveline.power_limit_kw: {at}, hardly more than rolling takes"

@@ -1,0 +1,73 @@
+"""What a scenario says that does not fit the size of its machine is told by key; the library is free of doubts."""
+
+import pytest
+
+from agrobot_mj.core.resources import SCENARIOS
+from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.loading import load_scenario
+
+LARGE = {
+    "tractor.mass_kg": 3600.0,
+    "tractor.wheelbase_m": 2.3,
+    "tractor.track_m": 1.6,
+    "tractor.yaw_inertia_kg_m2": 6000.0,
+    "tractor.roll_inertia_kg_m2": 2000.0,
+    "tractor.pitch_inertia_kg_m2": 5000.0,
+    "tractor.front_wheel_radius_m": 0.5,
+    "tractor.rear_wheel_radius_m": 0.72,
+    "tractor.front_wheel_width_m": 0.3,
+    "tractor.rear_wheel_width_m": 0.42,
+    "driveline.torque_limit_n_m": 15000.0,
+    "driveline.power_limit_kw": 55.0,
+}
+
+
+def told(changes, **more):
+    return [line.split(": ")[0] for line in doubts(load_scenario("side_slope", LARGE | changes | more))]
+
+
+@pytest.mark.parametrize("name", sorted(file.stem for file in SCENARIOS.glob("*.toml")))
+def test_no_scenario_of_the_library_is_doubted(name):
+    assert doubts(load_scenario(name)) == []
+
+
+@pytest.mark.parametrize("kind", ["magic_formula", "soil", "ruts"])
+def test_a_large_machine_of_which_sizes_and_drive_are_given_is_not_doubted(kind):
+    assert told({"plant.tyre.kind": kind}) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"plant.tyre.rear.reference_load_n": 2300.0}, "plant.tyre.rear.reference_load_n"),
+        ({"plant.tyre.front.reference_load_n": 20000.0}, "plant.tyre.front.reference_load_n"),
+        ({"implement": {"kind": "mounted", "mass_kg": 1500.0}}, "plant.tyre.front.reference_load_n"),
+        ({"tractor.rear_wheel_radius_m": 0.3, "tractor.rear_wheel_width_m": 0.2}, "tractor.rear_wheel_radius_m"),
+        ({"tractor.front_tyre_stiffness_n_m": 5e4}, "tractor.front_tyre_stiffness_n_m"),
+        ({"driveline.torque_limit_n_m": 3000.0}, "driveline.torque_limit_n_m"),
+        ({"driveline.power_limit_kw": 2.0}, "driveline.power_limit_kw"),
+        ({"steering.cylinder.relief_pressure_bar": 8.0}, "steering.cylinder.relief_pressure_bar"),
+        ({"steering.cylinder.bore_mm": 30.0}, "steering.cylinder.bore_mm"),
+        ({"implement": {"kind": "drawn", "mass_kg": 6000.0}}, "implement"),
+        ({"plant.tyre.kind": "soil", "plant.tyre.cone_index_kpa": 80.0}, "plant.tyre.cone_index_kpa"),
+        ({"plant.tyre.kind": "ruts", "plant.tyre.k_phi_kn": 100.0, "plant.tyre.k_c_kn": 0.0}, "plant.tyre.k_phi_kn"),
+    ],
+)
+def test_what_does_not_fit_its_size_is_told_by_key(changes, key):
+    assert key in told(changes)
+
+
+@pytest.mark.parametrize("table", ["plant.tyre", "plant"])
+def test_stiffnesses_of_another_machine_are_told(table):
+    kind = {"plant.tyre.kind": "linear"} if table == "plant.tyre" else {"plant.kind": "bicycle", "terrain.kind": "flat"}
+    keys = [f"{table}.{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")]
+    assert told(kind) == keys
+    measured = dict(zip(keys, (40e3, 70e3) if table == "plant.tyre" else (80e3, 140e3), strict=True))
+    assert told(kind, **measured) == []
+
+
+def test_a_clamp_is_told_with_what_it_holds():
+    """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
+    (line,) = doubts(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
+    assert "carries 10948 N, 4.8 times the reference of 2300 N" in line
+    assert line.endswith("beyond it stiffness over load is held at 0.2 of its value")
