@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Valve
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.validation import (
@@ -19,6 +19,7 @@ from agrobot_mj.studies.validation import (
     parking,
     ruts,
     side_slope,
+    size,
     sliding,
     soak,
     steering,
@@ -27,7 +28,8 @@ from agrobot_mj.studies.validation import (
 )
 from agrobot_mj.studies.validation.base import LEVEL, STOCK, Machine, force_tyres, mujoco_plant
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Contact, Linear, Ruts, Soil
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Ruts, Soil
+from agrobot_mj.tyres.magic_formula import AxleTyre, Curve
 
 SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
 """A tenth too soft."""
@@ -97,6 +99,25 @@ def test_coasting_sees_a_driveline_that_drags(monkeypatch):
 def test_side_slope_sees_a_softer_tyre(monkeypatch):
     swap(monkeypatch, side_slope, lambda tyre, *rest: (SOFT, *rest))
     assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope.run(quick=True))
+
+
+def test_machine_size_sees_tyres_and_a_steering_of_another_machine(monkeypatch):
+    """A tyre with the reference loads of a compact tractor, and a cylinder with its relief pressure, under 2 t."""
+    small = MagicFormula(
+        front=AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3)),
+        rear=AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6)),
+        patch_half_length_m=0.08,
+    )
+    monkeypatch.setattr(size, "MASSES_KG", (700.0, 2000.0))
+    monkeypatch.setattr(size, "TYRE", small)
+    weak = Cylinder(relief_pressure_bar=10.0)
+    monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
+    assert failures(size.run(quick=True)) >= {
+        "mean crab, 5 deg, 2 t",
+        "peak force over static load, front, 2 t",
+        "peak force over static load, rear, 2 t",
+        "torque of the standing wheels, 2 t",
+    }
 
 
 def linear_alone(machine=STOCK, tyre=STANDARD):
