@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from math import ceil
 
+from agrobot_mj.core.answers import unending
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.faults.base import ROUNDING_S
 from agrobot_mj.scenario.schema import Scenario
@@ -26,6 +27,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 
 def _machine(scenario: Scenario) -> list[str]:
     try:
-        return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
+        with unending():
+            return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
     except ValueError:
         return []  # no such machine can be: whoever builds it says so

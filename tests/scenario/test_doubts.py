@@ -1,5 +1,7 @@
 """What a scenario says that does not fit the size of its machine is told by key; the library is free of doubts."""
 
+import sys
+
 import pytest
 
 from agrobot_mj.core.resources import SCENARIOS
@@ -71,3 +73,10 @@ def test_a_clamp_is_told_with_what_it_holds():
     (line,) = doubts(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
     assert "carries 10948 N, 4.8 times the reference of 2300 N" in line
     assert line.endswith("beyond it stiffness over load is held at 0.2 of its value")
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_tyre_of_somebody_elses_that_makes_no_sense_is_no_doubt(monkeypatch, ends):
+    """Whoever builds the tractor tells it."""
+    monkeypatch.setattr("agrobot_mj.tyres.Linear.structure", lambda self: sys.exit(3) if ends else None)
+    assert doubts(load_scenario("side_slope", {"plant.tyre.kind": "linear"})) == []

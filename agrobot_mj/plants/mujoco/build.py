@@ -3,12 +3,15 @@
 The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
 
+from agrobot_mj.core.answers import made
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.implements.base import HitchedBody
+from agrobot_mj.machine.fitting import misfits
+from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
 from agrobot_mj.plants.mujoco.drawing import scene_of
 from agrobot_mj.plants.mujoco.implement import attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
@@ -19,6 +22,7 @@ from agrobot_mj.plants.mujoco.tools import Attached
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Tyre
+from agrobot_mj.tyres.base import Structure
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
 
@@ -55,3 +59,14 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     if hitched is not None:
         check_implement(model, machine.implement, hitched, hung)
     return Built(model, scene, tyres, hitched, hung)
+
+
+def doubts(tyre: Tyre, machine: Machine, speed: float) -> Iterator[str]:
+    """Lines, each from its key, on what does not fit a machine's weight on these tyres at the path's `speed` [m/s].
+
+    Raises ValueError or ScenarioError for a machine or a tyre of which there is none.
+    """
+    structure = made(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
+    yield from misfits(machine, structure.patch_half_length_m != 0.0, speed)
+    loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
+    yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))

@@ -15,11 +15,9 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Condition
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
-from agrobot_mj.machine.fitting import misfits
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
-from agrobot_mj.machine.implements.base import wheel_loads
 from agrobot_mj.plants.base import Clock
-from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.plants.mujoco.build import build, doubts
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
@@ -80,10 +78,7 @@ class Mujoco(Spec):
 
     def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
         """Parts of a machine that do not fit its weight at the path's `speed` [m/s]: lines that begin with a key."""
-        yield from misfits(machine, self.tyre.structure().patch_half_length_m != 0.0, speed)
-        hitched = machine.implement.hitched(machine.tractor)
-        loads = wheel_loads(machine.tractor, hitched)
-        yield from (f"plant.tyre.{line}" for line in self.tyre.doubts(machine.tractor, loads))
+        return doubts(self.tyre, machine, speed)
 
 
 class MujocoPlant:
