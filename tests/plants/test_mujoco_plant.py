@@ -274,7 +274,7 @@ def test_the_steering_stops_at_its_limit_and_does_not_wind_up(side):
     assert side * back[-1].steer == pytest.approx(side * rigid_angle(voltages)[-1], abs=radians(0.5))
 
 
-@pytest.mark.parametrize("torque", [150.0, -300.0])
+@pytest.mark.parametrize("torque", [100.0, -170.0])
 def test_the_oil_holds_the_wheels_as_a_spring_below_relief(torque):
     plant, _ = linear()
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = torque
