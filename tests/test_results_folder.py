@@ -18,6 +18,7 @@ from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import sink, snapshot
 from agrobot_mj.scenario.overrides import beside
 from agrobot_mj.simulation import storage
+from agrobot_mj.simulation.ownership import MARK, reserve
 from agrobot_mj.simulation.storage import claimed, write_json, write_log
 from agrobot_mj.studies import compare
 
@@ -41,7 +42,15 @@ def short(**overrides):
 
 
 def names(folder="out"):
-    return {path.name for path in Path(folder).iterdir()}
+    return {path.name for path in Path(folder).iterdir()} - {MARK}
+
+
+def ours(*files):
+    """Make a folder `out` with these files of an earlier command."""
+    for name in files:
+        Path("out", name).parent.mkdir(parents=True, exist_ok=True)
+        Path("out", name).write_text("old")
+    Path("out", MARK).write_text("")
 
 
 # --- one writer ---------------------------------------------------------------------------------------------------
@@ -56,7 +65,7 @@ def test_a_folder_has_one_writer_at_a_time(call):
 
 
 def test_what_a_killed_run_left_half_written_is_cleared_away(call):
-    Path("out").mkdir()
+    reserve(Path("out"), FILES)
     for name in (".signals.parquet.1a2b3c4d.part", ".metrics.json.k2x_9abc", ".mine.txt.12345678", "notes.txt"):
         Path("out", name).write_text("half")
     assert call("run", "circle", *QUICK)[0] == 0
@@ -70,6 +79,7 @@ def test_what_a_killed_sweep_or_comparison_left_half_written_is_cleared_away(cal
         "runs/00000001/.run.rrd.1a2b3c4d.part",
     ]
     mine = [".notes.part", "rows/.1a2b3c4d.part", "deep/er/.base.toml.e4c5c495.part"]
+    reserve(Path("out"), ("base.toml", "rows", "runs"))
     for name in (*left, *mine):
         Path("out", name).parent.mkdir(parents=True, exist_ok=True)
         Path("out", name).write_text("half")
@@ -94,9 +104,7 @@ def test_a_second_run_that_dies_leaves_no_signals_of_the_first_beside_its_record
 
 
 def test_files_of_another_kind_of_run_do_not_stay_beside_the_new_ones():
-    Path("out").mkdir()
-    for name in ("link.parquet", "identified.json", "run.rrd"):
-        Path("out", name).write_text("old")
+    ours("link.parquet", "identified.json", "run.rrd")
     write_log(run(short()), Path("out"), recorded=False)
     assert names() == FILES
 
@@ -210,6 +218,7 @@ def test_a_link_in_the_place_of_a_recording_is_replaced_and_a_pipe_refused(call)
     Path("target").write_text("precious")
     Path("out").mkdir()
     Path("out/run.rrd").symlink_to("../target")
+    ours()
     assert call("run", "circle", *QUICK[1:])[0] == 0
     assert Path("target").read_text() == "precious"
     assert not Path("out/run.rrd").is_symlink()
@@ -230,7 +239,7 @@ def test_a_limit_of_file_sizes_below_a_recordings_head_is_told(call, monkeypatch
 @pytest.mark.parametrize("name", ["metrics.json", "run.rrd"])
 def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(call, name):
     Path("out", name).mkdir(parents=True)
-    Path("out/signals.parquet").write_text("old")
+    ours("signals.parquet")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
     assert f"out/{name}: is a folder" in err

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, load_plugins, names, overrides, results_folder
+from agrobot_mj.cli.options import (
+    Out,
+    Plugins,
+    Quiet,
+    Sets,
+    finite,
+    load_plugins,
+    names,
+    number,
+    overrides,
+    results_folder,
+)
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
@@ -24,8 +35,10 @@ Base = Annotated[
     str | None,
     typer.Option("--scenario", metavar="SCENARIO", help="Tractor, plant, tyres, terrain; that beside the log if any."),
 ]
-From = Annotated[float, typer.Option("--from", min=0, metavar="S", help="First time of the log that counts [s].")]
-To = Annotated[float, typer.Option("--to", metavar="S", help="Last time of the log that counts [s].")]
+From = Annotated[
+    float, typer.Option("--from", min=0, metavar="S", callback=finite, help="First time of the log that counts [s].")
+]
+To = Annotated[float, typer.Option("--to", metavar="S", callback=number, help="Last time of the log that counts [s].")]
 
 
 def replay(
@@ -72,7 +85,10 @@ def identify(
         str, typer.Option("--fit", help="With --vehicle: what to fit; lag, too, where the steering is quick.")
     ] = "front,rear,relaxation,offset,delay,backlash",
     share: Annotated[
-        float, typer.Option(min=0.2, max=0.9, help="With --vehicle: share of the log to fit; the rest judges.")
+        float,
+        typer.Option(
+            min=0.2, max=0.9, callback=finite, help="With --vehicle: share of the log to fit; the rest judges."
+        ),
     ] = 0.6,
     start: From = 0.0,
     end: To = inf,
@@ -84,8 +100,10 @@ def identify(
     understeer gradient, relaxation length, steering offset, delay and backlash with 95 % intervals.
     """
     if not vehicle:
+        from agrobot_mj.simulation.ownership import check_output
         from agrobot_mj.studies.identify import identify_command
 
+        check_output(log, ("identified.json",))
         say(identify_command(log))
         return
     from agrobot_mj.studies.vehicle import identify_vehicle_command
@@ -93,7 +111,7 @@ def identify(
 
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
-    folder = out if out is not None else (log if log.is_dir() else None)
+    folder = (log if log.is_dir() else None) if out is None else results_folder(out, "")
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
     try:
         say(identify_vehicle_command(source, log_map, scenario, folder, **options))

@@ -15,7 +15,9 @@ from agrobot_mj.cli.options import (
     Quiet,
     Sets,
     Source,
+    finite,
     load_plugins,
+    number,
     overrides,
     results_file,
     results_folder,
@@ -36,9 +38,9 @@ def link(
     host_port: Annotated[int, typer.Option(help="Port of the guidance program.")] = 9999,
     steer_by: Annotated[Literal["angle", "pwm"] | None, typer.Option(help="guidance.steer_by")] = None,
     host: Annotated[Literal["agopengps", "agopenweb"] | None, typer.Option(help="guidance.host")] = None,
-    duration: Annotated[float | None, typer.Option(help="duration_s [s]")] = None,
+    duration: Annotated[float | None, typer.Option(callback=finite, help="duration_s [s]")] = None,
     start: Annotated[Literal["heard", "engaged", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
-    wait: Annotated[float, typer.Option(min=0, help="Longest wait for that [s].")] = 60.0,
+    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for that [s].")] = 60.0,
     pace: Annotated[Literal["real_time", "answered"], typer.Option(help="What paces the run.")] = "real_time",
     nmea: Annotated[str | None, typer.Option(metavar="ADDRESS:PORT", help="Send GGA, RMC and VTG there, too.")] = None,
     replay: Annotated[Path | None, typer.Option(metavar="LINK.parquet", help="Drive from an earlier run.")] = None,
@@ -55,7 +57,7 @@ def link(
     from agrobot_mj.links.agopengps.command import link as run_link
     from agrobot_mj.links.agopengps.session import NoHostError
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.storage import claimed
+    from agrobot_mj.simulation.storage import claimed, files_of_run
 
     load_plugins(plugins)
     given = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
@@ -64,7 +66,7 @@ def link(
     arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live, not no_rrd)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     try:
-        with claimed(folder), stop_on_signals() as stopped:
+        with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_link(scenario, folder, arguments, watchers, lambda: bool(stopped), tell)
     except NoHostError as error:
@@ -84,8 +86,8 @@ def ros2(
     pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
     every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
     start: Annotated[Literal["heard", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
-    wait: Annotated[float, typer.Option(min=0, help="Longest wait for /cmd_vel [s].")] = 60.0,
-    duration: Annotated[float | None, typer.Option(help="duration_s [s]")] = None,
+    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for /cmd_vel [s].")] = 60.0,
+    duration: Annotated[float | None, typer.Option(callback=finite, help="duration_s [s]")] = None,
     stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
     network: Annotated[bool, typer.Option("--network", help="Let other computers see the topics.")] = False,
@@ -102,7 +104,8 @@ def ros2(
     from agrobot_mj.links.ros2.command import ros2 as run_node
     from agrobot_mj.links.ros2.session import NoProgramError, RosOptions
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.storage import claimed
+    from agrobot_mj.simulation.ownership import remove
+    from agrobot_mj.simulation.storage import claimed, files_of_run
 
     load_plugins(plugins)
     length = {} if duration is None else {"duration_s": duration}
@@ -111,14 +114,14 @@ def ros2(
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)
     try:
-        with claimed(folder), stop_on_signals() as stopped:
+        with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_node(scenario, folder, arguments, watchers, lambda: bool(stopped))
     except NoProgramError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
     if no_rrd:
-        (folder / "run.rrd").unlink(missing_ok=True)  # of an earlier run, beside these signals it would mislead
+        remove(folder, ["run.rrd"])  # of an earlier run, beside these signals it would mislead
     if not quiet:
         say(f"{scenario.name}: {log.outcome}, {log.metrics['ros2']['requests']} requests, {folder}")
     if log.outcome != scenario.expected_outcome:

@@ -4,6 +4,7 @@ import os
 import re
 import tempfile
 import tomllib
+from math import isfinite, isnan
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.simulation.ownership import check_folder, owned
 
 
 def _starting_with(incomplete: str) -> list[str]:
@@ -39,11 +41,26 @@ def _folder(text: str) -> Path:
     return Path(text)
 
 
+def number(value: float | None) -> float | None:
+    """A number that may be infinite."""
+    if value is not None and isnan(value):
+        raise typer.BadParameter("is no number")
+    return value
+
+
+def finite(value: float | None) -> float | None:
+    """A number that is neither infinite nor too large to be told from that."""
+    if value is not None and not isfinite(value):
+        raise typer.BadParameter("must be a finite number")
+    return value
+
+
 Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
 ]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
+Jobs = Annotated[int | None, typer.Option(min=1, max=1000, help="Processes; as many as there are cores by default.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
 LONGEST_NAME = 150
@@ -106,7 +123,10 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/."""
+    """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/.
+
+    Raises `ScenarioError` where nothing can be written, or where the files there are not ours.
+    """
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]
@@ -114,6 +134,7 @@ def results_folder(out: Path | None, default: str) -> Path:
         raise ScenarioError(f"--out {folder}: is a file; name a folder")
     if folder.is_symlink() and not folder.exists():
         raise ScenarioError(f"--out {folder}: is a link to nothing; name another folder")
+    check_folder(folder)
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     try:
         tempfile.TemporaryDirectory(dir=there).cleanup()
@@ -129,4 +150,6 @@ def results_file(out: Path) -> Path:
         raise ScenarioError(f"--out {out}: is a folder; name a file in it")
     if out.exists() and not out.is_file():
         raise ScenarioError(f"--out {out}: is a device or a pipe; name a file")
+    if (out.exists() or out.is_symlink()) and out.name not in (owned(out.parent) or ()):
+        raise ScenarioError(f"--out {out}: is there already; move it away, or name another file")
     return out

@@ -40,11 +40,12 @@ def snapshot(
 ) -> None:
     """Draw the tabs of a recording as PNGs; needs no display."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
+    from agrobot_mj.simulation.storage import claimed
 
     _check_recording(file)
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
-        with interruptible():
+        with claimed(folder, ()), interruptible():
             paths = snapshots(file, seconds(at), folder, tabs or [])
     except SnapshotError as error:
         print(error, file=sys.stderr)

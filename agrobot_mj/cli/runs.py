@@ -38,7 +38,7 @@ def run(
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import RECORDING, claimed, write_log
+    from agrobot_mj.simulation.storage import RECORDING, claimed, files_of_run, write_log
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
@@ -50,7 +50,7 @@ def run(
         from agrobot_mj.recording import Recording
 
         watchers.append(Recording(None if no_rrd else folder / RECORDING, live=live))
-    with claimed(folder), stop_on_signals() as stopped:
+    with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     if not quiet:
@@ -95,6 +95,7 @@ def compare(
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.compare import compare as run_cases
+    from agrobot_mj.studies.compare import files_of_comparison
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import table
 
@@ -106,7 +107,11 @@ def compare(
     for line in left_out:
         print(line, file=sys.stderr)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with claimed(folder), interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
+    with (
+        claimed(folder, files_of_comparison(todo)),
+        interruptible(),
+        task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance,
+    ):
         rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
         say(table(rows))

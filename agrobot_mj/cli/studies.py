@@ -59,7 +59,7 @@ def tune(
     guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
     budget: Annotated[int, typer.Option(min=8, help="Evaluations of the objective, the same for every law.")] = 64,
     seeds: Annotated[int, typer.Option(min=1, help="Seeds of each surface and speed.")] = 2,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, max=1000, help="Processes.")] = 1,
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
@@ -70,15 +70,17 @@ def tune(
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
+    from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.tune import tune as search
     from agrobot_mj.studies.tune import write_tuning
 
     kind = {} if guidance is None else {"guidance.kind": guidance}
     scenario = load_scenario(source, {**kind, **overrides(sets)})
     folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
-    with interruptible(), task(f"{scenario.guidance.kind}: {budget} evaluations", budget) as advance:
-        found = search(scenario, budget, seeds, jobs, lambda evaluations: [advance() for _ in range(evaluations)])
-    path = write_tuning(found, folder)
+    with claimed(folder, ("tuning.json",)), interruptible():
+        with task(f"{scenario.guidance.kind}: {budget} evaluations", budget) as advance:
+            found = search(scenario, budget, seeds, jobs, lambda evaluations: [advance() for _ in range(evaluations)])
+        path = write_tuning(found, folder)
     if not quiet:
         for part in ("training", "test"):
             score = found.provenance[part]

@@ -8,11 +8,21 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, names, overrides, results_folder
+from agrobot_mj.cli.options import (
+    Jobs,
+    Out,
+    Plugins,
+    Quiet,
+    Sets,
+    Source,
+    finite,
+    load_plugins,
+    names,
+    overrides,
+    results_folder,
+)
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
-
-Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default.")]
 
 
 def sweep(
@@ -76,7 +86,7 @@ def _shard(text: str | None) -> tuple[int, int]:
     """Part and number of parts from `i/n`."""
     if text is None:
         return 1, 1
-    match = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())
     if not match or not 1 <= int(match[1]) <= int(match[2]):
         raise ScenarioError(f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4")
     return int(match[1]), int(match[2])
@@ -91,9 +101,11 @@ def limit(
         list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value.")] = 10,
-    reliability: Annotated[float, typer.Option(help="Share of runs that must succeed.")] = 0.8,
-    confidence: Annotated[float, typer.Option(help="Confidence of that statement.")] = 0.8,
-    tolerance: Annotated[float | None, typer.Option(help="Where to stop; a fiftieth of the range if left out.")] = None,
+    reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
+    confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
+    tolerance: Annotated[
+        float | None, typer.Option(callback=finite, help="Where to stop; a fiftieth of the range if left out.")
+    ] = None,
     jobs: Jobs = None,
     sets: Sets = None,
     plugins: Plugins = None,

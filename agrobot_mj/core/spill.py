@@ -2,11 +2,13 @@
 
 A run of up to WINDOW rows is in memory as a whole. Beyond that, memory stays as it is: when it is full, the older half
 goes to the file as one block, column by column, so that a single column is read back without the others. The file has
-no name: it is gone with the process, however that ends. It lies in the folder of `tempfile` (TMPDIR).
+no name: it is gone with the process, however that ends. It lies in the folder of `tempfile` (TMPDIR). While that has
+no room, memory grows instead, up to MOST_BYTES.
 """
 
 import errno
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from math import prod
@@ -21,6 +23,10 @@ WINDOW = 12_000
 """Most rows in memory: ten minutes of 50 ms."""
 SPILL = WINDOW // 2
 """Rows in a block of the file."""
+_TOLD: set[str] = set()
+"""Folders whose lack of room was told."""
+MOST_BYTES = 500_000_000
+"""Most memory of an array that finds no room on the disk [bytes]: some hours of a run."""
 
 
 class Spilled:
@@ -48,8 +54,17 @@ class Spilled:
         """Size of all rows [bytes]."""
         return 8 * prod(self.shape)
 
+    def room(self, row: int) -> int:
+        """Place in `recent` of `row`, the first that is not written yet. Raises as `spill`."""
+        if row - self.first == len(self.recent) and row < len(self):
+            self.spill()
+        return row - self.first
+
     def spill(self) -> None:
-        """Write the oldest block of a full memory to the file. Raises OSError that names the folder."""
+        """Write the oldest block of a full memory to the file, or make memory larger where the disk is full.
+
+        Raises OSError that names the folder once that has grown to its limit.
+        """
         folder = tempfile.gettempdir()
         try:
             self._file = self._file or tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as this
@@ -58,6 +73,9 @@ class Spilled:
                 self._file.write(np.ascontiguousarray(column).data)
             self._file.flush()
         except OSError as error:
+            if self.recent.nbytes < MOST_BYTES:
+                self._grow(folder)
+                return
             reason = os.strerror(error.errno or errno.EIO)
             raise OSError(
                 error.errno,
@@ -67,12 +85,18 @@ class Spilled:
         self.recent[: len(self.recent) - self._block] = self.recent[self._block :]
         self.first += self._block
 
+    def _grow(self, folder: str) -> None:
+        """Make room for another block in memory; said once."""
+        if folder not in _TOLD:
+            _TOLD.add(folder)
+            print(f"{folder}: has no room for the log of a long run, which is kept in memory instead", file=sys.stderr)
+        self.recent = np.concatenate([self.recent, np.zeros((self._block, *self.shape[1:]))])
+
     def put(self, at: int, rows: Array) -> None:
         """Write `rows` (n, *shape) from row `at` on, the first that is not written yet. Raises as `spill`."""
         while len(rows):
-            if at - self.first == len(self.recent):
-                self.spill()
-            part = self.recent[at - self.first :][: len(rows)]
+            begin = self.room(at)
+            part = self.recent[begin:][: len(rows)]
             part[:] = rows[: len(part)]
             at, rows = at + len(part), rows[len(part) :]
 

@@ -56,23 +56,15 @@ class Rows:
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
-        at = self._room()
+        at = self.values.room(self.filled)
         values = self.values.recent[at]
         values[: len(COLUMNS)] = row
         values[self._wheels] = wheels
         if len(self._reported):
             values[self._reported] = report
+        at = self.poses.room(self.filled)
         self.poses.recent[at] = poses
         self.filled += 1
-
-    def _room(self) -> int:
-        """Place in memory of the next row."""
-        at = self.filled - self.values.first
-        if at < len(self.values.recent) or self.filled == self.ticks:
-            return at
-        self.values.spill()
-        self.poses.spill()
-        return self.filled - self.values.first
 
     def save(self) -> SavedRows:
         """The rows so far; copied are only those that no earlier snapshot of this run has."""

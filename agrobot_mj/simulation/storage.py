@@ -1,7 +1,7 @@
 """Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml`, and the folder that holds them.
 
 Each file appears complete or not at all, and those of one run are one set: all are written under other names first,
-then renamed together. One process at a time writes into a folder.
+then renamed together. One process at a time writes into a folder, and only over files of our own (`ownership`).
 """
 
 import errno
@@ -10,7 +10,8 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,9 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.ownership import MARK, check_output, disown_empty, owned, remove, reserve
 
 try:
     from fcntl import LOCK_EX, LOCK_NB, flock
@@ -35,8 +38,8 @@ SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, 
 """Files beside the recording that belong to one run; the first is there only if all are."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files of a run, also those of earlier versions."""
-_PART = re.compile(r"\..+\.[0-9a-f]{8}\.part")
-"""Names of temporary files of any kind."""
+PATIENCE_S = 60.0
+"""Longest wait of one that shares a folder for another that prepares it [s]."""
 Writer = Callable[[Path], None]
 """Writes a file at the path given."""
 
@@ -45,11 +48,14 @@ Writer = Callable[[Path], None]
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; renamed to `path` if the block succeeds, deleted if it raises.
 
-    Raises OSError that names `path`, and where that is a device, which a file must not take the place of.
+    Raises OSError that names `path`, and where that is a device, which a file must not take the place of; in a folder
+    of results `ScenarioError` where the file there is not ours.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; name a file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
+    if owned(path.parent) is not None:
+        reserve(path.parent, [path.name])
     temporary = _temporary(path)
     try:
         with _naming(path):
@@ -70,7 +76,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     """Write the files of a run into `folder`, which is created if missing, `more` of them, and its data files.
 
     They replace those of an earlier run together, with its recording unless this run is `recorded`, too. Raises
-    OSError that names the file that cannot be written.
+    OSError that names the file that cannot be written, `ScenarioError` where a file of that name is not ours.
     """
     text, data_files = log.scenario.portable()
     writers: dict[str, Writer] = {
@@ -81,7 +87,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
         **(more or {}),
         "metrics.json": _json(log.metrics),
     }
-    folder.mkdir(parents=True, exist_ok=True)
+    reserve(folder, writers)
     staged = {name: _temporary(folder / name) for name in writers}
     try:
         for name, write in writers.items():
@@ -90,7 +96,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
         with held_back():
             clear(folder, keep=tuple(writers)[:-1])
             if not recorded:
-                (folder / RECORDING).unlink(missing_ok=True)  # beside other signals it would mislead
+                remove(folder, [RECORDING])  # beside other signals it would mislead
             for name, temporary in staged.items():
                 with _naming(folder / name):
                     temporary.replace(folder / name)
@@ -99,34 +105,45 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
             temporary.unlink(missing_ok=True)
 
 
+def files_of_run(scenario: Scenario) -> tuple[str, ...]:
+    """Names of all files that a run of `scenario` may write into its folder."""
+    return *SET, RECORDING, *scenario.portable()[1]
+
+
 def clear(folder: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files of an earlier run, except the recording and those named."""
     for name in SET:
         if name not in keep:
             with _naming(folder / name):
-                (folder / name).unlink(missing_ok=True)
+                remove(folder, [name])
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[Path]:
-    """`folder` for this process alone, created if missing; what a killed run left half written is cleared away.
+def claimed(folder: Path, names: Iterable[str] = (*SET, RECORDING), shared: bool = False) -> Iterator[Path]:
+    """`folder` for this process alone, created and marked if missing; what a killed run left half written goes.
 
-    A folder that is empty at the end and was not there before is removed again. Raises `ScenarioError` while another
-    process writes there, or where a folder stands in the place of a file.
+    `names` are what is going to be written. A folder that is empty at the end and was not there before is removed
+    again. Who shares it with others waits for them, and leaves what they are writing. Raises `ScenarioError` where the
+    folder or a file there is not ours, while another process writes there, or where a folder stands in the place of a
+    file.
     """
+    check_output(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    handle = _locked(folder)
+    handle = _locked(folder, PATIENCE_S if shared else 0.0)
     try:
         for name in (*SET, RECORDING):
             if (folder / name).is_dir():
                 raise ScenarioError(f"{folder / name}: is a folder; move it away, or name another folder with --out")
-        for path in folder.iterdir():
-            if (match := _STALE.fullmatch(path.name)) and match["name"] in (*SET, RECORDING) and path.is_file():
-                path.unlink(missing_ok=True)
-        sweep_up(folder, "*.part")
-        sweep_up(folder, "*/*.part")  # a comparison has a folder for each run
-        yield folder
+        unmarked = owned(folder) is None
+        reserve(folder, ())
+        if not shared:
+            _tidy(folder)
+        try:
+            yield folder
+        finally:
+            if unmarked:
+                disown_empty(folder)
     finally:
         with suppress(OSError):
             for path in made:
@@ -135,29 +152,42 @@ def claimed(folder: Path) -> Iterator[Path]:
             os.close(handle)
 
 
-def sweep_up(folder: Path, pattern: str) -> None:
-    """Remove what `atomic` and `write_log` have left half written in files of this pattern, since they were killed."""
-    for path in folder.glob(pattern):
-        if _PART.fullmatch(path.name) and path.is_file():
+def _tidy(folder: Path) -> None:
+    """Remove what a killed command has left half written in its folder, and in those of a comparison's runs."""
+    ours = owned(folder) or frozenset()
+    sweep_up(folder, {*ours, MARK})
+    for place in (folder / name for name in sorted(ours)):
+        if place.is_dir() and (inner := owned(place)) is not None:
+            sweep_up(place, {*inner, MARK})
+
+
+def sweep_up(folder: Path, names: Container[str]) -> None:
+    """Remove from `folder` what was being written as a file of these names when the writer was killed."""
+    for path in [] if folder.is_symlink() else folder.iterdir():
+        if (match := _STALE.fullmatch(path.name)) and match["name"] in names and path.is_file():
             path.unlink(missing_ok=True)
 
 
-def _locked(folder: Path) -> int | None:
-    """A handle that holds the lock of `folder`; None where the file system has none."""
+def _locked(folder: Path, patience: float) -> int | None:
+    """A handle that holds the lock of `folder`, within `patience` [s]; None where the file system has none."""
     if flock is None:  # pragma: no cover
         return None
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        flock(handle, LOCK_EX | LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise ScenarioError(
-            f"--out {folder}: another run is writing there; wait for its end or name another folder"
-        ) from None
-    except OSError:
-        os.close(handle)
-        return None
-    return handle
+    handle, deadline = os.open(folder, os.O_RDONLY), time.monotonic() + patience
+    while True:
+        try:
+            flock(handle, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() < deadline:
+                time.sleep(0.1)
+                continue
+            os.close(handle)
+            raise ScenarioError(
+                f"--out {folder}: another run is writing there; wait for its end or name another folder"
+            ) from None
+        except OSError:
+            os.close(handle)
+            return None
+        return handle
 
 
 def _temporary(path: Path) -> Path:

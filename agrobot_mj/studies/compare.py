@@ -7,8 +7,9 @@ from typing import Any
 
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import claimed, write_json, write_log
+from agrobot_mj.simulation.storage import claimed, files_of_run, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.pool import cores, spread
 
@@ -31,6 +32,7 @@ def compare(
     wanted = frozenset(case.folder for case in shown)
     metrics: dict[str, dict[str, Any]] = {}
     logs: dict[str, Log] = {}
+    reserve(folder, dict.fromkeys(case.folder for case in todo))
     work = partial(_run_case, folder=folder, rrd=rrd, wanted=wanted)
     for case, (found, log) in spread(work, todo, min(len(todo), jobs or cores())):
         metrics[case.folder] = found
@@ -47,6 +49,14 @@ def compare(
     return rows
 
 
+def files_of_comparison(todo: Sequence[Case]) -> tuple[str, ...]:
+    """Names of all files and folders that a comparison may write into its folder."""
+    from agrobot_mj.studies.report import FIGURES
+
+    drawings = (f"{draw.__name__}.png" for draw in FIGURES)
+    return "comparison.json", "comparison.rrd", *drawings, *dict.fromkeys(case.folder for case in todo)
+
+
 def drawn(todo: Sequence[Case]) -> list[Case]:
     """The cases that figures show."""
     laws = list(dict.fromkeys(case.law for case in todo))[:MOST_DRAWN]
@@ -56,7 +66,7 @@ def drawn(todo: Sequence[Case]) -> list[Case]:
 def _run_case(case: Case, folder: Path, rrd: bool, wanted: frozenset[str]) -> tuple[dict[str, Any], Log | None]:
     """Metrics of a case, and its log if it is wanted: thousands of logs would not fit into memory."""
     place = folder / case.folder
-    with claimed(place):
+    with claimed(place, files_of_run(case.scenario)):
         log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
         write_log(log, place, recorded=rrd)
     return log.metrics, log if case.folder in wanted else None

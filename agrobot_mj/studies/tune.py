@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
@@ -51,6 +51,8 @@ TEST: dict[str, Overrides] = {
 """Surfaces of the judgement."""
 SPEEDS = {"training": (0.8, 1.5), "test": (1.2,)}
 """Speeds of the path [m/s]."""
+MOST_RUNS = 100_000
+"""Most runs of a search and its judgement."""
 FIRST_TEST_SEED = 1000
 """Seeds of the search count up from the scenario's, those of the judgement from here."""
 
@@ -83,6 +85,18 @@ def tunable(scenario: Scenario) -> dict[str, tuple[float, float]]:
     if not found:
         raise ScenarioError(f"guidance.kind: {law.kind!r} declares nothing to tune; name a law that does")
     return found
+
+
+def check_size(budget: int, seeds: int) -> None:
+    """Raise `ScenarioError` if a search takes more runs than `MOST_RUNS`."""
+    surfaces = {"training": len(TRAINING), "test": len(TEST)}
+    of_one = {part: surfaces[part] * len(SPEEDS[part]) * seeds for part in SPEEDS}
+    runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
+    if runs > MOST_RUNS:
+        raise ScenarioError(
+            f"--budget {shortened(str(budget), 20)} --seeds {shortened(str(seeds), 20)}: more than {MOST_RUNS:,} runs; "
+            "take fewer"
+        )
 
 
 def tuning_cases(scenario: Scenario, part: str, seeds: int) -> list[TuningCase]:
@@ -124,6 +138,7 @@ def tune(
 ) -> Tuning:
     """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations."""
     ranges = tunable(scenario)
+    check_size(budget, seeds)
     training, test = (tuning_cases(scenario, part, seeds) for part in ("training", "test"))
     if not training:
         raise ScenarioError(f"{scenario.name}: none of the surfaces of a tuning fits this scenario")

@@ -27,6 +27,7 @@ from agrobot_mj.links.agopengps.session import NoHostError, Options, Session
 from agrobot_mj.links.agopengps.udp import UdpSockets
 from agrobot_mj.links.agopengps.wire import decode, encode
 from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.ownership import MARK
 
 LIMIT = radians(45)
 BESIDE = {"path.start_y_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}
@@ -350,5 +351,5 @@ def test_the_command_drives_with_a_host(tmp_path):
     assert "the host steers" in done.stderr
     assert "engaged 4.0 s" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("signals.parquet", "metrics.json", "scenario.toml", "link.parquet")
+        *("signals.parquet", "metrics.json", "scenario.toml", "link.parquet", MARK)
     }

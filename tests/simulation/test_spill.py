@@ -31,9 +31,8 @@ def filled(rows, shape, window=24):
     """An array and what it should hold."""
     store, truth = Spilled(rows, shape), np.random.default_rng(1).normal(size=(rows, *shape))
     for k, row in enumerate(truth):
-        if k - store.first == len(store.recent):
-            store.spill()
-        store.recent[k - store.first] = row
+        at = store.room(k)
+        store.recent[at] = row
     return store, truth
 
 
@@ -116,7 +115,10 @@ def test_states_before_and_after_what_has_left_memory_are_restored(small):
             assert (again.rows.values[:].tobytes(), again.rows.poses[:].tobytes()) == expected
 
 
-def test_a_full_disk_names_the_folder_and_the_remedy(small, monkeypatch, tmp_path):
+@pytest.fixture
+def full_disk(monkeypatch, tmp_path):
+    """A folder of temporary files that takes nothing."""
+
     def full(dir):
         return SimpleNamespace(seek=lambda at: None, write=failing, flush=lambda: None)
 
@@ -125,6 +127,38 @@ def test_a_full_disk_names_the_folder_and_the_remedy(small, monkeypatch, tmp_pat
 
     monkeypatch.setattr(spill.tempfile, "TemporaryFile", full)
     monkeypatch.setattr(spill.tempfile, "gettempdir", lambda: str(tmp_path))
+    spill._TOLD.clear()
+
+
+def test_a_full_disk_costs_memory_and_no_results(small, full_disk, tmp_path, capsys):
+    log = run(load_scenario(*SCENARIO))
+    assert (log.rows.values.first, len(log.rows.values.recent)) == (0, 120)
+    assert (
+        capsys.readouterr().err
+        == f"{tmp_path}: has no room for the log of a long run, which is kept in memory instead\n"
+    )
+    assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
+
+
+def test_a_disk_that_is_full_for_a_while_loses_no_row(small, monkeypatch):
+    store, truth = Spilled(200, (3,)), np.random.default_rng(2).normal(size=(200, 3))
+    for k, row in enumerate(truth):
+        if k == 40:
+            store._file, kept = SimpleNamespace(seek=_no_room), store._file
+        elif k == 90:
+            store._file = kept
+        at = store.room(k)
+        store.recent[at] = row
+    assert len(store.recent) > 24
+    np.testing.assert_array_equal(store[:], truth)
+
+
+def _no_room(*_, **__):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_and_a_full_memory_name_the_folder_and_the_remedy(small, full_disk, monkeypatch, tmp_path):
+    monkeypatch.setattr(spill, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
         run(load_scenario(*SCENARIO))
     assert (told.value.filename, told.value.errno) == (str(tmp_path), errno.ENOSPC)

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.simulation.storage import atomic, write_json, write_log
 
 
@@ -48,7 +49,8 @@ def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path):
 def test_a_log_becomes_three_files(tmp_path):
     log = run(load_scenario("straight_line", {"duration_s": 1.0, "plant.kind": "bicycle", "controller.kind": "pd"}))
     write_log(log, tmp_path / "run")
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {"signals.parquet", "metrics.json", "scenario.toml"}
+    names = {"signals.parquet", "metrics.json", "scenario.toml"}
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, MARK}
     table = pq.read_table(tmp_path / "run" / "signals.parquet")
     assert table.equals(log.signals)
     assert table["q"].null_count == table.num_rows  # no network: null, not NaN

@@ -10,6 +10,7 @@ import pytest
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.studies.rig import FRONT, REAR, Rig, Setting, Towed, load_specimen, rig_command
 from agrobot_mj.tyres import Contact, Linear, Tyre
 from agrobot_mj.tyres.base import Structure
@@ -139,7 +140,7 @@ def test_the_command_leaves_curves_and_figures_and_nothing_else(done):
         "speed.png",
     ]
     assert [file.name for file in files] == names
-    assert sorted(file.name for file in files[0].parent.iterdir()) == sorted(names)
+    assert sorted(file.name for file in files[0].parent.iterdir()) == sorted([*names, MARK])
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in files[1:])
 
 

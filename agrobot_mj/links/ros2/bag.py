@@ -20,6 +20,7 @@ from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_na
 from agrobot_mj.links.ros2.sample import Heading, TickSample, samples_of
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import atomic
 from agrobot_mj.studies.fieldlog import check_time, column_names, read_columns
 
@@ -35,6 +36,8 @@ def export_run(folder: Path, file: Path | None = None) -> tuple[Path, int]:
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
+    if file is None:
+        check_output(folder, ["run.mcap"])
     file = file or folder / "run.mcap"
     scenario = load_scenario(folder / "scenario.toml")
     return file, write_mcap(scenario, _signals(folder / "signals.parquet"), file)

@@ -16,6 +16,7 @@ from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
+from agrobot_mj.simulation.ownership import check_names
 from agrobot_mj.simulation.storage import atomic
 
 SIZE = "1920x1080"
@@ -74,17 +75,22 @@ def _draw(
     asked, known = {name.lower() for name in tabs}, {name.lower() for name in named}
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
-    for name, place in named.items():
-        if asked and name.lower() not in asked:
-            continue
+    shown = {name: place for name, place in named.items() if not asked or name.lower() in asked}
+    check_names(folder, [_file(tab, t) for tab in shown for t in times])
+    for name, place in shown.items():
         layout[root]["ContainerBlueprint"]["active_tab"] = place
         viewer.set_blueprint(layout, "recording")
         for t in times:
-            path = folder / f"{name.lower()}_{t:g}.png"
+            path = folder / _file(name, t)
             if path not in drawn:
                 with atomic(path) as temporary:
                     temporary.write_bytes(_picture(viewer, t))
                 drawn[path] = None
+
+
+def _file(tab: str, t: float) -> str:
+    """Name of a picture's file."""
+    return f"{tab.lower()}_{t:g}.png"
 
 
 def _picture(viewer: ViewerClient, t: float) -> bytes:

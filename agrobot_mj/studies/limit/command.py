@@ -13,11 +13,14 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.storage import claimed, write_json
 from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, check, find_limit, laws
 from agrobot_mj.studies.pool import cores, pool
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 from agrobot_mj.studies.sweep.work import perform
+
+FILES = ("limit.json", "limit.png")
+"""What a search leaves."""
 
 
 def limit(
@@ -32,12 +35,13 @@ def limit(
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     found = []
-    with _workers(jobs or cores()) as do:
-        for name, under in scenarios.items():
-            found.append(find_limit(name, under, question, condition, do, partial(done, name)))
-    write_json(folder / "limit.json", content(scenario, question, found))
-    with mpl.rc_context(STYLE):
-        save(figure(question, found), folder / "limit.png")
+    with claimed(folder, FILES):
+        with _workers(jobs or cores()) as do:
+            for name, under in scenarios.items():
+                found.append(find_limit(name, under, question, condition, do, partial(done, name)))
+        write_json(folder / "limit.json", content(scenario, question, found))
+        with mpl.rc_context(STYLE):
+            save(figure(question, found), folder / "limit.png")
     return found
 
 

@@ -10,7 +10,7 @@ scan shows beside that (works again further on, never fails, fails from the star
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain, pairwise, repeat
-from math import ceil, isfinite, sqrt
+from math import ceil, inf, isfinite, sqrt
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ from agrobot_mj.studies.sweep.work import ERROR, WALL, Done, Task, flat
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""
+MOST_CONFIDENT = 0.999999
+"""Largest confidence: beyond it the interval of a rate is that of rounding [-]."""
 TRIAL_S = 1.0
 """Simulated time of the run that shows which metrics there are [s]."""
 RunTasks = Callable[[Sequence[Task]], list[Done]]
@@ -109,8 +111,12 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     q = question
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two different numbers, first where laws should hold")
-    if q.resolution <= 0 or not 0 < q.reliability < 1 or not 0 < q.confidence < 1:
-        raise ScenarioError("--tolerance must be above 0, --reliability and --confidence between 0 and 1")
+    if not isfinite(q.stop - q.start):
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
+    if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
+        raise ScenarioError(
+            f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"
+        )
     for scenario in scenarios.values():
         for value in (q.start, q.stop):
             scenario.changed({q.key: _value(scenario, q, value)})

@@ -102,7 +102,7 @@ class Document:
     def write(self, file: Path) -> Path:
         """Write the page, complete or not at all. Raises `ScenarioError` without plotly."""
         library = _library()
-        charts = json.dumps(self.charts, allow_nan=False).replace("</", "<\\/")
+        charts = json.dumps(self.charts, allow_nan=False).replace("<", "\\u003c")
         text = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(self.title)}</title><link rel="icon" href="data:,"><style>{STYLE}</style></head><body>

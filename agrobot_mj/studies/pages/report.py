@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.pages.answers import limit_page, validation_page
 from agrobot_mj.studies.pages.document import Document
@@ -20,6 +21,9 @@ PAGES: dict[str, Callable[[Path], Document]] = {
 }
 """Maker of a page by the file that shows what a folder holds."""
 
+FILES = ("report.html", "ranking.png", "curves.png")
+"""What reports leave."""
+
 
 def write_report(folder: Path) -> list[Path]:
     """Write the report of a folder of results into it; returns the files. Raises `ScenarioError`."""
@@ -28,6 +32,7 @@ def write_report(folder: Path) -> list[Path]:
     found = next((name for name in PAGES if (folder / name).is_file()), None)
     if found is None:
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
+    check_output(folder, FILES)
     with intact(folder / found, "reported"):
         page = PAGES[found](folder)
         printed = sweep_figures(folder) if found == "sweep.parquet" else []

@@ -1,6 +1,7 @@
 """What `agrobot-mj replay` does: read, drive, compare, write `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
+from collections.abc import Mapping
 from math import degrees, inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.signals import Column
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.storage import atomic, claimed, write_json
 from agrobot_mj.studies.fieldlog import Source
 from agrobot_mj.studies.replay.driving import By, Driven, drive
 from agrobot_mj.studies.replay.figure import write_figure
@@ -37,6 +38,9 @@ COLUMNS = (
     Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
 )
 """Columns of `replay.parquet`: one row per tick of the plant; null where nothing was recorded within half a tick."""
+
+FILES = ("replay.json", "replay.parquet", "replay.png", "replay.toml")
+"""What a replay leaves, beside the data files of its scenario."""
 
 
 class ReplayResult(NamedTuple):
@@ -85,18 +89,23 @@ def replay_command(
     end_s: float = inf,
 ) -> ReplayResult:
     """As `replay`, and write the numbers, the signals, the figure and the scenario into `folder`."""
-    found = replay(source, log_map, scenario, by, start_s, end_s)
+    text, data_files = scenario.portable()
+    with claimed(folder, (*FILES, *data_files)):
+        found = replay(source, log_map, scenario, by, start_s, end_s)
+        _write(found, folder, text, data_files)
+    return found
+
+
+def _write(found: ReplayResult, folder: Path, text: str, data_files: Mapping[str, Path]) -> None:
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.recording, found.driven), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)
     write_figure(found.recording, found.driven, folder / "replay.png")
-    text, data_files = scenario.portable()
     with atomic(folder / "replay.toml") as part:
         part.write_text(text, encoding="utf-8")
     for name, path in data_files.items():
         with atomic(folder / name) as part:
             shutil.copyfile(path, part)
-    return found
 
 
 def signals(recording: FieldRecording, driven: Driven) -> pa.Table:

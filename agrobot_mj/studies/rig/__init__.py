@@ -9,8 +9,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.simulation.storage import atomic
-from agrobot_mj.studies.rig.figures import write_figures
+from agrobot_mj.simulation.storage import atomic, claimed
+from agrobot_mj.studies.rig.figures import FIGURES, write_figures
 from agrobot_mj.studies.rig.source import Specimen, load_specimen
 from agrobot_mj.studies.rig.sweep import bench, sweep
 from agrobot_mj.studies.rig.towed import Towed
@@ -26,10 +26,11 @@ def rig_command(source: str, out: Path) -> list[Path]:
     Raises `ScenarioError` for a source that is no tyre.
     """
     specimen = load_specimen(source)
-    try:
-        table = sweep(specimen.tyre, specimen.tractor)
-    except ValueError as error:
-        raise ScenarioError(f"{source}: {error}") from None
-    with atomic(out / "curves.parquet") as temporary:
-        pq.write_table(table, temporary, compression="zstd")
-    return [out / "curves.parquet", *write_figures(table, out)]
+    with claimed(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
+        try:
+            table = sweep(specimen.tyre, specimen.tractor)
+        except ValueError as error:
+            raise ScenarioError(f"{source}: {error}") from None
+        with atomic(out / "curves.parquet") as temporary:
+            pq.write_table(table, temporary, compression="zstd")
+        return [out / "curves.parquet", *write_figures(table, out)]

@@ -20,6 +20,7 @@ from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.palette import BLUE, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
+from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
@@ -59,6 +60,7 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     `method = "saltelli"`, or the metric no value in some runs.
     """
     analyze = _analyzer()
+    check_output(folder, ("importance.json", "importance.png"))
     with intact(folder / "sweep.parquet", "read"):
         return _found(folder, metric, analyze)
 

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.progress import tally, task
 from agrobot_mj.simulation.storage import claimed
 from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.sweep.cluster import over_dask
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan, base_text
 from agrobot_mj.studies.sweep.schema import read_sweep
-from agrobot_mj.studies.sweep.store import Store, merge
+from agrobot_mj.studies.sweep.store import TABLE, Store, merge
 from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
@@ -61,20 +62,25 @@ class SweepSummary(NamedTuple):
 def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) -> SweepSummary:
     """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs."""
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
-    # Shards may share a folder, since each has runs of its own.
-    with claimed(folder) if options.shard == (1, 1) else nullcontext():
-        if options.shard == (1, 1):
+    with claimed(folder, store.names(plan)) if _is_whole(options) else nullcontext():
+        if _is_whole(options):
             store.sweep_up()
         return _complete(plan, store, options)
 
 
+def _is_whole(options: SweepOptions) -> bool:
+    """Whether the sweep has its folder for itself; shards may share one, since each has runs of its own."""
+    return options.shard == (1, 1)
+
+
 def _complete(plan: SweepPlan, store: Store, options: SweepOptions) -> SweepSummary:
     """Do what is missing of a sweep in its folder."""
-    _prepare(plan, store, options)
+    part = range(options.shard[0] - 1, plan.total, options.shard[1])
+    _prepare(plan, store, options, part)
     done = bytearray(plan.total)
     for number in store.finished():
-        done[number] = 1
-    part = range(options.shard[0] - 1, plan.total, options.shard[1])
+        if number < plan.total:
+            done[number] = 1
     todo = [number for number in part if not done[number]]
     before, unexpected, errors = len(part) - len(todo), 0, 0
     with (
@@ -95,14 +101,18 @@ def _complete(plan: SweepPlan, store: Store, options: SweepOptions) -> SweepSumm
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     """Bring parts of a sweep together in `folder`; returns how many rows its table has, and should have."""
     store = Store(folder)
-    with _full_disk_told(store):
+    if not sources:
+        raise ScenarioError(f"{folder}: no such folder; --merge joins the folders that --shard has written")
+    with claimed(folder, (TABLE,), shared=True), _full_disk_told(store):
         common = merge(sources, store)
         return store.write_table(), int(common["runs"])
 
 
-def _prepare(plan: SweepPlan, store: Store, options: SweepOptions) -> None:
+def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) -> None:
     """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
     plan.check_size(options.max_runs)
+    folder, names = store.folder, store.names(plan)
+    check_output(folder, names)
     if store.begun is not None and not options.fresh:
         if changes := store.changes(plan):
             raise ScenarioError(
@@ -112,10 +122,19 @@ def _prepare(plan: SweepPlan, store: Store, options: SweepOptions) -> None:
         return
     with task(f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, options.quiet) as advance:
         plan.check(advance)
-    with _full_disk_told(store):
+    with _full_disk_told(store), nullcontext() if _is_whole(options) else claimed(folder, names, shared=True):
         if options.fresh:
-            store.clear()
+            others = not _is_whole(options) and not _is_other(store, plan)
+            store.clear(part if others else None)
         store.begin(plan)
+
+
+def _is_other(store: Store, plan: SweepPlan) -> bool:
+    """Whether what is in the folder is of no use to this sweep, nor to another shard of it."""
+    try:
+        return bool(store.changes(plan))
+    except ScenarioError:
+        return True
 
 
 def _results(plan: SweepPlan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:

@@ -8,7 +8,8 @@ Every file appears whole or not at all, so that a sweep killed at any moment goe
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
+from contextlib import suppress
 from hashlib import sha256
 from itertools import islice
 from pathlib import Path
@@ -19,15 +20,19 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.sources import source_digest
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import loaded_files
-from agrobot_mj.simulation.storage import atomic, sweep_up, write_json
+from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
+from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.portable import portable, renamed
 from agrobot_mj.studies.sweep.work import Done
 
-TABLE, PLAN, ROWS = "sweep.parquet", "plan.json", "rows"
+TABLE, PLAN, ROWS, RUNS = "sweep.parquet", "plan.json", "rows", "runs"
+DIGITS = 8
+"""Digits of the number of a run in names."""
 IN_A_FOLDER = 1000
 """Rows in a folder, since many file systems and tools are slow on larger ones."""
 IN_A_PIECE = 2000
@@ -48,6 +53,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
         "data files": _digest(*data),
         "plugins": _digest(*(path.read_bytes() for path in loaded_files())),
         "version": __version__,
+        "program": source_digest(),
     }
 
 
@@ -63,18 +69,28 @@ class Store:
 
     @property
     def begun(self) -> dict[str, Any] | None:
-        """What `plan.json` says of the rows in the folder; None where there is none."""
+        """What `plan.json` says of the rows in the folder; None where there is none.
+
+        Raises `ScenarioError` where it is no plan of a sweep, or names files elsewhere.
+        """
         try:
             content = json.loads((self.folder / PLAN).read_text("utf-8"))
         except FileNotFoundError:
             return None
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             raise ScenarioError(f"{self.folder / PLAN}: cannot be read; --fresh begins anew") from None
-        return content if isinstance(content, dict) else None
+        if not _is_plan(content):
+            raise ScenarioError(f"{self.folder / PLAN}: is no plan of a sweep; name another folder")
+        return dict(content)
+
+    def names(self, plan: SweepPlan) -> tuple[str, ...]:
+        """Names of all files and folders that a sweep may write into its folder."""
+        return "base.toml", "sweep.toml", PLAN, TABLE, ROWS, RUNS, *plan.file_names.values()
 
     def begin(self, plan: SweepPlan) -> None:
         """Write what the rows to come belong to."""
         sweep, base, named = portable(plan.sweep)
+        reserve(self.folder, (ROWS, RUNS))
         about = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan)}
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -85,18 +101,31 @@ class Store:
                 temporary.write_text(tomli_w.dumps(table), encoding="utf-8")
         write_json(self.folder / PLAN, {**about, "text": sorted(plan.mixed), "files": sorted(named)})
 
-    def clear(self) -> None:
-        """Delete the results of a sweep; other files in the folder stay."""
-        for name in (ROWS, "runs"):
-            if (self.folder / name).is_dir():
-                shutil.rmtree(self.folder / name)
-        for name in (TABLE, PLAN):  # the plan last: until then what is left still belongs to it
-            (self.folder / name).unlink(missing_ok=True)
+    def clear(self, part: Container[int] | None = None) -> None:
+        """Delete the results of a sweep, or of those of its runs that are in `part`; what else is there stays."""
+        ours, kept = owned(self.folder) or (), self._kept_names()
+        for number in self._numbers() if ROWS in ours else ():
+            if part is None or number in part:
+                self._file(number).unlink(missing_ok=True)
+        for number, place in self._kept() if RUNS in ours else ():
+            if part is None or number in part:
+                for name in kept:
+                    (place / name).unlink(missing_ok=True)
+                _remove_if_empty(place)
+        for place in (*map(Path, _entries(self.folder / ROWS)), self.folder / ROWS, self.folder / RUNS):
+            _remove_if_empty(place)
+        # The plan last: until then what is left still belongs to it.
+        remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def sweep_up(self) -> None:
         """Remove what a killed sweep has left half written; for the only process that writes here."""
-        for name in (ROWS, "runs"):
-            sweep_up(self.folder / name, "*/*.part")
+        ours, kept = owned(self.folder) or (), self._kept_names()
+        for place in map(Path, _entries(self.folder / ROWS)) if ROWS in ours else ():
+            if place.is_dir() and place.name.isdecimal():
+                first = int(place.name) * IN_A_FOLDER
+                sweep_up(place, {_row_name(number).name for number in range(first, first + IN_A_FOLDER)})
+        for _, place in self._kept() if RUNS in ours else ():
+            sweep_up(place, kept)
 
     def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""
@@ -106,9 +135,19 @@ class Store:
     def put(self, run: RunPlan, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
         """Write what is kept of a run, then its row."""
         for name, content in kept.items():
-            with atomic(self.folder / "runs" / f"{run.number:08}" / name) as temporary:
-                temporary.write_bytes(content)
-        write_json(self._file(run.number), row)
+            self._write(Path(RUNS, f"{run.number:08}", name), content)
+        write_json(self._place(self._file(run.number)), row)
+
+    def _write(self, name: Path, content: bytes) -> None:
+        with atomic(self._place(self.folder / name)) as temporary:
+            temporary.write_bytes(content)
+
+    def _place(self, file: Path) -> Path:
+        """The path of a file below the folder. Raises `ScenarioError` where a link leads out of it."""
+        for place in file.relative_to(self.folder).parents[:-1]:
+            if (self.folder / place).is_symlink():
+                raise ScenarioError(f"{self.folder / place}: is a link, which is not followed; move it away")
+        return file
 
     def row(self, run: RunPlan, done: Done, plan: SweepPlan) -> dict[str, Any]:
         """The row of a run, ready for JSON; data files by their names in the folder."""
@@ -152,7 +191,31 @@ class Store:
         return int(table.num_rows)
 
     def _file(self, number: int) -> Path:
-        return self.folder / ROWS / f"{number // IN_A_FOLDER:05}" / f"{number:08}.json"
+        return self.folder / _row_name(number)
+
+    def _kept(self) -> Iterator[tuple[int, Path]]:
+        """Number and folder of each run of which something is kept."""
+        for place in map(Path, _entries(self.folder / RUNS)):
+            if place.name.isdecimal() and len(place.name) == DIGITS and place.is_dir() and not place.is_symlink():
+                yield int(place.name), place
+
+    def _kept_names(self) -> tuple[str, ...]:
+        """Names of the files that are kept of a run."""
+        try:
+            files = (self.begun or {}).get("files", ())
+        except ScenarioError:
+            files = ()
+        return *SET, RECORDING, *files
+
+    def take(self, other: "Store", runs: int) -> None:
+        """Copy the rows of another folder of the same sweep, and what is kept of their runs; no link is followed."""
+        for number in other._numbers():
+            if number < runs and _is_file(other._file(number)):
+                self._write(_row_name(number), other._file(number).read_bytes())
+        for number, place in other._kept():
+            for name in other._kept_names():
+                if number < runs and _is_file(place / name):
+                    self._write(Path(RUNS, place.name, name), (place / name).read_bytes())
 
     def _numbers(self) -> Iterator[int]:
         for folder in _entries(self.folder / ROWS):
@@ -174,35 +237,56 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
     Raises `ScenarioError` where a folder is of no sweep, or of another.
     """
     stores = [Store(source) for source in sources]
-    if not stores:
-        raise ScenarioError(f"{target.folder}: no such folder; --merge joins the folders that --shard has written")
     plans = {store.folder: store.begun for store in stores}
     for folder, plan in plans.items():
         if plan is None:
             raise ScenarioError(
                 f"{folder}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
             )
-    common = target.begun or plans[stores[0].folder] or {}
+    common: dict[str, Any] = target.begun or plans[stores[0].folder] or {}
     for folder, plan in plans.items():
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
             raise ScenarioError(f"{folder}: is of another sweep than the rest: different {', '.join(different)}")
     named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
-    if target.begun is None and (lost := [name for name in named if not (stores[0].folder / name).is_file()]):
+    if target.begun is None and (lost := [name for name in named if not _is_file(stores[0].folder / name)]):
         raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing; a sweep's folder has it")
+    reserve(target.folder, (*named, TABLE, ROWS, RUNS))
     for store in stores:
         if store.folder.resolve() != target.folder.resolve():
-            for name in (ROWS, "runs"):
-                if (store.folder / name).is_dir():
-                    shutil.copytree(store.folder / name, target.folder / name, dirs_exist_ok=True)
+            target.take(store, int(common["runs"]))
     if target.begun is None:
         for name in named:
-            shutil.copyfile(stores[0].folder / name, target.folder / name)
+            with atomic(target.folder / name) as temporary:
+                shutil.copyfile(stores[0].folder / name, temporary)
     return common
 
 
+def _is_plan(content: Any) -> bool:
+    """Whether a `plan.json` says what a sweep's does, and names files of its own folder only."""
+    if not isinstance(content, dict) or not isinstance(content.get("of"), dict):
+        return False
+    runs, files = content.get("runs"), content.get("files", [])
+    return isinstance(runs, int) and runs > 0 and isinstance(files, list) and all(map(is_bare, files))
+
+
+def _row_name(number: int) -> Path:
+    return Path(ROWS, f"{number // IN_A_FOLDER:05}", f"{number:0{DIGITS}}.json")
+
+
 def _entries(folder: Path) -> list[str]:
-    return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() else []
+    """Paths in a folder; none in a link to one."""
+    return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() and not folder.is_symlink() else []
+
+
+def _is_file(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if not folder.is_symlink():
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _columns(rows: list[dict[str, Any]]) -> pa.Table:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
 
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.ownership import reserve
+from agrobot_mj.simulation.storage import atomic, claimed, write_json
 from agrobot_mj.studies.validation import (
     antenna_lean,
     coasting,
@@ -51,6 +52,9 @@ MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
 }
 """Manoeuvres by the name in their checks, in the order of the page."""
 
+FILES = ("validation.json", "validation.md", "images")
+"""What is written, of which the last is a folder."""
+
 
 def validate(
     out: Path, quick: bool = False, on_finished: Callable[[str, list[Check], float], None] | None = None
@@ -60,6 +64,11 @@ def validate(
     `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
     and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
+    with claimed(out, FILES):
+        return _validate(out, quick, on_finished)
+
+
+def _validate(out: Path, quick: bool, on_finished: Callable[[str, list[Check], float], None] | None) -> list[Check]:
     found: dict[str, Findings] = {}
     for name, run in MANOEUVRES.items():
         began = time.perf_counter()
@@ -69,6 +78,7 @@ def validate(
     warned = sum(findings.warnings for findings in found.values())
     checks = [check for findings in found.values() for check in findings.checks]
     checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
+    reserve(out, FILES)
     write_figures(found, out / "images")
     write_json(out / "validation.json", [as_row(check) for check in checks])
     texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}

@@ -11,6 +11,7 @@ from scipy.special import stdtrit
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.ownership import check_output, reserve
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.fieldlog import FieldLogError, Source
 from agrobot_mj.studies.replay.maps import LogMap
@@ -111,8 +112,11 @@ def identify_vehicle_command(
     source: Source, log_map: LogMap | None, scenario: Scenario, folder: Path | None, **options: Any
 ) -> str:
     """As `identify_vehicle`; writes `vehicle.json` into `folder`, if given, and returns a table."""
+    if folder is not None:
+        check_output(folder, ("vehicle.json",))
     found = identify_vehicle(source, log_map, scenario, **options)
     if folder is not None:
+        reserve(folder, ("vehicle.json",))
         content = found._asdict() | {"found": {name: each._asdict() for name, each in found.found.items()}}
         write_json(folder / "vehicle.json", content)
     return table(found, scenario)

@@ -5,6 +5,7 @@ from math import inf, nan
 
 import pytest
 
+from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.studies.validation import cornering, side_slope, step_steer, suite
 from agrobot_mj.studies.validation.base import About, Findings, level_plants
 from agrobot_mj.studies.validation.tables import number, page, paragraphs, table
@@ -61,6 +62,7 @@ def written(tmp_path_factory):
 def test_all_files_are_there(written):
     out, checks, told = written
     assert sorted(str(path.relative_to(out)) for path in out.rglob("*.*")) == [
+        MARK,
         "images/side_slope.png",
         "images/step_steer.png",
         "images/understeer.png",

@@ -1,0 +1,304 @@
+"""Files that we did not write stay as they are, whatever a command is told to do in their folder."""
+
+import json
+import os
+import shutil
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.main import get_command
+
+from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.recording import Recording
+from agrobot_mj.recording.transport import snapshot
+from agrobot_mj.simulation.ownership import HEAD, MARK, is_bare, reserve
+from agrobot_mj.simulation.storage import RECORDING, SET, atomic, write_json, write_log
+
+BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
+SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
+LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--seeds", 1, "--jobs", 1)
+HERE, MINE = "HERE", "MINE"
+"""Stand for the stranger's folder, and for the folder with sources of one's own."""
+WRITERS = {
+    "run": [("circle", *BICYCLE, "--out", HERE), (f"{MINE}/way.toml", *BICYCLE, "--no-rrd", "--out", HERE)],
+    "compare": [("circle", "--controllers", "pd", "--plants", "bicycle", *BICYCLE, "--out", HERE)],
+    "sweep": [
+        (f"{MINE}/small.toml", "--jobs", 1, "--out", HERE),
+        (f"{MINE}/small.toml", "--jobs", 1, "--fresh", "--out", HERE),
+        (f"{MINE}/small.toml", "--jobs", 1, "--shard", "1/2", "--out", HERE),
+        (f"{MINE}/small.toml", "--jobs", 1, "--shard", "1/2", "--fresh", "--out", HERE),
+        ("--merge", f"{MINE}/swept", "--out", HERE),
+        ("--merge", HERE),
+    ],
+    "limit": [("circle", *LIMIT, *BICYCLE, "--out", HERE)],
+    "importance": [(HERE,)],
+    "link": [("straight_line", "--pace", "answered", "--wait", 0, *BICYCLE, "--out", HERE)],
+    "ros2": [("circle", "--wait", 0, *BICYCLE, "--out", HERE)],
+    "export": [(f"{MINE}/driven", "--mcap", "--out", f"{HERE}/run.mcap"), (HERE, "--mcap")],
+    "snapshot": [(f"{MINE}/run.rrd", "--at", 1, "--out", HERE)],
+    "rig": [("linear", "--out", HERE)],
+    "identify": [(HERE,), (f"{MINE}/driven", "--vehicle", "--out", HERE), (HERE, "--vehicle")],
+    "replay": [(f"{MINE}/driven", "--out", HERE)],
+    "validate": [("--quick", "--out", HERE)],
+    "tune": [("circle", "--guidance", "stanley", "--budget", 8, *BICYCLE, "--out", HERE)],
+    "report": [(HERE,)],
+}
+"""Ways in which each command writes into a folder."""
+READERS = {"list", "explain", "init", "schema", "view"}
+"""Commands that write into none; `init` writes only a file that is not there yet."""
+CASES = [(name, arguments) for name, ways in WRITERS.items() for arguments in ways]
+NAMES = (*SET, RECORDING, "comparison.json", "comparison.rrd", "bicycle-pd", "limit.json", "limit.png", "tuning.json")
+NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.csv", "run.mcap", "drive_1.png")
+NAMES = (*NAMES, *(f"replay.{end}" for end in ("json", "parquet", "png", "toml")), "report.html", "ranking.png")
+NAMES = (*NAMES, "curves.parquet", "validation.json", "validation.md", "importance.json", "lateral.png")
+FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/step_steer.png")
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    """What the commands read: a run, a sweep, a recording, a scenario with a data file, the text of a sweep."""
+    mine = tmp_path_factory.mktemp("mine")
+    (mine / "small.toml").write_text(SWEEP)
+    (mine / "way.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
+    (mine / "way.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
+    (mine / "run.rrd").write_bytes(b"RRF2")
+    write_log(run(load_scenario("circle", {"duration_s": 1.0, "plant.kind": "bicycle"})), mine / "driven")
+    from agrobot_mj.studies.sweep import SweepOptions, sweep
+
+    sweep(mine / "small.toml", mine / "swept", SweepOptions(jobs=1, quiet=True))
+    return mine
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """An empty working directory; the viewer of snapshots is replaced by one that draws at once."""
+    monkeypatch.chdir(tmp_path)
+    layout = {0: {"ContainerBlueprint": {}}}
+    viewer = SimpleNamespace(set_blueprint=lambda *_: None)
+    monkeypatch.setattr(snapshot, "_viewer", lambda *_: nullcontext(viewer))
+    monkeypatch.setattr(snapshot, "_opened", lambda *_: layout)
+    monkeypatch.setattr(snapshot, "_tabs", lambda *_: (0, {"Drive": 0}))
+    monkeypatch.setattr(snapshot, "_picture", lambda *_: b"png")
+    return tmp_path
+
+
+def full(folder, content=b"mine"):
+    """Fill a folder with a stranger's files, of all names that we use."""
+    for name in (*NAMES, *FOLDERS, "notes.txt", ".notes.txt.1a2b3c4d.part"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+def contents(*folders):
+    """Everything below these folders but our mark: links, and files with their bytes."""
+    found = {}
+    for folder in folders:
+        for top, inner, files in os.walk(folder):
+            for path in (Path(top, name) for name in (*inner, *files) if name != MARK):
+                found[path] = path.readlink() if path.is_symlink() else path.is_dir() or path.read_bytes()
+    return found
+
+
+def asked(call, sources, name, arguments, here):
+    """(exit status, stderr) of a case in the folder `here`."""
+    words = [str(word).replace(HERE, str(here)).replace(MINE, str(sources)) for word in arguments]
+    return call(name, *words)[::2]
+
+
+def refused(status, err):
+    """Whether a command was refused in one line."""
+    return status == 2 and len(err.strip().splitlines()) == 1
+
+
+def test_every_command_is_tried():
+    assert set(get_command(cli.app).commands) == set(WRITERS) | READERS
+    for name, command in get_command(cli.app).commands.items():
+        options = {option for parameter in command.params for option in parameter.opts}
+        for option in options & {"--out", "--fresh", "--merge"}:
+            assert any(option in arguments for arguments in WRITERS[name]), f"{name} {option}"
+
+
+@pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
+@pytest.mark.parametrize("dot", [False, True])
+def test_a_folder_of_a_strangers_files_is_refused(call, sources, place, name, arguments, dot, monkeypatch):
+    folder = place / "theirs"
+    full(folder)
+    before = contents(place)
+    if dot:
+        monkeypatch.chdir(folder)
+    status, err = asked(call, sources, name, arguments, "." if dot else folder)
+    assert contents(place) == before
+    assert refused(status, err), (status, err)
+
+
+@pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
+def test_files_that_a_stranger_put_into_our_folder_stay(call, sources, place, name, arguments):
+    folder = place / "ours"
+    reserve(folder, ())
+    full(folder)
+    before = contents(folder)
+    status, err = asked(call, sources, name, arguments, folder)
+    assert contents(folder) == before
+    assert refused(status, err), (status, err)
+
+
+LIGHT = [case for case in CASES if case[0] not in ("rig", "tune")]
+"""Commands that take seconds at most."""
+
+
+@pytest.mark.parametrize(("name", "arguments"), LIGHT, ids=lambda part: part if isinstance(part, str) else "-")
+@pytest.mark.parametrize("marked", [HEAD, "", f"{HEAD}\n" + "\n".join((*NAMES, "rows", "runs", "images"))])
+def test_links_are_not_followed(call, sources, place, name, arguments, marked):
+    """Whoever made the folder: all that we would write is a link to somewhere else."""
+    folder, away = place / "shared", place / "away"
+    full(away)
+    folder.mkdir()
+    (folder / MARK).write_text(marked)
+    for path in away.iterdir():
+        (folder / path.name).symlink_to(path)
+    before = contents(away)
+    status, err = asked(call, sources, name, arguments, folder)
+    assert contents(away) == before
+    assert "Traceback" not in err
+    assert status in (0, 1, 2)
+
+
+def test_a_mark_that_is_a_link_is_none(place):
+    full(place / "theirs")
+    (place / "list").write_text("notes.txt\n")
+    (place / "theirs" / MARK).symlink_to(place / "list")
+    with pytest.raises(ScenarioError, match="was not written by agrobot-mj"):
+        reserve(place / "theirs", ["notes.txt"])
+    reserve(place / "theirs", ["new.txt"])
+    assert (place / "list").read_text() == "notes.txt\n"
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/a", "..\\a", "a\nb", "a\0", MARK, 3, None])
+def test_only_names_in_a_folder_itself_are_bare(name):
+    assert not is_bare(name)
+    assert is_bare("way.csv")
+
+
+def test_an_empty_mark_hands_a_folder_over(call, place):
+    full(place / "old")
+    arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
+    status, _, err = call(*arguments)
+    assert status == 2
+    command = err.strip().rpartition("hand them over: ")[2]
+    assert command == "touch old/.agrobot-mj"
+    (place / "old" / MARK).touch()
+    assert call(*arguments)[0] == 0
+    assert json.loads((place / "old/metrics.json").read_text())["outcome"] == "completed"
+    assert (place / "old/notes.txt").read_bytes() == b"mine"
+    (place / "old/later.csv").write_text("mine")
+    with pytest.raises(ScenarioError, match=r"later.csv: was not written"):
+        write_json(place / "old/later.csv", {})
+
+
+def test_a_data_file_does_not_take_the_place_of_another_of_its_name(call, sources, place):
+    assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
+    assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
+    reserve(place / "other", ())
+    (place / "other/way.csv").write_text("x_m,y_m\n0,0\n9,0\n")
+    status, _, err = call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "other")
+    assert refused(status, err)
+    assert (place / "other/way.csv").read_text() == "x_m,y_m\n0,0\n9,0\n"
+
+
+def test_a_recording_from_python_leaves_what_lies_beside_it(place):
+    full(place)
+    (place / RECORDING).unlink()
+    before = contents(place)
+    run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}), (Recording(Path(RECORDING)),))
+    assert {path: content for path, content in contents(place).items() if path != place / RECORDING} == before
+    with pytest.raises(ScenarioError, match=r"metrics.json: was not written by agrobot-mj"):
+        write_log(run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"})), place)
+    assert contents(place).items() >= before.items()
+
+
+def test_a_file_is_exported_once_and_again_only_over_our_own(call, sources, place):
+    arguments = ("export", sources / "driven", "--mcap", "--out")
+    assert call(*arguments, "a.mcap")[0] == 0
+    status, _, err = call(*arguments, "a.mcap")
+    assert (status, err) == (2, "--out a.mcap: is there already; move it away, or name another file\n")
+    reserve(place / "ours", ())
+    assert [call(*arguments, "ours/a.mcap")[0] for _ in range(2)] == [0, 0]
+
+
+def test_what_is_written_in_our_folder_is_named_in_its_mark(place):
+    reserve(place / "ours", ())
+    with atomic(place / "ours" / "a.txt") as part:
+        part.write_text("new")
+    with atomic(place / "ours" / "a.txt") as part:
+        part.write_text("newer")
+    assert (place / "ours" / MARK).read_text() == f"{HEAD}\na.txt\n"
+
+
+# --- sweeps -------------------------------------------------------------------------------------------------------
+
+
+def rows(folder):
+    return sorted(path.name for path in Path(folder, "rows").rglob("*.json"))
+
+
+def test_fresh_deletes_only_what_the_sweep_wrote(call, sources, place):
+    command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
+    assert call(*command)[0] == 0
+    for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
+        (place / "out" / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / "out" / name).write_text("mine")
+    old = (place / "out/rows/00000/00000001.json").stat().st_mtime_ns
+    assert call(*command, "--fresh")[0] == 0
+    assert (place / "out/rows/00000/00000001.json").stat().st_mtime_ns > old
+    for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
+        assert (place / "out" / name).read_text() == "mine"
+
+
+def test_a_fresh_shard_leaves_the_rows_of_the_others(call, sources, place):
+    def shard(k, *more):
+        return call("sweep", sources / "small.toml", "--jobs", 1, "--shard", f"{k}/2", "--out", "sh", *more)[0]
+
+    assert [shard(1, "--fresh"), shard(2, "--fresh")] == [0, 0]
+    assert len(rows("sh")) == 4
+    first, second = (place / f"sh/rows/00000/0000000{k}.json" for k in (0, 1))
+    before, table = (first.stat().st_mtime_ns, second.stat().st_mtime_ns), (place / "sh/sweep.parquet").read_bytes()
+    assert shard(2, "--fresh") == 0
+    assert first.stat().st_mtime_ns == before[0]
+    assert second.stat().st_mtime_ns > before[1]
+    assert (place / "sh/sweep.parquet").read_bytes() != table  # other wall times
+    assert len(rows("sh")) == 4
+
+
+def test_a_foreign_plan_writes_nothing_elsewhere(call, sources, place):
+    shard = place / "download/a/shard"
+    shutil.copytree(sources / "swept", shard)
+    (place / "download/bashrc").write_text("EVIL")
+    (place / "bashrc").write_text("my own file")
+    plan = json.loads((shard / "plan.json").read_text())
+    for names in (["../../bashrc"], [str(place / "bashrc")], [".."], [3], "bashrc", [MARK]):
+        (shard / "plan.json").write_text(json.dumps({**plan, "files": names}))
+        status, _, err = call("sweep", "--merge", shard, "--out", "results/out")
+        assert refused(status, err), err
+        assert (place / "bashrc").read_text() == "my own file"
+        assert not (place / "results/out").exists()
+
+
+def test_links_in_a_foreign_shard_are_left_out(call, sources, place):
+    shutil.copytree(sources / "swept", "shard")
+    (place / "secret").mkdir()
+    (place / "secret/metrics.json").write_text("{}")
+    Path("shard/runs").mkdir()
+    for name in ("a", "b"):
+        Path("shard/runs", name).symlink_to(".")
+    Path("shard/runs/00000001").symlink_to(place / "secret")
+    Path("shard/runs/00000002").mkdir()
+    Path("shard/runs/00000002/metrics.json").symlink_to(place / "secret/metrics.json")
+    Path("shard/rows/00000/00000003.json").unlink()
+    Path("shard/rows/00000/00000003.json").symlink_to(place / "secret/metrics.json")
+    Path("shard/rows/00000/99999999.json").write_text('{"run": 99999999}')
+    assert call("sweep", "--merge", "shard", "--out", "out")[0] == 1  # a row is missing
+    assert rows("out") == [f"0000000{k}.json" for k in (0, 1, 2)]
+    assert not Path("out/runs").exists()
