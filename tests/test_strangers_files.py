@@ -15,7 +15,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import snapshot
 from agrobot_mj.simulation.ownership import HEAD, MARK, is_bare, reserve
-from agrobot_mj.simulation.storage import RECORDING, SET, atomic, write_json, write_log
+from agrobot_mj.simulation.storage import RECORDING, SET, atomic, claimed, write_json, write_log
 
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
@@ -182,6 +182,14 @@ def test_only_names_in_a_folder_itself_are_bare(name):
     assert is_bare("way.csv")
 
 
+def test_a_mark_torn_by_a_kill_does_not_close_a_new_folder(place):
+    (place / "out").mkdir()
+    (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
+    with claimed(place / "out"):
+        write_json(place / "out" / "metrics.json", {})
+    assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
+
+
 def test_an_empty_mark_hands_a_folder_over(call, place):
     full(place / "old")
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
@@ -255,6 +263,18 @@ def test_fresh_deletes_only_what_the_sweep_wrote(call, sources, place):
     assert (place / "out/rows/00000/00000001.json").stat().st_mtime_ns > old
     for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
         assert (place / "out" / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize("torn", ["{", "{}", "[]", '{"of": {}, "runs": 4, "files": ["../x"]}'])
+def test_a_torn_plan_is_told_and_fresh_begins_anew(call, sources, place, torn):
+    command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
+    assert call(*command)[0] == 0
+    (place / "out/plan.json").write_text(torn)
+    status, _, err = call(*command)
+    assert refused(status, err)
+    assert "--fresh" in err
+    assert call(*command, "--fresh")[0] == 0
+    assert len(rows("out")) == 4
 
 
 def test_a_fresh_shard_leaves_the_rows_of_the_others(call, sources, place):

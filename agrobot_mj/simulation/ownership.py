@@ -34,11 +34,16 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 def check_folder(folder: Path) -> None:
     """Raise `ScenarioError` unless results may go into `folder`: it is missing, empty, or carries the mark."""
-    if folder.is_dir() and owned(folder) is None and any(folder.iterdir()):
+    if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: holds files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
             f"folder, or, for results of version 0.2, hand them over: touch {shlex.quote(str(folder / MARK))}"
         )
+
+
+def _is_torn_mark(path: Path) -> bool:
+    """Whether a command was killed while it wrote the mark of a new folder."""
+    return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:

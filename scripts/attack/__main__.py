@@ -16,9 +16,11 @@ from commands import commands
 from data import earlier, files, parquet, sources
 from folders import folders, results
 from judge import LONGEST_S, judged
+from options import border, studies
 from plugins import plugins
 from processes import kills
 from stages import injected
+from strangers import shards, strangers
 from texts import extremes, keys, limits, names, numbers, overrides, sweeps, toml
 from wire import datagrams, guide
 
@@ -37,6 +39,10 @@ CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
     "nan": (injected, 0.045),
     "commands": (commands, 0.1),
     "folders": (folders, 0.06),
+    "strangers": (strangers, 0.06),
+    "shards": (shards, 0.05),
+    "border": (border, 0.06),
+    "studies": (studies, 0.04),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
@@ -47,7 +53,7 @@ KILLS_S = 900.0
 def load(classes: list[str]) -> None:
     """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
     keys(), names(), numbers(), sources(), earlier(), guide()
-    if "folders" in classes:
+    if {"folders", "shards"} & set(classes):
         results()
     short = {"duration_s": 0.2, "plant.settle_s": 0.0}
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()

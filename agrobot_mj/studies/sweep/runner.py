@@ -113,7 +113,7 @@ def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) 
     plan.check_size(options.max_runs)
     folder, names = store.folder, store.names(plan)
     check_output(folder, names)
-    if store.begun is not None and not options.fresh:
+    if not options.fresh and store.begun is not None:
         if changes := store.changes(plan):
             raise ScenarioError(
                 f"{store.folder}: has results of other input ({', '.join(changes)} changed); "

@@ -80,7 +80,9 @@ class Store:
         except (OSError, ValueError, RecursionError):
             raise ScenarioError(f"{self.folder / PLAN}: cannot be read; --fresh begins anew") from None
         if not _is_plan(content):
-            raise ScenarioError(f"{self.folder / PLAN}: is no plan of a sweep; name another folder")
+            raise ScenarioError(
+                f"{self.folder / PLAN}: is no plan of a sweep; name another folder, or begin anew with --fresh"
+            )
         return dict(content)
 
     def names(self, plan: SweepPlan) -> tuple[str, ...]:

@@ -214,6 +214,9 @@ def test_changed_input_is_refused_until_it_is_to_be_discarded(file, tmp_path, ca
     assert (folder / "notes.txt").exists()
     monkeypatch.setattr(store, "__version__", "9.9")
     assert "(version changed)" in call(file, "--out", folder)[2]
+    monkeypatch.undo()
+    monkeypatch.setattr(store, "source_digest", lambda: "0" * 16)
+    assert "(program changed)" in call(file, "--out", folder)[2]
 
 
 def test_a_changed_data_file_is_noticed(tmp_path, call):
