@@ -4,6 +4,7 @@ import random
 import shutil
 from functools import cache
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 from commands import COMMANDS, SWEEP
 from data import earlier
@@ -58,10 +59,12 @@ EXTRAS = {
 def numeric() -> tuple[tuple[str, str], ...]:
     """Every command that can be tried, with each of its options that take a number."""
     found = []
-    for name, command in get_command(cli.app).commands.items():
-        for option in (p for p in command.params if p.param_type_name == "option"):
-            if option.type.name.partition(" ")[0] in ("float", "integer") and name in BASES:
-                found.append((name, option.opts[0]))
+    for command in (command for command in cli.app.registered_commands if command.name in BASES):
+        options = {option.name: option.opts[0] for option in get_command(cli.app).commands[str(command.name)].params}
+        for name, hint in get_type_hints(command.callback, include_extras=True).items():
+            taken, *_ = get_args(hint) or (hint,)
+            if {int, float} & {taken, *get_args(taken)}:
+                found.append((str(command.name), options[name]))
     return tuple(found)
 
 

@@ -18,8 +18,8 @@ NAMES = (*SET, RECORDING, "plan.json", "sweep.toml", "base.toml", "sweep.parquet
 NAMES = (*NAMES, "comparison.json", "limit.json", "limit.png", "tuning.json", "curves.parquet", "replay.json")
 NAMES = (*NAMES, "vehicle.json", "notes.txt", ".notes.txt.1a2b3c4d.part", "lateral.png", "bicycle-pd", "run.mcap")
 INNER = ("rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png")
-PLACED = tuple(words for words in COMMANDS if "--out" in words and words[0] not in ("export", "snapshot"))
-"""Commands that write into a folder of their own."""
+PLACED = tuple(w for w in COMMANDS if "--out" in w and w[0] not in ("export", "snapshot", "rig", "tune"))
+"""Commands that write into a folder of their own within seconds."""
 MORE = {"sweep": (("--fresh",), ("--fresh", "--shard", "2/2"), ())}
 LINKS = ("runs", "runs/00000001", "runs/a", "rows", "rows/00000", "rows/00000/00000001.json", "plan.json", "base.toml")
 

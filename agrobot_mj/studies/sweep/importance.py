@@ -60,7 +60,6 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     `method = "saltelli"`, or the metric no value in some runs.
     """
     analyze = _analyzer()
-    check_output(folder, ("importance.json", "importance.png"))
     with intact(folder / "sweep.parquet", "read"):
         return _found(folder, metric, analyze)
 
@@ -71,6 +70,7 @@ def _found(folder: Path, metric: str, analyze: Callable[[list[str], Array], Arra
         rows: Rows = read_rows(folder)
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
+    check_output(folder, ("importance.json", "importance.png"))
     if file.get("method") != "saltelli":
         raise ScenarioError(f'{folder}: the design is {file.get("method")!r}; importance needs method = "saltelli"')
     found = []

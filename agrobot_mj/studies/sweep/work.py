@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_log
 
@@ -79,7 +80,8 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         # A failure is driven once more for its recording: it repeats exactly, and rerun keeps some MB of each.
         log = run(scenario) if task.keep == "signals" else _recorded(scenario, folder)
         write_log(log, folder)
-        return Done(_numbers(log, scenario), {file.name: file.read_bytes() for file in sorted(folder.iterdir())})
+        files = (file for file in sorted(folder.iterdir()) if file.name != MARK)
+        return Done(_numbers(log, scenario), {file.name: file.read_bytes() for file in files})
 
 
 def _recorded(scenario: Scenario, folder: Path) -> Log:

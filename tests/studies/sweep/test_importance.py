@@ -10,6 +10,7 @@ import pytest
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.studies.sweep.importance import importance, importance_table, read_importance
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
@@ -39,7 +40,7 @@ def ishigami(x1, x2, x3, a=7.0, b=0.1):
 
 def written(plan, folder, left_out=0):
     """A folder as `sweep` would leave it, with the function as its metric; in the second group without x3."""
-    folder.mkdir()
+    reserve(folder, ("sweep.toml", "sweep.parquet"))
     (folder / "sweep.toml").write_text(tomli_w.dumps(resolved(plan.sweep)))
     rows = []
     for run in list(plan.runs())[left_out:]:
