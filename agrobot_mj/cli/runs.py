@@ -94,8 +94,7 @@ def compare(
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.simulation.storage import claimed
-    from agrobot_mj.studies.compare import compare as run_cases
-    from agrobot_mj.studies.compare import files_of_comparison
+    from agrobot_mj.studies import compare as study
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import table
 
@@ -107,12 +106,9 @@ def compare(
     for line in left_out:
         print(line, file=sys.stderr)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with (
-        claimed(folder, files_of_comparison(todo)),
-        interruptible(),
-        task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance,
-    ):
-        rows = run_cases(todo, folder, rrd=not no_rrd, done=lambda case: advance())
+    claim, label = claimed(folder, study.files_of_comparison(todo)), f"{scenario.name}: {len(todo)} runs"
+    with claim, interruptible(), task(label, len(todo), quiet) as advance:
+        rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
         say(table(rows))
         say(f"figures and runs: {folder}")
