@@ -14,7 +14,16 @@ from judge import call
 from agrobot_mj.simulation.ownership import HEAD, MARK
 from agrobot_mj.simulation.storage import RECORDING, SET
 
-NAMES = (*SET, RECORDING, "plan.json", "sweep.toml", "base.toml", "sweep.parquet", "way.csv", "report.html")
+NAMES = (
+    *(name for name in SET if name != "signals.parquet"),
+    RECORDING,
+    "plan.json",
+    "sweep.toml",
+    "base.toml",
+    "sweep.parquet",
+    "way.csv",
+    "report.html",
+)
 NAMES = (*NAMES, "comparison.json", "limit.json", "limit.png", "tuning.json", "curves.parquet", "replay.json")
 NAMES = (*NAMES, "vehicle.json", "notes.txt", ".notes.txt.1a2b3c4d.part", "lateral.png", "bicycle-pd", "run.mcap")
 INNER = ("rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png")
