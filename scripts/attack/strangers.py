@@ -59,7 +59,6 @@ def shards(chance: random.Random) -> str:
     """Shards of which the plan or a link leads out of them, for `--merge`, for a report, and to go on in."""
     shutil.copytree(results(), ".", dirs_exist_ok=True)
     _fill(Path("away"), NAMES, INNER)
-    before = _content(Path("away"))
     shard = Path("sweep")
     plan = json.loads((shard / "plan.json").read_text())
     odd = ["../away/notes.txt", str(Path("away/notes.txt").resolve()), "..", "", ".", MARK, "way.csv", 3, None, "a\0"]
@@ -70,6 +69,7 @@ def shards(chance: random.Random) -> str:
     (shard / "plan.json").write_text(json.dumps(plan))
     for name in chance.sample(LINKS, chance.randint(0, 2)):
         _link(shard / name, chance)
+    before = _content(Path("away"))  # a link may have been made through another
     (shard / MARK).write_text(chance.choice(["", HEAD, f"{HEAD}\n../away/notes.txt\nrows\nruns\nplan.json"]))
     words = chance.choice(
         [
