@@ -16,9 +16,10 @@ from agrobot_mj import load_scenario
 from agrobot_mj.links.agopengps.command import Arguments, link
 
 LEVEL, SLOPE = "straight_line", "side_slope_10"
-TWO_ANTENNAS = {"guidance.position": "paogi"}
+TWO_ANTENNAS = {"guidance.position": "paogi", "sensors.gnss.dual_antenna.enabled": True}
 NOISELESS = {
-    **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0, "guidance.heading_sigma_deg": 0.0},
+    **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0},
+    **{"sensors.gnss.dual_antenna.sigma_m": 0.0, "sensors.gnss.dual_antenna.wander_sigma_m": 0.0},
     **{"sensors.steering_pot.noise_sigma_deg": 0.01, "sensors.steering_pot.resolution_deg": 0.01},
 }
 TOY = {
@@ -54,7 +55,7 @@ def free_ports() -> tuple[int, int]:
 def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> str:
     """Drive one row; its line of the table."""
     own, other = free_ports()
-    keys = {"guidance.kind": "agopengps", "path.start_y_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
+    keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={other}", f"--board-port={own}"]
     process = subprocess.Popen([*command, *host.split()], stderr=subprocess.PIPE, text=True)
     try:

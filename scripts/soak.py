@@ -186,7 +186,7 @@ def link(seconds: float) -> bool:
     lasting = ["--duration", str(seconds + 120), "--idle", "30"]
     serving = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={host}", f"--board-port={board}"]
     driving = [sys.executable, "-m", "agrobot_mj", "link", "straight_line", "--set", "guidance.position=paogi"]
-    driving += ["--set", "terrain.half_size_m=10000"]
+    driving += ["--set", "sensors.gnss.dual_antenna.enabled=true", "--set", "terrain.half_size_m=10000"]
     ports = ["--port", str(board), "--host-port", str(host)]
     with tempfile.TemporaryDirectory() as folder, subprocess.Popen([*serving, *lasting]) as server:
         try:

@@ -22,13 +22,14 @@ def view(
 ) -> None:
     """Open a recording in the Rerun viewer; needs no network."""
     from agrobot_mj.recording.transport import viewer
+    from agrobot_mj.recording.transport.mending import whole
 
     _check_recording(file)
     if not web and not _has_display():
         remedy = f"`agrobot-mj view --web {file}` (browser) or `agrobot-mj snapshot {file}` (pictures)"
         raise ScenarioError(f"view: there is no display for the viewer; use {remedy}")
-    with interruptible():
-        raise typer.Exit((viewer.serve if web else viewer.view)(file))
+    with interruptible(), whole(file) as readable:
+        raise typer.Exit((viewer.serve if web else viewer.view)(readable))
 
 
 def snapshot(

@@ -32,7 +32,7 @@ class BoardSettings(Spec):
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Reading of the angle sensor straight ahead [counts]. Default of AgOpenGPS boards."""
+    """Added to the angle sensor's reading, taken from it with `host = "agopenweb"` [counts]. Default of such boards."""
     ackermann_percent: Byte = 100
     """Scale of angles to the left [%]. Default of AgOpenGPS boards."""
 
@@ -48,6 +48,8 @@ class Actuation(NamedTuple):
     """Valve voltage in place of that loop [V]."""
     asked: float = nan
     """Set point of the host, left positive; alive while not engaged, NaN before the first [rad]."""
+    cross_track: float = nan
+    """The host's own distance from its line, left positive; NaN without a line and while it is silent [m]."""
 
 
 class AgOpenGps(Guidance):
@@ -59,17 +61,21 @@ class AgOpenGps(Guidance):
     steer_by: Literal["angle", "pwm"] = "angle"
     """The host's angle goes to the tractor's steering loop, or through the board's own law to the valve."""
     position: Literal["panda", "paogi"] = "panda"
-    """Sentence to the host: one antenna with an inertial unit if there is one, or two antennas."""
+    """Sentence to the host: one antenna with an inertial unit if there is one, or two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
     """Positions sent [Hz]; hosts discard what comes within 50 ms."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
     """Longitude of x = y = 0 [deg]."""
-    heading_sigma_deg: NonNegative = 0.2
-    """White noise of the heading by two antennas [deg]. Estimate (baseline of 1 m)."""
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
     """Time without a steering message after which the board lets go [s]. As AgOpenGPS boards: 100 loops of 25 ms."""
+    latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
+    """Silence after which a board stays released until a message without the engaged bit, or "never" [s].
+
+    Boards differ: 6.25 s in AiO v2.5 (250 loops of 25 ms), never in Autosteer_UDP_v5. Acts after `watchdog_s` at the
+    earliest.
+    """
     released: Literal["hold", "centre"] = "hold"
     """A board that does not steer leaves the valve neutral, or steers straight ahead."""
     give_up_s: Positive = 10.0
@@ -91,6 +97,11 @@ class AgOpenGps(Guidance):
         """Command that runs it."""
         return "link"
 
+    @property
+    def needs(self) -> dict[str, str]:
+        """Two antennas, where their sentence is asked for."""
+        return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
+
     def init(self) -> Actuation:
         """The board at power-up."""
         return Actuation()
@@ -108,8 +119,9 @@ class AgOpenGps(Guidance):
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),
+            Column("link_cross_track", "m", "the host's own distance from its line, left positive; null without"),
         )
 
     def report(self, state: Actuation) -> Sequence[float]:
         """Values of `columns`."""
-        return float(state.engaged), state.asked
+        return float(state.engaged), state.asked, state.cross_track

@@ -64,6 +64,11 @@ class Guidance(Reporting):
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that a tuning may change, with their ranges in the keys' units."""
 
+    @property
+    def needs(self) -> dict[str, str]:
+        """Sensors that the scenario must enable, each with the key that asks for it, as messages name it."""
+        return {}
+
     def init(self) -> Any:
         """State before the first tick."""
         return None

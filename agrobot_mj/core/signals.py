@@ -21,7 +21,16 @@ WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels everywhere: front and rear, left and right."""
 
 Outcome = Literal[
-    "completed", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "aborted", "host_lost", "not_engaged"
+    "completed",
+    "stopped",
+    "rolled_over",
+    "diverged",
+    "left_terrain",
+    "stuck",
+    "aborted",
+    "host_lost",
+    "not_engaged",
+    "latched",
 ]
 """How a run can end."""
 

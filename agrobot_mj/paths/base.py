@@ -12,8 +12,14 @@ The contract:
 - The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
 """
 
+from math import cos, radians, sin
+from typing import Annotated
+
+from pydantic import Field
+
 from agrobot_mj.core.answers import made, told
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
@@ -30,12 +36,29 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
     return found
 
 
+def start_of(path: "ReferencePath") -> Reference:
+    """Where the tractor stands at first: beside the path's start and turned from it by the keys of the path.
+
+    Raises `ScenarioError` as `reference_at`.
+    """
+    r, turned = reference_at(path, 0.0), radians(path.start_heading_deg)
+    if not path.start_offset_m and not turned:
+        return r
+    x, y = r.x - path.start_offset_m * sin(r.yaw), r.y + path.start_offset_m * cos(r.yaw)
+    return r._replace(x=x, y=y, yaw=wrap(r.yaw + turned))
+
+
 class ReferencePath(Spec):
     """A path; a kind gives `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     kind: str
     speed_m_s: Speed = 1.2
     """Largest speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+
+    start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Distance at which the tractor starts beside the path, left positive; the reference stays on the path [m]."""
+    start_heading_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    """Heading of the tractor at its start from that of the path, left positive [deg]."""
 
     def check(self) -> None:
         """Read what the path takes from files. Raises ValueError where that makes no path, naming the key."""

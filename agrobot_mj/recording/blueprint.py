@@ -29,12 +29,14 @@ DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
 """Beginnings of the paths of the plots beside the scene."""
 TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
-    "Tyres": ("tyres/", "attitude"),
+    "Tyres": ("tyres/",),
     "Estimator": ("estimator/",),
-    "Network": ("network/", "control/command"),
+    "Network": ("network/",),
     "More": ("reported/",),
 }
-"""Parts of each further tab by its name; a tab is left out if no entity begins with its first part."""
+"""Parts of each further tab by its name; a tab is there if any entity begins with one of them."""
+COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
+"""What a tab shows besides, which alone is no reason for it."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Where the following camera starts, seen from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
@@ -74,7 +76,8 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
     def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
         return [plot_view(plot, end_s, shown.frames.get(plot.path, Frame()), rows) for plot in plots]
 
-    def tab(name: str, starts: tuple[str, ...]) -> rrb.Vertical:
+    def tab(name: str) -> rrb.Vertical:
+        starts = (*TABS[name], *COMPANIONS.get(name, ()))
         plots, maps = _of(shown.plots, starts), [one for one in shown.maps if one.entity.startswith(starts)]
         rows = -(-(len(plots) + len(maps)) // COLUMNS)
         return tiled([*views(plots, rows), *(_map(one) for one in maps)], name)
@@ -87,7 +90,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
                 column_shares=[3, 2],
                 name="Drive",
             ),
-            *(tab(name, starts) for name, starts in TABS.items() if _of(shown.plots, starts[:1])),
+            *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
             information(),
         ),
         *panels(),

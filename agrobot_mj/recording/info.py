@@ -11,9 +11,14 @@ from agrobot_mj.simulation.log import Log
 
 UNITS = {
     **dict.fromkeys(("lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"), "m"),
-    **{"lateral_mse": "m2", "yaw_rate_error_rms": "rad/s", "wall_s": "s"},
+    **{"lateral_mse": "m2", "yaw_rate_error_rms": "rad/s"},
+    **dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m"),
 }
 """Units of metrics that have one."""
+ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
+"""Units by the ends of names that carry one."""
+LINKS = ("link", "ros2")
+"""Blocks of the metrics about a program outside."""
 
 
 def unfinished(scenario: Scenario) -> str:
@@ -33,7 +38,9 @@ def summary(log: Log) -> str:
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.outcome == expected else f'**expected: {expected}**'}."
     )
-    return _page(log.scenario, "\n\n".join([end, _metrics(log.metrics), _turns(log.metrics), _passes(log.metrics)]))
+    links = [_metrics(log.metrics[name], name) for name in LINKS if name in log.metrics]
+    parts = end, _metrics(log.metrics, "Metrics"), *links, _turns(log.metrics), _passes(log.metrics)
+    return _page(log.scenario, "\n\n".join(parts))
 
 
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
@@ -65,7 +72,8 @@ def _colour_name(colour: int) -> str:
 
 def _page(scenario: Scenario, result: str) -> str:
     s = scenario
-    what = f"`{s.name}`: plant **{s.plant.kind}**, controller **{s.controller.kind}**, seed {s.seed}"
+    outside = f", a program outside (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
+    what = f"`{s.name}`: plant **{s.plant.kind}**, guidance **{s.law}**{outside}, seed {s.seed}"
     return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, scenario hash `{s.hash8}`\n\n{result}\n"
 
 
@@ -74,10 +82,16 @@ def resolved(scenario: Scenario) -> str:
     return f"```toml\n{scenario.portable()[0]}```\n"
 
 
-def _metrics(metrics: dict[str, Any]) -> str:
-    rows = [(name, value, UNITS.get(name, "-")) for name, value in metrics.items() if isinstance(value, int | float)]
-    lines = [f"| {name} | {value:.6g} | {unit} |" for name, value, unit in rows]
-    return "\n".join(["## Metrics", "", "| metric | value | unit |", "|---|---|---|", *lines])
+def _metrics(metrics: dict[str, Any], title: str) -> str:
+    """The numbers and words of a table, without what is nested in it."""
+    rows = [(name, value) for name, value in metrics.items() if isinstance(value, int | float | str)]
+    lines = [f"| {name} | {_cell(value)} | {UNITS.get(name, _unit(name))} |" for name, value in rows]
+    return "\n".join([f"## {title}", "", "| metric | value | unit |", "|---|---|---|", *lines])
+
+
+def _unit(name: str) -> str:
+    """Unit that a metric carries in its name."""
+    return next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 
 
 def _turns(metrics: dict[str, Any]) -> str:
@@ -118,4 +132,8 @@ def _passes(metrics: dict[str, Any]) -> str:
 
 
 def _cells(values: list[float | None]) -> str:
-    return " | ".join("-" if value is None else f"{value:.6g}" for value in values)
+    return " | ".join(map(_cell, values))
+
+
+def _cell(value: float | str | None) -> str:
+    return "-" if value is None else value if isinstance(value, str) else f"{value:.6g}"

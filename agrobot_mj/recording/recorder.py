@@ -45,7 +45,7 @@ class Recording:
             clear(self.path.parent)  # signals of an earlier run beside this recording would mislead
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.sink = Sink(self.stream, self.path, self.live, rows.values.nbytes + SPARE_BYTES)
-        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.controller.kind})")
+        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.law})")
         self.stream.send_property(
             "scenario",
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),

@@ -80,6 +80,14 @@ def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
     return set(models[kind].model_fields) if kind in models else set()
 
 
+def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Keys and values of nested tables, keys dotted; lists stay whole."""
+    found = []
+    for key, value in table.items():
+        found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
+    return found
+
+
 def complete(table: dict[str, Any], default: Spec) -> None:
     """Add to a partial table its kind, and the values in which the default differs from its class."""
     for name, field in type(default).model_fields.items():

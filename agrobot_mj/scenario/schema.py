@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Mapping
 from math import atan, degrees, inf
+from operator import attrgetter
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 
@@ -33,7 +34,7 @@ from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
-from agrobot_mj.paths.base import reference_at
+from agrobot_mj.paths.base import start_of
 from agrobot_mj.plants import Mujoco, Plant
 from agrobot_mj.scenario.overrides import beside, complete, explicit_values, files, override
 from agrobot_mj.sensors import Sensors
@@ -126,6 +127,12 @@ class Scenario(Spec):
         )
 
     @property
+    def law(self) -> str:
+        """Kind of the guidance law that drives, with that of the yaw controller inside it where it takes one."""
+        takes = self.guidance.using(self.controller) is not self.guidance
+        return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
+
+    @property
     def hash8(self) -> str:
         """Eight hex digits that stand for everything that the run depends on."""
         content = self.model_dump(mode="json", exclude={"version", "name", "title", "expected_outcome"})
@@ -175,9 +182,10 @@ def _misfits(s: Scenario) -> list[str]:
     if s.implement.receiver and s.implement.kind == "none":
         found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')
     found += [
-        f"estimator.{why} needs sensors.{name}.enabled = true"
-        for name, why in s.estimator.needs.items()
-        if not getattr(s.sensors, name).enabled
+        f"{table}.{why} needs sensors.{name}.enabled = true"
+        for table, needs in (("estimator", s.estimator.needs), ("guidance", s.guidance.needs))
+        for name, why in needs.items()
+        if not attrgetter(name)(s.sensors).enabled
     ]
     return found
 
@@ -276,8 +284,8 @@ def _path_errors(s: Scenario) -> list[str]:
 
 
 def _ground_errors(s: Scenario) -> list[str]:
-    """Reasons why there is no ground, or none under the start of the path."""
-    start = reference_at(s.path, 0.0)
+    """Reasons why there is no ground, or none under the tractor at its start."""
+    start = start_of(s.path)
     try:
         if s.terrain.ground().covers(start.x, start.y):
             return []

@@ -28,7 +28,7 @@ from agrobot_mj.core.signals import (
     Truth,
 )
 from agrobot_mj.faults import Script, loadings
-from agrobot_mj.paths.base import reference_at
+from agrobot_mj.paths.base import reference_at, start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
@@ -82,7 +82,7 @@ class Loop:
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script = Script(s.fault, s.seed)
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
-        truth = self.truth = self.plant.reset(s.path.at(0.0), conditions)
+        truth = self.truth = self.plant.reset(start_of(s.path), conditions)
         self.stages = Stages(
             faults=faults,
             conditions=conditions,

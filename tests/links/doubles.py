@@ -93,7 +93,9 @@ class Toy:
 
     def _measured(self):
         v = self.speed * cos(self.yaw), self.speed * sin(self.yaw)
-        return Measurement(self.t, Fix(self.x, self.y, *v), Quality.FIX, self.angle, 0.0, 0.0, 0.0, 0.0)
+        return Measurement(
+            self.t, Fix(self.x, self.y, *v, self.t, 2.0, self.yaw), Quality.FIX, self.angle, 0.0, 0.0, 0.0, 0.0
+        )
 
     @property
     def truth(self):

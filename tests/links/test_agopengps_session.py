@@ -30,8 +30,9 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.ownership import MARK
 
 LIMIT = radians(45)
-BESIDE = {"path.start_y_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}
-"""A tractor one metre to the left of the host's line."""
+BESIDE = {"path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}
+"""A tractor one metre to the left of the path, on which the host's line lies."""
+DUAL = "sensors.gnss.dual_antenna.enabled"
 
 
 def guide(*arguments):
@@ -40,7 +41,7 @@ def guide(*arguments):
 
 def scenario(name="straight_line", **keys):
     overrides = {key.replace("__", "."): value for key, value in keys.items()}
-    return load_scenario(name, {"guidance.kind": "agopengps", **BESIDE, **overrides})
+    return load_scenario(name, {"guidance.kind": "agopengps", DUAL: True, **BESIDE, **overrides})
 
 
 def toy_session(keys, *arguments, duration=30.0, channel=None):
@@ -101,12 +102,12 @@ def test_the_inertial_unit_speaks_through_the_position():
     without = run_link(scenario(duration_s=1.0, guidance__position="panda"), Direct(guide()), Options())
     attitude = read(without.session.traffic.kept[0].data).attitude
     assert isnan(attitude.yaw)
-    assert isnan(attitude.roll)
+    assert attitude.roll == 0.0
 
 
 def test_the_antenna_leans_on_a_side_slope_unless_the_host_hears_of_the_roll():
     """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
-    keys = {"path__start_y_m": 0.0, "duration_s": 40.0}
+    keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []
     for enabled in (False, True):
         overrides = keys | {"sensors__imu__enabled": enabled, "sensors__imu__wander_sigma_deg": 0.0}
@@ -344,7 +345,15 @@ def test_the_command_drives_with_a_host(tmp_path):
     own, other = free_ports(2)
     with host_process(other, own):
         done = command(
-            *("straight_line", "--set", "guidance.position=paogi", f"--port={own}", f"--host-port={other}"),
+            *(
+                "straight_line",
+                "--set",
+                "guidance.position=paogi",
+                "--set",
+                f"{DUAL}=true",
+                f"--port={own}",
+                f"--host-port={other}",
+            ),
             *("--pace=answered", "--duration=5", "--steer-by=pwm", "--no-rrd", "--out", str(tmp_path)),
         )
     assert done.returncode == 0, done.stderr

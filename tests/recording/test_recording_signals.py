@@ -5,7 +5,7 @@ from recorded import Recorded, replay
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, write_comparison
-from agrobot_mj.recording.blueprint import DRIVE, FOLLOWED, TABS
+from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS
 from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
@@ -171,7 +171,8 @@ def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
     looked_at = SHOWN.keys() | COMPUTED | SLOW.keys() | LATER.keys()
     assert recorded - LATER.keys() == looked_at - LATER.keys()
     assert {plot.path for plot in (*PLOTS, *network_plots(eight.log.rows.columns))} == looked_at
-    assert [path for path in recorded if not path.startswith((*DRIVE, *sum(TABS.values(), ())))] == []
+    tabs = *sum(TABS.values(), ()), *sum(COMPANIONS.values(), ())
+    assert [path for path in recorded if not path.startswith((*DRIVE, *tabs))] == []
     assert f"/{FOLLOWED}" in eight.entities()
 
 

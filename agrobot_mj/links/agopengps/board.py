@@ -1,9 +1,9 @@
 """The steer module: datagrams in, answers and steering out; no sockets, no clock of its own.
 
 The board steers while the host's messages come with the "engaged" bit of its dialect. When they cease for the
-watchdog's time, or at power-up, it lets go and stays latched until a message without that bit was seen: a host that
-comes back is often still engaged and would ask for full lock. The set point lives while not engaged, so only the bit
-counts.
+watchdog's time it lets go. After the time of the latch, and at power-up, it stays released until a message without that
+bit was seen: a host that comes back is often still engaged and would ask for full lock. The set point lives while not
+engaged, so only the bit counts.
 
 A datagram identical to the one before it and less than 1 ms younger is the same one on another route.
 """
@@ -15,6 +15,7 @@ from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.links.agopengps.drive import angle_of, counts_of, pwm_of, true_angle, voltage_of
+from agrobot_mj.links.agopengps.layouts import cross_track_of
 from agrobot_mj.links.agopengps.messages import (
     IMU,
     STEER,
@@ -44,6 +45,8 @@ class Tally(NamedTuple):
 
     steer_data: int = 0
     """Steering messages."""
+    hellos: int = 0
+    """Signs of life of the program that carries the messages."""
     others: int = 0
     """Other messages of the host."""
     unknown: int = 0
@@ -121,7 +124,8 @@ class Board(NamedTuple):
         if isinstance(message, SteerData):
             state = self._take(state, message, t)
             return (state, ()) if quiet else self.report(state, t)
-        state = state._replace(tally=tally._replace(others=tally.others + 1))
+        hello = isinstance(message, Hello)
+        state = state._replace(tally=tally._replace(hellos=tally.hellos + hello, others=tally.others + (not hello)))
         if isinstance(message, SteerSettings):
             return state._replace(settings=message), ()
         if isinstance(message, SteerConfig):
@@ -137,12 +141,17 @@ class Board(NamedTuple):
         pwm = pwm_of(wish - self._believed(state), state.settings) if engaged else 0
         tally = state.tally._replace(engagements=state.tally.engagements + (engaged and not state.engaged))
         state = state._replace(engaged=engaged, pwm=pwm, tally=tally)
+        off = nan if asked is None or state.silent else cross_track_of(asked, spec.host)
         if not engaged:
-            return state, Actuation(False, 0.0, NEUTRAL_V if spec.released == "hold" else None, wish)
+            return state, Actuation(False, 0.0, NEUTRAL_V if spec.released == "hold" else None, wish, off)
         if spec.steer_by == "pwm":
-            return state, Actuation(True, wish, voltage_of(pwm, state.config), wish)
-        wanted = true_angle(wish, spec.sensor_counts_per_degree, state.settings, state.config)
-        return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish)
+            return state, Actuation(True, wish, voltage_of(pwm, state.config), wish, off)
+        wanted = true_angle(wish, spec.sensor_counts_per_degree, state.settings, state.config, spec.host)
+        return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish, off)
+
+    def refuses(self, state: BoardState) -> bool:
+        """Whether the host believes that it steers, but the board is latched."""
+        return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
         """The steering state for the host at the board's time `t` [s]."""
@@ -155,9 +164,14 @@ class Board(NamedTuple):
         return self.report(state, t) if due else (state, ())
 
     def _watch(self, state: BoardState, t: float) -> BoardState:
-        if state.silent or t - state.heard_at <= self.spec.watchdog_s:
-            return state
-        return state._replace(silent=True, latched=True, tally=state.tally._replace(lost=state.tally.lost + 1))
+        """Let go after the time of the watchdog, and latch after that of the latch."""
+        silence = t - state.heard_at
+        if not state.silent and silence > self.spec.watchdog_s:
+            lost = state.tally._replace(lost=state.tally.lost + 1)
+            state = state._replace(silent=True, tally=lost)
+        if state.silent and not state.latched and self.spec.latch_s != "never" and silence > self.spec.latch_s:
+            state = state._replace(latched=True)
+        return state
 
     def _take(self, state: BoardState, message: SteerData, t: float) -> BoardState:
         tally = state.tally._replace(steer_data=state.tally.steer_data + 1)
@@ -179,7 +193,7 @@ class Board(NamedTuple):
 
     def _believed(self, state: BoardState) -> float:
         counts = counts_of(state.steer, self.spec.sensor_counts_per_degree, state.config)
-        return angle_of(counts, state.settings)
+        return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
         """Work switch off, steer switch on from `engage_at_s`; its bit is active low except in AgOpenWeb."""

@@ -1,5 +1,6 @@
 """What `agrobot-mj link` does: open the channel, run, write the run's files and `link.parquet`."""
 
+import tomllib
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -8,11 +9,13 @@ from typing import Literal, NamedTuple
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.links.agopengps.board import LOOPBACK
 from agrobot_mj.links.agopengps.channels import Answered, Channel, RealTime, Replayed
-from agrobot_mj.links.agopengps.run import run_link
+from agrobot_mj.links.agopengps.run import keys_of, run_link
 from agrobot_mj.links.agopengps.session import NoHostError, Options, Start
-from agrobot_mj.links.agopengps.traffic import read_traffic
+from agrobot_mj.links.agopengps.traffic import Datagram, read_traffic, recorded_scenario
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets, address_of
+from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher
@@ -21,6 +24,8 @@ from agrobot_mj.simulation.storage import write_log
 Pacing = Literal["real_time", "answered"]
 """The wall clock paces the run, or the host by its answers."""
 HIGHEST_PORT = 65535
+FREE = ("name", "title", "version", "expected_outcome", "duration_s")
+"""Keys in which a replay may differ from its record."""
 __all__ = ["Arguments", "NoHostError", "link"]
 
 
@@ -56,9 +61,10 @@ def link(
     notify: Callable[[str], None] = lambda text: None,
 ) -> Log:
     """Run a scenario with a host; writes into `folder`. Raises `ScenarioError`, `NoHostError` where none answers."""
-    a = arguments
-    record = read_traffic(a.replay) if a.replay else None
-    options = Options(scenario.seed, a.start, a.wait_s, endpoint(a.nmea, "--nmea") if a.nmea else None, notify)
+    a, own = arguments, LOOPBACK
+    keys_of(scenario)
+    record = _recorded(a.replay, scenario) if a.replay else None
+    options = Options(a.start, a.wait_s, endpoint(a.nmea, "--nmea") if a.nmea else None, notify)
     with ExitStack() as stack:
         channel: Channel
         if record is not None:
@@ -67,13 +73,29 @@ def link(
             for option, port in (("--port", a.port), ("--host-port", a.host_port)):
                 _check_port(option, port)
             sockets = stack.enter_context(UdpSockets(a.address, a.port, a.host_port))
+            own = sockets.address
             notify(f"boards on {a.address}:{a.port}, host expected on {a.address}:{a.host_port}")
             channel = Answered(sockets) if a.pace == "answered" else RealTime(sockets)
-        done = run_link(scenario, channel, options, watchers, should_stop, record, a.live)
-    table = done.session.traffic.table(done.session.started)
+        done = run_link(scenario, channel, options, watchers, should_stop, record, a.live, own)
+    table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
     write_log(done.log, folder, traffic, a.recorded)
     return done.log
+
+
+def _recorded(path: Path, scenario: Scenario) -> list[Datagram]:
+    """The record to replay. Raises `ScenarioError` where it is none, or that of another scenario."""
+    record = read_traffic(path)
+    there, here = dict(flat(recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
+    other = [key for key in there.keys() & here.keys() if there[key] != here[key] and key not in FREE]
+    if other:
+        key = min(other)
+        more = f" (and {len(other) - 1} more)" if len(other) > 1 else ""
+        raise ScenarioError(
+            f"--replay {path}: recorded with {key} = {there[key]!r}, here it is {here[key]!r}{more}; "
+            "replay it with the scenario.toml and the keys of its run"
+        )
+    return record
 
 
 def endpoint(text: str, option: str) -> tuple[str, int]:

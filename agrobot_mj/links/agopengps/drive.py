@@ -2,6 +2,9 @@
 
 Angles in rad, left positive, except inside the board's own arithmetic, which is in degrees, right positive, as on the
 wire. The motor's PWM (-255 to 255, left positive here) becomes the voltage of our valve.
+
+The offset of message 252 is added to the sensor's reading by AgOpenGPS boards, since that program's zero button sends
+the offset it has less the counts of the angle shown; a module of AgOpenWeb takes it away, whose zero button adds them.
 """
 
 from math import degrees, radians
@@ -15,6 +18,8 @@ SOFT_ZONE_DEG = 3.0
 """Below this error the limit of the PWM falls with it [deg]. As AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
 """Limit at zero error over the least PWM [-]. As AgOpenGPS boards."""
+OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
+"""Sign with which the offset is added to the reading of the sensor, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
 """Bits of `SteerConfig.set0`."""
 
@@ -25,20 +30,20 @@ def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
     return -counts if config.set0 & INVERT_SENSOR else counts
 
 
-def angle_of(counts: float, settings: SteerSettings) -> float:
-    """Steering angle [rad] that the board believes at a reading [counts]."""
-    angle = (counts - settings.offset) / max(settings.counts_per_degree, 1)
+def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
+    """Steering angle [rad] that a board of this dialect believes at a reading [counts]."""
+    angle = (counts + OFFSET_SIGN[host] * settings.offset) / max(settings.counts_per_degree, 1)
     if angle < 0:
         angle *= settings.ackermann / 100
     return -radians(angle)
 
 
-def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig) -> float:
+def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
     """Steering angle [rad] at which the board believes `believed`: the inverse of `counts_of` and `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
-    counts = angle * max(settings.counts_per_degree, 1) + settings.offset
+    counts = angle * max(settings.counts_per_degree, 1) - OFFSET_SIGN[host] * settings.offset
     steer = -radians(counts / per_degree)
     return -steer if config.set0 & INVERT_SENSOR else steer
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.links.agopengps.host_laws import AbLine, AxlePose, LawSettings, LawState, steer
+from agrobot_mj.links.agopengps.layouts import cross_track_byte
 from agrobot_mj.links.agopengps.messages import Hello, SteerData, SteerSettings
 from agrobot_mj.links.agopengps.position import Position, read
 from agrobot_mj.links.agopengps.wire import encode
@@ -96,7 +97,7 @@ class Guide(NamedTuple):
         engaged = t - state.ready_since >= self.settings.engage_after - 1e-6
         worst = max(state.worst, abs(off)) if engaged else state.worst
         state = state._replace(law=law, engaged=engaged, worst=worst)
-        return state, SteerData(pose.speed, self._status(engaged), angle, self._distance(off))
+        return state, SteerData(pose.speed, self._status(engaged), angle, cross_track_byte(off, self.settings.dialect))
 
     def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
         """The rear axle, from the antenna above it."""
@@ -128,12 +129,6 @@ class Guide(NamedTuple):
         if self.settings.dialect == "agopenweb":
             return VALID | (WORKING if engaged else 0)
         return ENGAGED if engaged else 0
-
-    def _distance(self, off: float) -> int:
-        """Cross-track byte: right positive; counts of 2 cm about 127, or signed centimetres."""
-        if self.settings.dialect == "agopenweb":
-            return round(min(max(-off * 100, -127), 127)) & 0xFF
-        return round(min(max(127 - off * 50, 0), 254))
 
 
 def line_of(x: float, y: float, heading_deg: float) -> AbLine:

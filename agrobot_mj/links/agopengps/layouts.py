@@ -16,6 +16,7 @@ from agrobot_mj.links.agopengps.messages import (
     HOST,
     IMU,
     MACHINE,
+    NO_LINE,
     SCAN,
     STEER,
     SUBNET,
@@ -40,6 +41,8 @@ KMH = 3.6
 """One metre per second in kilometres per hour [km/h per m/s]."""
 NO_HEADING, NO_ROLL = 9999, 8888
 """What a steer module without an inertial unit sends [0.1 deg]."""
+LINE_VALID = 0x10
+"""Bit of the status in AgOpenWeb: its distance from the line is one."""
 SHORTEST = 8
 """Data bytes of the messages that are filled up [bytes]."""
 RECEIVER = 124
@@ -86,6 +89,25 @@ def to_compass(yaw: float) -> float:
 def from_compass(heading: float) -> float:
     """Yaw [rad] of a heading [deg]."""
     return wrap(pi / 2 - radians(heading))
+
+
+def cross_track_of(message: SteerData, dialect: str) -> float:
+    """The host's own distance from its line, left positive; NaN without a line [m].
+
+    Byte 10 is right positive: counts of 2 cm about 127 in AgOpenGPS, signed centimetres in AgOpenWeb; it saturates at
+    2.5 m and at 1.3 m.
+    """
+    if dialect == "agopenweb":
+        value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
+        return -value / 100 if message.status & LINE_VALID else nan
+    return nan if message.cross_track == NO_LINE else (127 - message.cross_track) / 50
+
+
+def cross_track_byte(distance: float, dialect: str) -> int:
+    """Byte 10 for a distance from the line, left positive [m]."""
+    if dialect == "agopenweb":
+        return limited(-distance * 100, -127, 127) & 0xFF
+    return limited(127 - distance * 50, 0, 254)
 
 
 def limited(value: float, low: int, high: int) -> int:

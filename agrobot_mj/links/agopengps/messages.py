@@ -45,7 +45,7 @@ class SteerSettings(NamedTuple):
     counts_per_degree: int
     """Angle sensor [counts/deg]."""
     offset: int
-    """Angle sensor's reading straight ahead [counts]."""
+    """Added to the angle sensor's reading; taken from it in AgOpenWeb [counts]."""
     ackermann: int
     """Scale of angles to the left [%]."""
 

@@ -1,8 +1,10 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
 Both end in speed [kn], heading, roll, pitch and yaw rate, heading clockwise from north, roll right side down positive,
-pitch nose up positive. PANDA carries attitude as whole numbers of 0.1 deg, and reserved numbers where there is no
-inertial unit: hosts read an empty or fractional field as 0, which is a heading of north. PAOGI carries degrees.
+pitch nose up positive. PANDA carries attitude as whole numbers of 0.1 deg. Without an inertial unit the heading is a
+reserved number, since hosts read an empty or fractional field as 0, which is a heading of north; roll, pitch and yaw
+rate are 0, which is what hosts make of the empty fields of such boards: any other roll moves their antenna. PAOGI
+carries degrees.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -11,7 +13,7 @@ from typing import NamedTuple
 from agrobot_mj.links.agopengps.layouts import from_compass, int16, to_compass
 from agrobot_mj.links.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence
 
-NO_HEADING, NO_ROLL = 65535, 32767
+NO_HEADING = 65535
 """PANDA without an inertial unit [0.1 deg]."""
 FIELDS = 16
 """Number of fields of either sentence, its name counted."""
@@ -33,7 +35,7 @@ class BoardAttitude(NamedTuple):
 def panda(s: Solution, a: BoardAttitude) -> bytes:
     """Sentence of one antenna and, maybe, an inertial unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
-    roll = NO_ROLL if isnan(a.roll) else int16(degrees(a.roll) * 10)
+    roll = 0 if isnan(a.roll) else int16(degrees(a.roll) * 10)
     pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
     rate = 0 if isnan(a.yaw_rate) else int16(-degrees(a.yaw_rate))
     return sentence("PANDA", *_common(s), heading, roll, pitch, rate)
@@ -83,10 +85,8 @@ def _position(fields: list[str]) -> Position:
     t = int(time[:2]) * 3600 + int(time[2:4]) * 60 + float(time[4:])
     none = not dual and int(heading) == NO_HEADING
     yaw = nan if none else from_compass(float(heading) * scale)
-    level = not dual and int(roll) == NO_ROLL
-    attitude = BoardAttitude(
-        yaw, nan if level else radians(float(roll) * scale), -radians(float(pitch) * scale), -radians(float(rate))
-    )
+    tilt = radians(float(roll) * scale), -radians(float(pitch) * scale)
+    attitude = BoardAttitude(yaw, *tilt, -radians(float(rate)))
     place_ = degrees_of(lat, ns), degrees_of(lon, ew), float(altitude)
     solution = Solution(t, *place_, float(speed) / KNOTS, nan, int(quality), int(satellites), float(hdop), float(age))
     return Position(dual, solution, attitude)

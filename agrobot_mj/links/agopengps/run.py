@@ -11,9 +11,9 @@ from typing import NamedTuple
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Measurement, Truth
-from agrobot_mj.links.agopengps.board import Board
+from agrobot_mj.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.links.agopengps.channels import Channel
-from agrobot_mj.links.agopengps.report import link_metrics
+from agrobot_mj.links.agopengps.report import health, link_metrics
 from agrobot_mj.links.agopengps.session import Options, Session
 from agrobot_mj.links.agopengps.traffic import Datagram
 from agrobot_mj.links.running import linked_outcome, warm_up
@@ -52,6 +52,14 @@ class SimulatedTractor:
         return measured
 
 
+def keys_of(scenario: Scenario) -> AgOpenGps:
+    """The keys of the link. Raises `ScenarioError` where the scenario has another guidance."""
+    if not isinstance(scenario.guidance, AgOpenGps):
+        kind = scenario.guidance.kind
+        raise ScenarioError(f'guidance.kind: "{kind}" is not driven over a link; set it to "agopengps"')
+    return scenario.guidance
+
+
 class LinkRun(NamedTuple):
     """A finished run over a link."""
 
@@ -67,16 +75,17 @@ def run_link(
     should_stop: Callable[[], bool] = lambda: False,
     record: list[Datagram] | None = None,
     live: bool = False,
+    address: tuple[int, int, int, int] = LOOPBACK,
 ) -> LinkRun:
     """Run a scenario of guidance `agopengps` over a channel; `record` is that which a replay drives from.
 
+    `address` is the boards' own, told to a host that scans.
+
     Raises `ScenarioError` where the scenario has another guidance, and `NoHostError` where no host answers.
     """
-    spec = scenario.guidance
-    if not isinstance(spec, AgOpenGps):
-        raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over a link; set it to "agopengps"')
+    spec = keys_of(scenario)
     unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
-    board = Board(spec, scenario.tractor.steer_limit, unit)
+    board = Board(spec, scenario.tractor.steer_limit, unit, address)
     sessions: list[Session] = []
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
@@ -90,7 +99,9 @@ def run_link(
     def finish(log: Log) -> Log:
         (session,) = sessions
         outcome = linked_outcome(log.outcome, session.ended)
-        block = link_metrics(session, session.traffic.kept if record is None else record)
+        block = link_metrics(session, log, session.traffic.kept if record is None else record)
+        for line in health(block):
+            options.notify(line)
         return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "link": block})
 
     warm_up(scenario)

@@ -13,9 +13,13 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Measurement, Truth
 from agrobot_mj.links.agopengps.board import Board, BoardState
 from agrobot_mj.links.agopengps.channels import Channel, Incoming
-from agrobot_mj.links.agopengps.receiver import Receiver
+from agrobot_mj.links.agopengps.receiver import Receiver, ReceiverState
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
 
+PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
+"""What sends hellos, and what sends the steering, by dialect."""
+PATIENCE_S = 5.0
+"""Wait after which a person is told what is missing [s]."""
 Start = Literal["heard", "engaged", "now"]
 """When the clock of the run starts: with the host's first message, when it has engaged, or at once."""
 
@@ -49,8 +53,6 @@ class Vehicle(Protocol):
 class Options(NamedTuple):
     """How a session runs."""
 
-    seed: int = 1
-    """Seed of the noise of the heading of two antennas."""
     start: Start = "heard"
     wait_s: float = 60.0
     """Longest wait for the start [s]."""
@@ -68,8 +70,8 @@ class Session:
         self.spec: AgOpenGps = board.spec
         self.traffic = Traffic()
         self.receiver, self.state = Receiver(self.spec), board.init()
-        self.received = self.receiver.init(options.seed)
-        self.turn, self.started, self.engaged_ticks = 0, -1, 0
+        self.received = ReceiverState()
+        self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
         """Outcome that the link gives the run, None where the run's own stands."""
 
@@ -82,22 +84,27 @@ class Session:
         """Drive to the end. Raises `NoHostError` where none answers in time."""
         measured = self._measured(self.vehicle.reset())
         while not self.vehicle.done and not should_stop():
+            before = self.state
             actuation = self._turn(measured)
             waits = self.started < 0 and not self._starts(actuation)
+            self._tell(before)
             self.turn += 1
             if waits:
                 continue
             measured = self._measured(self.vehicle.drive(actuation))
             self.engaged_ticks += actuation.engaged
+            self.latched_ticks += self.board.refuses(self.state)
             if self._host_is_gone():
                 self.ended = "host_lost"
                 return
         if self.started < 0:
-            raise NoHostError("stopped before a guidance program has answered")
+            raise NoHostError(f"stopped before a guidance program has answered{self._missing()}")
         if not self.vehicle.done:
             return
         if self.state.silent and self.state.tally.lost:
             self.ended = "host_lost"
+        elif self.board.refuses(self.state):
+            self.ended = "latched"
         elif not self.engaged_ticks:
             self.ended = "not_engaged"
 
@@ -113,9 +120,7 @@ class Session:
         positioned = self._position_is_due() and self._position()
         for incoming in self.channel.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
             self._take(incoming)
-        before = self.state
-        self.state, actuation = self.board.tick(before, self.now, measured.steer)
-        self._tell(before)
+        self.state, actuation = self.board.tick(self.state, self.now, measured.steer)
         self.state, report = self.board.report_if_due(self.state, self.now)
         for answer in report:
             self._send(answer)
@@ -123,11 +128,15 @@ class Session:
 
     def _tell(self, before: BoardState) -> None:
         """What has changed in this turn, for a person."""
-        after, t = self.state, max(self.turn - self.started, 0) * TICK_S if self.started >= 0 else 0.0
-        if after.tally.lost != before.tally.lost:
-            self.options.notify(f"{t:.1f} s: the host is silent; the board has let go")
+        after, refuses = self.state, self.board.refuses
+        when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
+        if refuses(after) and not refuses(before):
+            back = "is back" if after.tally.lost else "is engaged already"
+            self.options.notify(f"{when}: the host {back}, but the board is latched: press its button off and on")
+        elif after.tally.lost != before.tally.lost and not after.engaged:
+            self.options.notify(f"{when}: the host is silent{'; the board has let go' if before.engaged else ''}")
         elif after.engaged != before.engaged:
-            self.options.notify(f"{t:.1f} s: the host {'steers' if after.engaged else 'has let go'}")
+            self.options.notify(f"{when}: the host {'steers' if after.engaged else 'has let go'}")
 
     def _position_is_due(self) -> bool:
         return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
@@ -163,9 +172,21 @@ class Session:
         if self.now > self.options.wait_s:
             what = "has engaged" if heard else "has answered"
             raise NoHostError(
-                f"no guidance program {what} within {self.options.wait_s:g} s; see docs/link.md for its settings"
+                f"no guidance program {what} within {self.options.wait_s:g} s{self._missing()}; "
+                "see docs/link.md for its settings"
             )
+        if self.turn == round(PATIENCE_S / TICK_S):
+            self.options.notify(f"waiting for a guidance program{self._missing()}")
         return False
+
+    def _missing(self) -> str:
+        """What the host lacks, as far as its messages say."""
+        tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
+        if tally.steer_data:
+            return f": {program} is there, but has not engaged"
+        if tally.hellos:
+            return f": {carrier} is there ({tally.hellos} hellos), {program} is not: open it, simulator off"
+        return ""
 
     def _host_is_gone(self) -> bool:
         silence = self.now - self.state.heard_at

@@ -1,11 +1,13 @@
 """Every datagram of a link, both ways: `link.parquet`, and what `--replay` reads back.
 
 Columns: `t` [s], the time of the run at which a datagram could first act, negative while the tractor waits for the
-host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`.
+host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The
+metadata of the file has the resolved scenario as TOML under `scenario`.
 """
 
+import tomllib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,6 +20,10 @@ MOST = 2_000_000
 SCHEMA = pa.schema(
     {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
 )
+
+
+SCENARIO = b"scenario"
+"""Key of the scenario in the metadata of the file."""
 
 
 class Datagram(NamedTuple):
@@ -48,11 +54,12 @@ class Traffic:
         else:
             self.dropped += 1
 
-    def table(self, start: int) -> pa.Table:
-        """All datagrams, where turn `start` is t = 0."""
+    def table(self, start: int, scenario: str = "") -> pa.Table:
+        """All datagrams, where turn `start` is t = 0; `scenario` is that of the run, as TOML."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
-        return pa.table([pa.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], schema=SCHEMA)
+        schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
+        return pa.table([pa.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], schema=schema)
 
 
 def read_traffic(path: Path) -> list[Datagram]:
@@ -69,3 +76,15 @@ def read_traffic(path: Path) -> list[Datagram]:
     turns = [round(row[0] / TICK_S) for row in rows]
     first = min(turns, default=0)
     return [Datagram(turn - first, *row[1:]) for turn, row in zip(turns, rows, strict=True)]
+
+
+def recorded_scenario(path: Path) -> dict[str, Any]:
+    """The scenario of a `link.parquet`: in its metadata, or in the `scenario.toml` beside it; empty without either."""
+    text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
+    beside = path.absolute().with_name("scenario.toml")
+    if text is None and beside.is_file():
+        text = beside.read_bytes()
+    try:
+        return tomllib.loads((text or b"").decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return {}

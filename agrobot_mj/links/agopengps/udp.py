@@ -61,6 +61,15 @@ class UdpSockets:
                 self.close()
                 raise ScenarioError(_why(own, board_port, error)) from None
 
+    @property
+    def address(self) -> tuple[int, int, int, int]:
+        """Address under which the host sees this computer: that of the way to it; loopback where there is no way."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
+            way.connect(self.target)  # of UDP: nothing is sent
+            a, b, c, d = IPv4Address(way.getsockname()[0]).packed
+            return a, b, c, d
+        return 127, 0, 0, 1
+
     def __enter__(self) -> Self:
         return self
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import rerun as rr
 
+from agrobot_mj.recording.transport.mending import ends_well
 from agrobot_mj.recording.transport.viewer import URL, open_viewer
 from agrobot_mj.simulation.ownership import owned, reserve
 
@@ -30,8 +31,6 @@ FULL_BYTES = 200_000
 """A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
 LEAST_BYTES = 10_000
 """A file size limit (`ulimit -f`) below this leaves no room for what does not move: rerun waits for ever then."""
-FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""What is among the last bytes of a whole file, and how many those are."""
 
 
 class Sink:
@@ -72,7 +71,7 @@ class Sink:
         """Write what is left, and the footer."""
         if self.path is None or self.flush():
             self.stream.disconnect()
-            if self.path is not None and not _ends_well(self.path):
+            if self.path is not None and not ends_well(self.path):
                 self._cut()
 
     def _full(self) -> bool:
@@ -102,13 +101,6 @@ def _make(path: Path) -> None:
         raise OSError(errno.EFBIG, "no room for a recording", str(path))
     path.unlink(missing_ok=True)
     path.open("xb").close()  # rerun's own error is no OSError
-
-
-def _ends_well(path: Path) -> bool:
-    """Whether rerun could write the footer, of which it says nothing."""
-    with path.open("rb") as file:
-        file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
-        return FOOTER in file.read()
 
 
 def abandon(stream: rr.RecordingStream) -> None:

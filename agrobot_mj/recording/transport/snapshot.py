@@ -14,6 +14,7 @@ from typing import Any
 
 from rerun.experimental import ViewerClient
 
+from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.ownership import check_names
@@ -48,13 +49,15 @@ def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[s
     Raises `SnapshotError` if the viewer cannot draw, cannot open the file, or has no such tab.
     """
     drawn: dict[Path, None] = {}
-    for patience in range(1, TRIES + 1):
-        try:
-            with _viewer(file, patience) as viewer:
-                _draw(viewer, file, times, folder, tabs, drawn, patience)
-            return list(drawn)
-        except _LateError as error:
-            cause = str(error)
+    with whole(file) as readable:
+        for patience in range(1, TRIES + 1):
+            try:
+                with _viewer(file, patience) as viewer:
+                    layout = _opened(viewer, file, readable, patience)
+                    _draw(viewer, file, layout, times, folder, tabs, drawn)
+                return list(drawn)
+            except _LateError as error:
+                cause = str(error)
     raise SnapshotError(
         f"{file}: no pictures after {TRIES} tries: {cause}; is the machine busy? Try again, with fewer --tab and --at"
     )
@@ -63,14 +66,13 @@ def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[s
 def _draw(
     viewer: ViewerClient,
     file: Path,
+    layout: dict[str, Any],
     times: Sequence[float],
     folder: Path,
     tabs: Sequence[str],
     drawn: dict[Path, None],
-    patience: int,
 ) -> None:
     """Draw what is not in `drawn` yet."""
-    layout = _opened(viewer, file, patience)
     root, named = _tabs(file, layout)
     asked, known = {name.lower() for name in tabs}, {name.lower() for name in named}
     if unknown := [name for name in tabs if name.lower() not in known]:
@@ -100,12 +102,11 @@ def _picture(viewer: ViewerClient, t: float) -> bytes:
     return viewer.take_screenshot()
 
 
-def _opened(viewer: ViewerClient, file: Path, patience: int) -> dict[str, Any]:
-    """Load `file` and return its layout."""
+def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
+    """Load `readable`, which stands for `file`, and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
-    if not viewer.open(str(file.resolve())).store_ids:
-        mend = f"if it was cut short: python -m rerun rrd optimize {file} -o whole.rrd"
-        raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)? {mend}")
+    if not viewer.open(str(readable.resolve())).store_ids:
+        raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
     while viewer.get_state().loading:
         if time.monotonic() > deadline:
             raise _LateError(f"the recording was not loaded within {patience * LOAD_S:g} s")
@@ -120,7 +121,9 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
-    raise SnapshotError(f"{file}: the recording has no tabs; was it written by agrobot-mj?")
+    raise SnapshotError(
+        f"{file}: the recording has no tabs; was it written by agrobot-mj, and had its run come to the first piece?"
+    )
 
 
 def _name(parts: dict[str, Any]) -> str:

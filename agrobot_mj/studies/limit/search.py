@@ -15,11 +15,12 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.sweep.plan import base_text
-from agrobot_mj.studies.sweep.work import ERROR, WALL, Done, Task, flat
+from agrobot_mj.studies.sweep.work import ERROR, WALL, Done, Task
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""

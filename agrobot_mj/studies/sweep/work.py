@@ -7,12 +7,12 @@ import errno
 import json
 import tempfile
 import time
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import MARK
@@ -95,11 +95,3 @@ def _numbers(log: Log, scenario: Scenario) -> dict[str, Any]:
     expected = log.outcome == scenario.expected_outcome
     end = {"wall_s": log.wall_s, "version": __version__}
     return {"outcome": log.outcome, "expected": expected, "error": None, **metrics, **end}
-
-
-def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Keys and values of nested tables, keys dotted; lists stay whole."""
-    found = []
-    for key, value in table.items():
-        found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
-    return found
