@@ -1,6 +1,8 @@
 """Commands that connect programs outside: `link` and `ros2` let one drive, `export` writes a run for others."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -55,7 +57,7 @@ def link(
     """
     from agrobot_mj.links.agopengps.command import Arguments
     from agrobot_mj.links.agopengps.command import link as run_link
-    from agrobot_mj.links.agopengps.session import NoHostError
+    from agrobot_mj.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.storage import claimed, files_of_run
 
@@ -66,10 +68,10 @@ def link(
     arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live, not no_rrd)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     try:
-        with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+        with claimed(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_link(scenario, folder, arguments, watchers, lambda: bool(stopped), tell)
-    except NoHostError as error:
+    except NotBegunError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
     if not quiet:
@@ -102,7 +104,8 @@ def ros2(
     """
     from agrobot_mj.links.ros2.command import SENSORS, RosArguments
     from agrobot_mj.links.ros2.command import ros2 as run_node
-    from agrobot_mj.links.ros2.session import NoProgramError, RosOptions
+    from agrobot_mj.links.ros2.session import RosOptions
+    from agrobot_mj.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.ownership import remove
     from agrobot_mj.simulation.storage import claimed, files_of_run
@@ -114,10 +117,10 @@ def ros2(
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)
     try:
-        with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+        with claimed(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_node(scenario, folder, arguments, watchers, lambda: bool(stopped))
-    except NoProgramError as error:
+    except NotBegunError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
     if no_rrd:
@@ -156,6 +159,20 @@ def _end(log: "Log") -> float:
     """Time of the last tick, 0 before the first [s]."""
     t = log.column("t")
     return float(t[-1]) if len(t) else 0.0
+
+
+@contextmanager
+def _begun(folder: Path) -> Iterator[None]:
+    """Take the recording away again where no program came: there was no run."""
+    from agrobot_mj.links.running import NotBegunError
+    from agrobot_mj.simulation.ownership import remove
+    from agrobot_mj.simulation.storage import RECORDING
+
+    try:
+        yield
+    except NotBegunError:
+        remove(folder, [RECORDING])
+        raise
 
 
 def _recordings(folder: Path, no_rrd: bool, live: bool) -> "tuple[Recording, ...]":

@@ -1,7 +1,12 @@
 """How a run over a link begins and ends, whatever the link: nothing compiled late, one word for the outcome."""
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.stepping import Simulation
+
+
+class NotBegunError(ScenarioError):
+    """The program outside has not come, so that there was no run."""
 
 
 def warm_up(scenario: Scenario) -> None:

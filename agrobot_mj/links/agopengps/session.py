@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Measurement, Truth
 from agrobot_mj.links.agopengps.board import Board, BoardState
 from agrobot_mj.links.agopengps.channels import Channel, Incoming
 from agrobot_mj.links.agopengps.receiver import Receiver, ReceiverState
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
+from agrobot_mj.links.running import NotBegunError
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
 """What sends hellos, and what sends the steering, by dialect."""
@@ -24,7 +24,7 @@ Start = Literal["heard", "engaged", "now"]
 """When the clock of the run starts: with the host's first message, when it has engaged, or at once."""
 
 
-class NoHostError(ScenarioError):
+class NoHostError(NotBegunError):
     """No guidance program has answered in time."""
 
 

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
 from agrobot_mj.control.cmd_vel import CmdVel, VelocityRequest
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.pacing import Pace
 from agrobot_mj.links.ros2.content import Content, messages, path, site_of
 from agrobot_mj.links.ros2.node import LATCHED, VelocityMessage
 from agrobot_mj.links.ros2.sample import Heading, TickSample, sample_of
+from agrobot_mj.links.running import NotBegunError
 from agrobot_mj.simulation.stepping import Simulation
 
 Pacing = Literal["real_time", "lock_step"]
@@ -30,7 +30,7 @@ PATH_TURNS = 100
 """Turns after which /path is sent again, for subscribers that came later."""
 
 
-class NoProgramError(ScenarioError):
+class NoProgramError(NotBegunError):
     """Nothing was asked for on /cmd_vel in time."""
 
 

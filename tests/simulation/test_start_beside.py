@@ -1,0 +1,51 @@
+"""A run that starts beside its path: the plant stands there, the estimator knows it, errors count from the path."""
+
+from math import degrees, hypot
+
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.stepping import Simulation
+
+BESIDE = {"path.start_offset_m": 0.8, "path.start_heading_deg": -15.0}
+
+
+UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estimator.terrain_compensation": True}
+"""On a slope the antenna leans, of which an estimator knows only with an inertial unit."""
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("straight_line", {"plant.kind": "bicycle"}),
+        ("straight_line", {"plant.kind": "mujoco"}),
+        ("side_slope_10", UNIT),
+    ],
+)
+def test_the_tractor_rests_beside_the_path_and_the_estimator_knows(name, keys):
+    sim = Simulation(name, {**keys, **BESIDE})
+    sim.reset()
+    truth, estimate, reference = sim.truth, sim.estimate, sim.reference
+    assert (truth.x - reference.x, truth.y - reference.y) == pytest.approx((0.0, 0.8), abs=2e-3)
+    assert degrees(truth.yaw - reference.yaw) == pytest.approx(-15.0, abs=0.1)
+    assert hypot(estimate.x - truth.x, estimate.y - truth.y) < 0.1
+    assert degrees(estimate.yaw) == pytest.approx(-15.0, abs=1.0)
+
+
+@pytest.mark.parametrize("plant", ["mujoco", "bicycle"])
+def test_it_drives_to_the_path_and_the_log_tells_the_true_error(plant):
+    keys = {"plant.kind": plant, **BESIDE, "duration_s": 30.0, "guidance.kind": "lqr"}
+    log = run(load_scenario("straight_line", keys))
+    off = -log.column("e_lateral")
+    assert off[0] == pytest.approx(0.8, abs=2e-3)
+    assert abs(off[-200:]).max() < 0.1
+    assert log.metrics["lateral_rms"] > 0.1
+
+
+def test_a_start_outside_the_ground_is_told():
+    with pytest.raises(ScenarioError, match=r"path: starts at \(0, 15\) m, outside the terrain"):
+        load_scenario("straight_line", {"path.start_offset_m": 15.0, "terrain.half_size_m": 12.0})
+    with pytest.raises(ScenarioError, match=r"path\.start_offset_m: .*20"):
+        load_scenario("straight_line", {"path.start_offset_m": 25.0})
