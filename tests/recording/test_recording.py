@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from processes import program
 from recorded import Recorded, replay
-from rerun.chunk import RrdReader
 
 from agrobot_mj import __version__, load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import viewer
+from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.simulation.run import CHUNK_TICKS
 
 KILLED = """
@@ -149,22 +149,6 @@ def test_a_killed_run_leaves_what_was_told_before(tmp_path):
     assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
-RECORDINGS = Path(__file__).parents[2] / "docs" / "recordings.md"
-
-
-def whole(path):
-    """The file, or where the kill hit a write and so has cut a piece, what the documentation makes of it."""
-    try:
-        RrdReader(str(path)).stream()
-    except RuntimeError:
-        good = path.with_name("good.rrd")
-        command = [sys.executable, "-m", "rerun", "rrd", "optimize", path, "-o", good]
-        assert "rerun rrd optimize bad.rrd -o good.rrd" in RECORDINGS.read_text(encoding="utf-8")
-        subprocess.run(command, check=True, capture_output=True)
-        return good
-    return path
-
-
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("extra_bytes", [0, 150_000])
 def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
@@ -188,12 +172,13 @@ def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_
             assert time.monotonic() < deadline
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
-    recorded = Recorded(whole(path))
-    times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
-    assert len(times) >= 200
-    np.testing.assert_array_equal(times, np.arange(len(times)) * 50_000_000)
-    assert np.isfinite(values).all()
-    assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
+    with whole(path) as readable:
+        recorded = Recorded(readable)
+        times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
+        assert len(times) >= 200
+        np.testing.assert_array_equal(times, np.arange(len(times)) * 50_000_000)
+        assert np.isfinite(values).all()
+        assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rerun as rr
 from recorded import Recorded, replay
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.recording import Recording, write_comparison
-from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS
+from agrobot_mj.recording import Recording, recorder, write_comparison
+from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS, blueprint
+from agrobot_mj.recording.info import summary, unfinished
 from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
@@ -174,6 +177,44 @@ def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
     tabs = *sum(TABS.values(), ()), *sum(COMPANIONS.values(), ())
     assert [path for path in recorded if not path.startswith((*DRIVE, *tabs))] == []
     assert f"/{FOLLOWED}" in eight.entities()
+
+
+@pytest.mark.parametrize(
+    ("keys", "present", "absent"),
+    [
+        ({"guidance.kind": "lqr"}, {"Control", "Tyres", "Estimator"}, {"Network"}),
+        ({"guidance.kind": "stanley", "plant.kind": "bicycle"}, {"Control", "Estimator"}, {"Tyres", "Network"}),
+        ({"controller.kind": "pd"}, {"Control", "Tyres"}, {"Network"}),
+        ({}, {"Control", "Network"}, set()),
+    ],
+)
+def test_a_tab_is_there_if_any_of_its_plots_is(monkeypatch, tmp_path, keys, present, absent):
+    layouts = []
+    monkeypatch.setattr(recorder, "blueprint", lambda *a: layouts.append(blueprint(*a)) or layouts[-1])
+    scenario = load_scenario("straight_line", {"duration_s": 1, **keys})
+    run(scenario, (Recording(tmp_path / "run.rrd"),))
+    tabs = {tab.name for tab in layouts[-1].root_container.contents}
+    assert tabs >= {"Drive", "Info"} | present
+    assert not tabs & absent
+
+
+def test_the_text_names_the_law_that_drove_and_what_came_over_a_link(tmp_path):
+    scenario = load_scenario("straight_line", {"duration_s": 1, "guidance.kind": "lqr"})
+    log = run(scenario, (Recording(tmp_path / "run.rrd"),))
+    text = Recorded(tmp_path / "run.rrd").static("/info", "TextDocument:text")[0]
+    assert "guidance **lqr**" in text
+    assert "pd_t2fnn" not in text
+    assert "guidance **kinematic with pd_t2fnn**" in unfinished(load_scenario("straight_line"))
+    driven = replace(
+        log,
+        scenario=load_scenario("straight_line", {"guidance.kind": "agopengps"}),
+        metrics={**log.metrics, "link": {"host": "agopengps", "engaged_s": 12.5, "cross_track_rms": None}},
+    )
+    told = summary(driven)
+    assert "guidance **agopengps**, a program outside (`agrobot-mj link`)" in told
+    assert "## link" in told
+    assert "| host | agopengps | - |" in told
+    assert "| engaged_s | 12.5 | s |" in told
 
 
 def test_nothing_is_drawn_that_does_not_exist(tmp_path):
