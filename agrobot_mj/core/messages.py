@@ -97,6 +97,8 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
         if step in tags and isinstance(data, Mapping) and data.get("kind") == step:
             following, tags = tags[step], {}
             continue
+        if keys and data is not None and not isinstance(data, Mapping | list):
+            continue  # a branch of a union of plain values, which is no key
         owner = following
         keys.append(shortened(str(step)))
         data = data.get(step) if isinstance(data, Mapping) else None

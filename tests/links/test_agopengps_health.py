@@ -193,6 +193,14 @@ def test_two_antennas_must_be_there():
         scenario(1.0, **{f"{DUAL}.enabled": False})
 
 
+def test_a_latch_that_is_neither_a_time_nor_never_is_told_by_its_key():
+    with pytest.raises(ScenarioError) as error:
+        scenario(1.0, guidance__latch_s="often")
+    lines = str(error.value).splitlines()
+    assert {line.split(": ")[1] for line in lines} == {"guidance.latch_s"}
+    assert any("must be one of 'never', got 'often'" in line for line in lines)
+
+
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 def test_the_hosts_own_cross_track_error_is_a_column_and_a_metric(host):
     """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
