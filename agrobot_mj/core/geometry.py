@@ -28,6 +28,21 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
     return c * forward - s * left, s * forward + c * left
 
 
+def to_level(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Components (forward, left, up) in the level frame of the heading of a vector in the axes of a leaning body."""
+    x, y, z = vector
+    left, up = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
+    return cos(pitch) * x + sin(pitch) * up, left, -sin(pitch) * x + cos(pitch) * up
+
+
+def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Components in the axes x, y, z of a leaning body of a vector (forward, left, up) in the level frame."""
+    forward, left, up = vector
+    across = sin(pitch) * forward + cos(pitch) * up
+    ahead = cos(pitch) * forward - sin(pitch) * up
+    return ahead, cos(roll) * left + sin(roll) * across, -sin(roll) * left + cos(roll) * across
+
+
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
     """Raise ValueError, naming the key `points`, unless these corners enclose an area."""
     if len(set(points)) < 3:

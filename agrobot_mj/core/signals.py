@@ -94,6 +94,8 @@ class Truth(NamedTuple):
     """Angular velocity about the chassis' own axes x forward, y left, z up [rad/s]."""
     knuckle_samples: Array | None = None
     """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
+    rear_velocity: tuple[float, float, float] = (nan, nan, nan)
+    """Velocity of R, ENU [m/s]."""
 
 
 class Fix(NamedTuple):

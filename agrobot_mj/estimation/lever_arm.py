@@ -4,18 +4,17 @@ Attitude after ISO 8855 (yaw, then pitch, then roll; roll left side up, pitch no
 vehicle axes x forward, y left, z up from R [m]; offsets east and north [m].
 """
 
-from math import cos, exp, sin
+from math import exp
 from typing import NamedTuple
 
+from agrobot_mj.core.geometry import from_heading, to_level
 from agrobot_mj.core.signals import Fix
 
 
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
     """East and north offset of a point of the body from R [m]."""
-    x, y, z = arm
-    forward = cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z)
-    left = cos(roll) * y - sin(roll) * z
-    return cos(yaw) * forward - sin(yaw) * left, sin(yaw) * forward + cos(yaw) * left
+    forward, left, _ = to_level(roll, pitch, arm)
+    return from_heading(yaw, forward, left)
 
 
 class Lever(NamedTuple):

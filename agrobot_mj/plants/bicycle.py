@@ -295,6 +295,7 @@ class BicyclePlant:
             knuckle_samples=self._knuckles(self.samples[0]),
             wheel_speed=u,
             body_rates=(0.0, 0.0, gamma),
+            rear_velocity=(vx, vy, 0.0),
         )
 
     def _knuckles(self, delta: Array) -> Array:

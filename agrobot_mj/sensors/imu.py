@@ -1,17 +1,27 @@
-"""Attitude from an inertial unit that fuses its own gyros and accelerometers: roll and pitch in, both with errors out.
+"""Attitude from an inertial unit that fuses its own gyros and accelerometers: roll and pitch, level by specific force.
 
-Error per axis = constant bias + slow wander (first-order Gauss-Markov [Brown2012]: thermal drift, accelerations
-taken for tilt) + white noise. Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in deg.
+A complementary filter: the gyros carry the attitude from tick to tick, and the accelerometers pull it with the time
+constant tau towards the tilt that the specific force f shows. Whatever accelerates the unit is tilt to it: at rest in
+a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = atan(a / g) for a sideward
+acceleration a. Aided, the unit subtracts from f what it knows of its motion, speed times yaw rate and change of speed;
+what is left is sideslip, heave and the lever arm of its place. The mean of f over a tick follows from the velocities
+at its ends.
+
+Added to that per axis: constant bias + slow wander (first-order Gauss-Markov [Brown2012]: thermal drift) + white noise.
+Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in deg.
 """
 
-from math import nan, radians
-from typing import NamedTuple
+from math import atan2, exp, hypot, nan, radians
+from typing import Literal, NamedTuple
 
 from numpy.random import Generator
 
+from agrobot_mj.core.geometry import from_heading, to_body, to_heading, to_level, wrap
 from agrobot_mj.core.randomness import gauss_markov, stream
 from agrobot_mj.core.signals import Column, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.core.vectors import Vector, cross
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.sensors.base import Sensor
 
 
@@ -22,6 +32,23 @@ class Attitude(NamedTuple):
     """Roll, left side up positive [rad]."""
     pitch: float
     """Pitch, nose down positive [rad]."""
+    force_x: float = nan
+    """Specific force along the chassis, mean of the tick, forward positive [m/s2]."""
+    force_y: float = nan
+    """Specific force across it, left positive [m/s2]."""
+    force_z: float = nan
+    """Specific force along its upright axis, up positive [m/s2]."""
+
+
+class Motion(NamedTuple):
+    """What a tick leaves behind for the next one's acceleration."""
+
+    velocity: Vector
+    """Velocity of the unit, ENU [m/s]."""
+    speed: float
+    """Speed of the tractor along its heading [m/s]."""
+    yaw: float
+    """Heading [rad]."""
 
 
 class ImuState(NamedTuple):
@@ -31,6 +58,10 @@ class ImuState(NamedTuple):
     """Random stream; advances in place."""
     wander: tuple[float, float]
     """Slow error of roll and pitch, in units of its standard deviation [-]."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """Acceleration taken for tilt: error of roll and pitch [rad]."""
+    last: Motion | None = None
+    """Motion at the end of the last tick; None before the first."""
 
 
 class Imu(Sensor):
@@ -38,6 +69,16 @@ class Imu(Sensor):
 
     enabled: bool = False
     """Whether there is a unit; roll and pitch read NaN without one."""
+    aiding: Literal["none", "speed"] = "speed"
+    """What the unit knows of its motion: `speed` of the machine to subtract accelerations, as units for guidance do."""
+    time_constant_s: NonNegative = 3.0
+    """Time constant with which the accelerometers level the gyros; 0 for an inclinometer [s]. Estimate."""
+    ahead_m: float = 0.0
+    """Distance of the unit ahead of the rear axle [m]. Estimate."""
+    left_m: float = 0.0
+    """Distance of the unit to the left of the tractor's middle [m]. Estimate."""
+    up_m: float = 1.0
+    """Height of the unit above the ground below the rear axle [m]. Estimate (floor of the cab)."""
     sigma_deg: NonNegative = 0.1
     """White noise of a reading, each axis [deg]. Estimate (MEMS, averaged over a tick)."""
     wander_sigma_deg: NonNegative = 0.2
@@ -51,10 +92,16 @@ class Imu(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Both angles, where there is a unit."""
+        """Both angles and the specific force, where there is a unit."""
         found = (
             Column("imu_roll", "rad", "roll from the inertial unit, left side up positive"),
             Column("imu_pitch", "rad", "pitch from the inertial unit, nose down positive"),
+            *(
+                Column(
+                    f"imu_force_{axis}", "m/s2", f"specific force at the unit {way}, mean of the tick, without noise"
+                )
+                for axis, way in (("x", "forward"), ("y", "to the left"), ("z", "up, in the chassis' axes"))
+            ),
         )
         return found if self.enabled else ()
 
@@ -65,16 +112,61 @@ class Imu(Sensor):
         return ImuState(generator, (roll, pitch))
 
     def measure(self, state: ImuState, truth: Truth, conditions: Conditions, dt: float) -> tuple[ImuState, Attitude]:
-        """Measured roll and pitch [rad]."""
+        """Measured roll and pitch [rad], and the specific force [m/s2]."""
         if not self.enabled:
             return state, Attitude(nan, nan)
         w = state.generator.standard_normal(4).tolist()
         b_r, b_p = (gauss_markov(b, w_b, dt, self.wander_time_s) for b, w_b in zip(state.wander, w[:2], strict=True))
         e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w[2]
         e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w[3]
-        reading = Attitude(truth.roll + radians(e_r), truth.pitch + radians(e_p))
-        return ImuState(state.generator, (b_r, b_p)), reading
+        now = self._motion(truth)
+        last = state.last or now
+        turned = wrap(now.yaw - last.yaw)
+        pull = _acceleration(last, now, turned, dt)
+        known = self._known(last, now, turned, dt)
+        roll, pitch = tilt = self._levelled(
+            state.tilt, (pull[0] - known[0], pull[1] - known[1], pull[2]), turned, truth, dt
+        )
+        force = _force(pull, truth)
+        reading = Attitude(truth.roll + roll + radians(e_r), truth.pitch + pitch + radians(e_p), *force)
+        return ImuState(state.generator, (b_r, b_p), tilt, now), reading
+
+    def _motion(self, truth: Truth) -> Motion:
+        """Motion of the unit in its place on the chassis."""
+        swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
+        forward, left, up = to_level(truth.roll, truth.pitch, swing)
+        east, north = from_heading(truth.yaw, forward, left)
+        v = truth.rear_velocity
+        return Motion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
+
+    def _known(self, last: Motion, now: Motion, turned: float, dt: float) -> tuple[float, float]:
+        """Acceleration forward and to the left that the unit knows of [m/s2]."""
+        if self.aiding == "none":
+            return 0.0, 0.0
+        return (now.speed - last.speed) / dt, (now.speed + last.speed) / 2 * turned / dt
+
+    def _levelled(
+        self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
+    ) -> tuple[float, float]:
+        """Error of roll and pitch a tick later, under the acceleration `pull` that the unit knows nothing of [rad]."""
+        f_x, f_y, f_z = _force(pull, truth)
+        shown = atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
+        keep = exp(-dt / self.time_constant_s) if self.time_constant_s > 0.0 else 0.0
+        held = to_heading(turned, *tilt)  # ideal gyros hold the error in space, so that it turns under the tractor
+        return keep * held[0] + (1.0 - keep) * shown[0], keep * held[1] + (1.0 - keep) * shown[1]
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
-        """Both angles, where there is a unit."""
+        """Both angles and the specific force, where there is a unit."""
         return reading if self.enabled else ()
+
+
+def _acceleration(last: Motion, now: Motion, turned: float, dt: float) -> Vector:
+    """Mean acceleration of the unit in a tick, in the level frame of its mean heading: forward, left, up [m/s2]."""
+    east, north, up = (v - v_last for v, v_last in zip(now.velocity, last.velocity, strict=True))
+    forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
+    return forward, left, up / dt
+
+
+def _force(pull: Vector, truth: Truth) -> Vector:
+    """Specific force in the axes of the chassis of an acceleration in the level frame [m/s2]."""
+    return to_body(truth.roll, truth.pitch, (pull[0], pull[1], pull[2] + GRAVITY))

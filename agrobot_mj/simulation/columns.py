@@ -171,7 +171,11 @@ WHEEL_SIGNALS = tuple(
     for quantity, unit, text in (
         ("load", "N", "vertical load"),
         ("slip_angle", "rad", "slip angle"),
-        ("slip_ratio", "-", "slip ratio, driving positive"),
+        (
+            "slip_ratio",
+            "-",
+            "slip ratio, driving positive and braking negative, ahead and in reverse; at most about 20",
+        ),
         ("fx", "N", "force on the wheel, forward in the ground plane"),
         ("fy", "N", "force on the wheel, left in the ground plane"),
         ("friction_use", "-", "force over what the ground can hold"),

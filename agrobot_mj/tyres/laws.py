@@ -165,6 +165,16 @@ def relaxation_lengths(tyres: TyreSet, i: int, law: TyreLaw, load: float, deflec
 
 
 @kernel
+def direction_of_travel(v_x: float, rim: float) -> float:
+    """Sign of the slip ratio for which driving is positive: -1 in reverse, else 1.
+
+    A wheel that spins on the spot travels as its rim does; speeds of hub and rim in m/s, forward positive.
+    """
+    on_the_spot = abs(v_x) < LEAST_SHARE * 0.5 * abs(rim)
+    return -1.0 if (rim if on_the_spot else v_x) < -RESTING else 1.0
+
+
+@kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
     """Share of its resistance that soil has against the rolling of a wheel that is carried sideways [-].
 
@@ -236,5 +246,6 @@ def wheel_step(
     )
     report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, f_y
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
-    report[SLIP_RATIO] = -z_x / sigma_x * (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)
+    over = (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)
+    report[SLIP_RATIO] = -direction_of_travel(patch.v_x, rim) * z_x / sigma_x * over
     report[FRICTION_USE] = force.used

@@ -58,6 +58,7 @@ def test_every_topic_has_a_message_a_tick_at_its_time(read, log):
         ("/ground_truth/odom", "speed", lambda m: m.twist.twist.linear.x),
         ("/ground_truth/odom", "yaw_rate", lambda m: m.twist.twist.angular.z),
         ("/imu/data", "gyro", lambda m: m.angular_velocity.z),
+        ("/imu/data", "imu_force_y", lambda m: m.linear_acceleration.y),
         ("/joint_states", "steer_measured", lambda m: m.position[m.name.index("steering")]),
         ("/tf", "rear_x", lambda m: m.transforms[0].transform.translation.x),
     ],

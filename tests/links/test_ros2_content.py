@@ -112,7 +112,7 @@ def test_a_unit_without_sensors_says_so(drive):
     assert "/imu/data" not in dict(messages(sample._replace(gyro=nan, imu_roll=nan, imu_pitch=nan), site, nan))
     gyro_alone = imu(sample._replace(imu_roll=nan, imu_pitch=nan), site, 0.1, stamp(0))
     assert gyro_alone["orientation_covariance"][0] == 1e6
-    assert gyro_alone["linear_acceleration_covariance"][0] == -1
+    assert imu(sample._replace(imu_force_x=nan), site, 0.1, stamp(0))["linear_acceleration_covariance"][0] == -1
 
 
 def test_the_heading_is_the_integral_of_the_gyro():

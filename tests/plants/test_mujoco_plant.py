@@ -19,7 +19,7 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Tyre
 
 TRACTOR, CYLINDER = TractorParameters(), Cylinder()
 COLUMN = CYLINDER.column(TRACTOR)
@@ -225,6 +225,21 @@ def test_the_yaw_rate_after_a_step_of_the_steering_is_the_bicycles(speed, steady
     steady = bicycle[-20:].mean()
     assert mujoco[-20:].mean() == pytest.approx(steady, rel=steady_rel)
     assert np.sqrt(np.mean((mujoco[:100] - bicycle[:100]) ** 2)) < rms_rel * steady
+
+
+@pytest.mark.parametrize("tyre", [MagicFormula(), Contact()], ids=lambda tyre: tyre.kind)
+def test_slip_is_positive_driving_and_negative_braking_also_in_reverse(tyre):
+    driver, slips = Driver(*build(Mujoco(tyre=tyre), Slope(grade_deg=8, direction_deg=0)), speed=-1.0), {}
+    for way in (-1.0, 1.0):
+        driver.speed = way
+        driver.go(6.0, angle=0.0)
+        reports = []
+        for _ in range(60):
+            driver.go(0.05, angle=0.0)
+            reports.append(driver.plant.wheels().reshape(6, 4)[2].copy())
+        slips[way] = np.mean(reports, axis=0)[2:]
+    assert slips[-1.0].max() < -1e-3  # the slope falls behind it, and pulls it along
+    assert slips[1.0].min() > 1e-3
 
 
 def test_the_contact_tyre_drives_and_turns():

@@ -1,10 +1,12 @@
 """The inertial unit: its errors are those of its keys, and it moves no other sensor's noise."""
 
-from math import exp, isnan, radians, sqrt
+from math import atan, cos, exp, isnan, pi, radians, sin, sqrt, tan
 
 import numpy as np
 import pytest
 
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import NOMINAL, Truth
 from agrobot_mj.sensors import Imu, Sensors
 
@@ -18,6 +20,8 @@ def truth(roll=0.0, pitch=0.0):
         antenna_velocity=(1.1, 0.4, 0.0),
         steer_samples=np.full(25, 0.1),
         pedal_samples=np.full(25, 0.5),
+        body_rates=(0.0, 0.0, 0.0),
+        rear_velocity=(1.15, 0.36, 0.0),
     )
 
 
@@ -25,8 +29,114 @@ def readings(imu, ticks, seed=1, roll=0.0, pitch=0.0):
     state, found = imu.init(seed), []
     for _ in range(ticks):
         state, measured = imu.measure(state, truth(roll, pitch), NOMINAL, DT)
-        found.append(measured)
+        found.append(measured[:2])
     return np.degrees(found)
+
+
+def drive(imu, motion, ticks, roll=0.0, pitch=0.0):
+    """Errors of roll and pitch [rad], and specific force, of a perfect unit after each tick of a planar motion.
+
+    `motion` gives speed [m/s], yaw [rad] and yaw rate [rad/s] of R over time.
+    """
+    state, found = imu.init(1), []
+    for k in range(ticks):
+        speed, yaw, rate = motion(k * DT)
+        ahead, aside = cos(yaw), sin(yaw)
+        now = truth(roll, pitch)._replace(
+            speed=speed,
+            yaw=wrap(yaw),
+            yaw_rate=rate,
+            body_rates=(-sin(pitch) * rate, sin(roll) * cos(pitch) * rate, cos(roll) * cos(pitch) * rate),
+            rear_velocity=(speed * ahead, speed * aside, -tan(pitch) * speed),
+        )
+        state, read = imu.measure(state, now, NOMINAL, DT)
+        found.append((read.roll - roll, read.pitch - pitch, *read[2:]))
+    return np.array(found)
+
+
+def perfect(**keys):
+    return Imu(**{"enabled": True, "sigma_deg": 0.0, "wander_sigma_deg": 0.0, "up_m": 0.0, **keys})
+
+
+def bend(speed, rate):
+    return lambda t: (speed, rate * t, rate)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_unaided_inclinometer_takes_a_bend_for_tilt(way):
+    """5.7 degrees at 0.1 g, left side up in a left bend, also in reverse on the same circle."""
+    speed = 4.2
+    found = drive(perfect(aiding="none", time_constant_s=0.0), bend(speed * way, 0.981 / speed * way), 40)
+    assert np.degrees(found[5:, 0]) == pytest.approx(np.degrees(atan(0.1)), rel=1e-4)
+    assert found[5:, 1] == pytest.approx(0.0, abs=1e-4)
+    assert found[5:, 2:] == pytest.approx(np.tile([0.0, 0.981, 9.81], (35, 1)), abs=1e-3)
+
+
+def test_gyros_that_turn_with_the_tractor_share_the_error_of_a_bend():
+    """The filter's vertical stands in space: tau r smaller in roll, and behind in pitch."""
+    tau, r = 2.0, 0.3
+    found = drive(perfect(aiding="none", time_constant_s=tau), bend(3.0, r), 600)[-1]
+    tilted = atan(0.9 / 9.81)
+    assert found[0] == pytest.approx(tilted / (1 + (tau * r) ** 2), rel=0.01)
+    assert found[1] == pytest.approx(-tau * r * tilted / (1 + (tau * r) ** 2), rel=0.02)
+
+
+@pytest.mark.parametrize("a", [0.8, -1.3])
+def test_an_unaided_unit_takes_acceleration_for_pitch(a):
+    """Nose up when it speeds up; the time constant is that of the key."""
+
+    def speeding(t):
+        return a * t, 0.4, 0.0
+
+    assert drive(perfect(aiding="none", time_constant_s=0.0), speeding, 5)[-1, 1] == pytest.approx(-atan(a / 9.81))
+    rising = drive(perfect(aiding="none", time_constant_s=1.5), speeding, 31)[:, 1]
+    assert rising[-1] == pytest.approx(-atan(a / 9.81) * (1 - exp(-1)), rel=1e-6)
+
+
+@pytest.mark.parametrize("motion", [bend(2.5, -0.35), lambda t: (0.7 * t, 1.0, 0.0), bend(-1.5, 0.2)])
+def test_speed_takes_the_accelerations_of_the_machine_out(motion):
+    assert drive(perfect(time_constant_s=0.0), motion, 100)[:, :2] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("aiding", ["none", "speed"])
+def test_straight_on_at_constant_speed_a_slope_is_read_without_error(aiding):
+    lean, nose = radians(11.0), radians(-6.0)
+    found = drive(perfect(aiding=aiding, up_m=1.7), lambda t: (1.8, 2.0, 0.0), 200, lean, nose)
+    assert found[:, :2] == pytest.approx(0.0, abs=1e-12)
+    along = 9.81 * np.array([-sin(nose), sin(lean) * cos(nose), cos(lean) * cos(nose)])
+    assert found[-1, 2:] == pytest.approx(along)
+
+
+def test_the_lever_arm_swings_with_the_roof():
+    """A unit h above R that rolls by a sin(w t) feels h a w^2 sin(w t) on top of gravity's share."""
+    h, a, w = 1.4, radians(2.0), 2 * pi * 0.5
+    imu = perfect(time_constant_s=0.0, up_m=h)
+    state, error = imu.init(1), []
+    t = DT * np.arange(200)
+    for now in t:
+        roll = a * sin(w * now)
+        state, read = imu.measure(state, truth(roll)._replace(body_rates=(a * w * cos(w * now), 0.0, 0.0)), NOMINAL, DT)
+        error.append(read.roll - roll)
+    felt = 2 * np.mean(error * np.sin(w * (t - DT / 2)))  # the mean of a tick belongs to its middle
+    assert felt == pytest.approx(h * a * w**2 / 9.81, rel=0.02)
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_both_plants_pull_an_unaided_unit_outwards_in_a_bend(plant):
+    """On level ground: the reading beyond the true roll is a / g of the circle that is driven."""
+    given = {
+        "plant.kind": plant,
+        "path.radius_m": 12.0,
+        "path.speed_m_s": 2.0,
+        "duration_s": 25.0,
+        "sensors.imu": perfect(aiding="none", time_constant_s=0.0, up_m=0.5).model_dump(),
+    }
+    log = run(load_scenario("circle", given)).signals.slice(360).to_pydict()
+    a = np.mean(log["speed"]) * np.mean(log["yaw_rate"])
+    sign = np.sign(a)
+    assert sign * (np.mean(log["imu_roll"]) - np.mean(log["roll"])) == pytest.approx(atan(abs(a) / 9.81), rel=0.05)
+    assert np.mean(log["imu_force_y"]) == pytest.approx(a + 9.81 * np.sin(np.mean(log["roll"])), rel=0.05)
+    assert np.mean(log["imu_force_z"]) == pytest.approx(9.81, abs=0.05)
 
 
 def test_without_one_roll_and_pitch_are_not_known():

@@ -27,6 +27,8 @@ def truth(k):
         steer_samples=np.full(25, 0.1),
         pedal_samples=np.full(25, 0.5),
         wheel_speed=1.2,
+        body_rates=(0.0, 0.0, 0.1),
+        rear_velocity=(1.15, 0.35, 0.0),
     )
 
 

@@ -129,13 +129,17 @@ def test_traction_is_that_of_brixius_up_to_95_percent_of_slip(cone_index_kpa, wa
         assert pull == pytest.approx(brixius(1e3 * cone_index_kpa, s), abs=1e-4)
 
 
+@pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("kappa", [-1.0, -0.4, 0.5, 1.0, 3.0, 9.0])
-def test_the_reported_slip_ratio_is_the_true_one(kappa):
-    assert Wheel(MagicFormula()).steady(1.0, 0.0, 1.0 + kappa)[SLIP_RATIO] == pytest.approx(kappa, rel=2e-3)
+def test_the_reported_slip_ratio_is_the_true_one_positive_driving_in_both_directions(kappa, way):
+    found = Wheel(MagicFormula()).steady(way * 1.0, 0.0, way * (1.0 + kappa))
+    assert found[SLIP_RATIO] == pytest.approx(kappa, rel=2e-3)
+    assert found[FORCE_X] * way * kappa > 0
 
 
-def test_the_reported_slip_ratio_of_a_wheel_on_the_spot_is_finite_and_that_of_a_parked_one_nothing():
-    assert Wheel(Soil()).steady(0.0, 0.0, 4.0)[SLIP_RATIO] == pytest.approx(20.0, rel=0.01)
+@pytest.mark.parametrize("way", [1, -1])
+def test_the_reported_slip_ratio_of_a_wheel_on_the_spot_is_finite_and_that_of_a_parked_one_nothing(way):
+    assert Wheel(Soil()).steady(0.0, 0.0, way * 4.0)[SLIP_RATIO] == pytest.approx(20.0, rel=0.01)
     assert Wheel(Soil()).step(0.0, 0.0, 0.0, 100)[SLIP_RATIO] == 0.0
 
 

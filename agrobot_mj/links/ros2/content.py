@@ -127,11 +127,12 @@ def fix(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
-    """`sensor_msgs/Imu`: attitude and yaw rate; the accelerometers' own readings are not modelled."""
+    """`sensor_msgs/Imu`: attitude, yaw rate, and the specific force, whose noise is not modelled."""
     attitude = [0.0 if isnan(angle) else angle for angle in (s.imu_roll, s.imu_pitch, yaw)]
     tilt = UNKNOWN_VARIANCE if isnan(s.imu_roll) else site.tilt_variance
     drift = site.gyro_variance * TICK_S * s.t + site.gyro_walk * s.t**3 / 3
     around = UNKNOWN_VARIANCE if isnan(yaw) else drift
+    force = s.imu_force_x, s.imu_force_y, s.imu_force_z
     return {
         "header": header(at, "base_link"),
         "orientation": quaternion(*attitude),
@@ -140,8 +141,8 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
         "angular_velocity_covariance": _diagonal(
             UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE if isnan(s.gyro) else site.gyro_variance
         ),
-        "linear_acceleration": vector(0.0, 0.0, 0.0),
-        "linear_acceleration_covariance": NOT_MEASURED,
+        "linear_acceleration": vector(0.0, 0.0, 0.0) if isnan(s.imu_force_x) else vector(*force),
+        "linear_acceleration_covariance": NOT_MEASURED if isnan(s.imu_force_x) else _diagonal(0.0, 0.0, 0.0),
     }
 
 

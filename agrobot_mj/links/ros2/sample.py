@@ -72,6 +72,12 @@ class TickSample(NamedTuple):
     """True lateral speed of the CG [m/s]."""
     yaw_rate: float
     """True yaw rate [rad/s]."""
+    imu_force_x: float = nan
+    """Specific force at the inertial unit, forward [m/s2]."""
+    imu_force_y: float = nan
+    """Specific force at the inertial unit, to the left [m/s2]."""
+    imu_force_z: float = nan
+    """Specific force at the inertial unit, up [m/s2]."""
     cmd_speed: float = nan
     """Speed asked for on /cmd_vel [m/s]."""
     cmd_yaw_rate: float = nan
@@ -91,6 +97,7 @@ def sample_of(sim: Simulation) -> TickSample:
         *(float(p[0, 0]), float(p[0, 1]), float(p[1, 1]), float(p[2, 2])),
         *(truth.rear_x, truth.rear_y, truth.z, truth.yaw, truth.pitch, truth.roll),
         *(truth.speed, truth.lateral_speed, truth.yaw_rate),
+        *m.readings["imu"][2:],
     )
 
 

@@ -9,6 +9,7 @@ from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import surface_at
 from agrobot_mj.tyres.base import NativeContact
+from agrobot_mj.tyres.laws import direction_of_travel
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, SLIP_ANGLE, SLIP_RATIO, TyreSet
 
 
@@ -60,4 +61,5 @@ class NativeContacts:
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
         v_x, v_y = float(self.velocity[3:] @ forward), float(self.velocity[3:] @ left)
         rim = float(self.velocity[:3] @ self._axle(body)) * float(self.tyres.radius[i])
-        return atan2(v_y, max(abs(v_x), 1e-3)), (rim - v_x) / max(abs(v_x), abs(rim), 1e-3)
+        driving = direction_of_travel(v_x, rim) * (rim - v_x)
+        return atan2(v_y, max(abs(v_x), 1e-3)), driving / max(abs(v_x), abs(rim), 1e-3)

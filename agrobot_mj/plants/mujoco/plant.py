@@ -38,6 +38,7 @@ from agrobot_mj.plants.mujoco.stepping import (
     ACTUATION,
     FASTEST,
     MOTION,
+    REAR,
     UPRIGHT,
     Actuators,
     Tyred,
@@ -290,6 +291,7 @@ class MujocoPlant:
             knuckle_samples=samples[2:],
             wheel_speed=self.tractor.rear_wheel_radius_m * m[22],
             body_rates=(m[23], m[24], m[25]),
+            rear_velocity=(m[REAR], m[REAR + 1], m[REAR + 2]),
         )
 
     def poses(self) -> Array:

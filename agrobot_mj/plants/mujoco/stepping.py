@@ -20,7 +20,7 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-SPEED, ACTUATION, FASTEST, UPRIGHT, MOTION = 6, 26, 29, 30, 31
+SPEED, ACTUATION, FASTEST, UPRIGHT, REAR, MOTION = 6, 26, 29, 30, 31, 34
 """Where `observe` writes velocities, the actuation and what tells of trouble, and how many numbers it writes."""
 
 
@@ -199,8 +199,9 @@ def run_steps(
 def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Array) -> None:
     """Write the motion into `out` (MOTION,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll, speed,
     lateral speed, yaw rate; virtual wheel and pedal, R east and north, mean spin of the driven wheels [rad/s], body
-    rates (3); oil flow, pressure, torque on the driven wheels; the fastest of the six velocities, infinite where
-    the motion is not finite, and the cosine of the lean. `cg` and `antenna` (3,) in the chassis frame [m]."""
+    rates (3); oil flow, pressure, torque on the driven wheels; the fastest of the first six velocities, infinite
+    where the motion is not finite, the cosine of the lean; velocity of R (3). `cg` and `antenna` (3,) in the chassis
+    frame [m]."""
     R = v.xmat[CHASSIS]
     q, w = v.qpos, v.qvel
     omega = (
@@ -236,3 +237,4 @@ def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Arra
     for i in range(SPEED, SPEED + 6):
         fastest = max(fastest, abs(out[i]))
     out[FASTEST], out[UPRIGHT] = fastest if isfinite(total) else inf, R[8]
+    out[REAR], out[REAR + 1], out[REAR + 2] = w[0], w[1], w[2]

@@ -21,7 +21,7 @@ from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyr
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import STILL
+from agrobot_mj.tyres.laws import STILL, direction_of_travel
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, soft_sign
 
 SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
@@ -61,7 +61,8 @@ class Wheel:
         r_e, rolled = t.radius[i] - sunk / 3, abs(float(v @ forward))
         referred = max(rolled, abs(omega) * r_e / 2, 1e-9)
         way = soft_sign(float(v @ forward), STILL)
-        slip = Slip(-report[SLIP_RATIO] * rolled / referred, 0.0, load, sunk, referred, self.footing, way)
+        driving = direction_of_travel(float(v @ forward), omega * r_e) * report[SLIP_RATIO]
+        slip = Slip(-driving * rolled / referred, 0.0, load, sunk, referred, self.footing, way)
         soil = -float((t.front if i < 2 else t.rear).drag(slip, way))
         f_x = report[FORCE_X] + soil
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
