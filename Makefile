@@ -28,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack bench check coverage demo demo-link dist-check docs figures help install learning library lock mutate performance plain reference results ros slow snapshots soak test third-party validate verdict
+.PHONY: attack bench check coverage demo demo-link dist-check docs explore figures help install learning library lock mutate performance plain reference results ros slow snapshots soak test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -59,6 +59,9 @@ coverage: $(STAMP) ## Count the lines that tests execute, kernels as plain Pytho
 	@NUMBA_DISABLE_JIT=1 $(PY) -m coverage run -m pytest -q $(KERNELS)
 	@$(PY) -m coverage combine -q
 	@$(PY) scripts/covered.py
+
+explore: $(STAMP) ## Run the property tests with examples that nobody has drawn before
+	@$(PY) -m pytest -m "hypothesis and not slow" -n 2 --dist worksteal --hypothesis-profile=explore
 
 mutate: $(STAMP) ## Change the source in one place at a time, and see whether a test fails (an hour)
 	@$(PY) scripts/mutate.py

@@ -5,6 +5,7 @@ import os
 import sys
 
 import pytest
+from hypothesis import settings
 
 from agrobot_mj import cli
 
@@ -13,6 +14,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 of most of a fit's processor time."""
 gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
 """As in a command: else the collection of the tests looks through the modules' objects again and again."""
+settings.register_profile("same", derandomize=True, deadline=None, database=None)
+settings.register_profile("explore", deadline=None, print_blob=True)
+settings.load_profile("same")
+"""Property tests draw the same examples everywhere; `make explore` draws others. A slow machine is no failure."""
 
 
 def pytest_configure(config):

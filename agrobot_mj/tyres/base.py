@@ -24,6 +24,9 @@ ADHERES, SLIDES = 1.0, 3.0
 """Slip over peak over stiffness at which springs would be at the peak, and at which a brush under parabolic pressure
 slides from end to end [-]. [Pacejka2012] chapter 3."""
 
+VANISHING = 1e-150
+"""Length of a slip over its peak forces whose square a computer still has [1/N]."""
+
 
 class Footing(NamedTuple):
     """Properties of the ground under a wheel."""
@@ -117,7 +120,7 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
     slides = 1.0 + a * ((D[1] / D[0]) ** 2 - 1.0)
     n_x, n_y = slip.x / D[0], slip.y / D[1] * (K[1] / K[0] + sliding * (slides - K[1] / K[0]))
     length = sqrt(n_x * n_x + n_y * n_y)
-    if length < 1e-12:
+    if length < VANISHING:
         return Direction(0.0, 0.0)
     return Direction(n_x / length, n_y / length)
 

@@ -1,7 +1,6 @@
 """What holds for every fault: its window, its randomness, its overlaps, and the way it is written in a file."""
 
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -272,12 +271,10 @@ def test_a_run_with_faults_can_be_run_again_from_what_it_wrote(call):
     assert load_scenario("first/scenario.toml").hash8 == load_scenario("second/scenario.toml").hash8
 
 
-def test_a_thousand_faults_load_at_once_and_more_are_refused():
+def test_a_thousand_faults_load_and_more_are_refused():
     def losses(count):
         return {"fault": [{"kind": "gnss_loss", "start_s": float(k), "end_s": k + 0.5} for k in range(count)]}
 
-    before = time.perf_counter()
     assert len(load_scenario("straight_line", losses(1000)).fault) == 1000
-    assert time.perf_counter() - before < 5.0
     with pytest.raises(ScenarioError, match=r"fault: must have at most 1000 items$"):
         load_scenario("straight_line", losses(1001))

@@ -62,30 +62,32 @@ def test_a_flood_waits_its_turn():
     assert [received.data[0] for received in first + second] == list(range(150))
 
 
-def test_waiting_ends_in_time():
+def test_waiting_lasts_until_its_time():
     with UdpSockets("127.0.0.1", free_port(), 9) as sockets:
         began = time.perf_counter()
         assert list(sockets.receive(began + 0.05)) == []
-        assert 0.045 < time.perf_counter() - began < 0.5
+        assert time.perf_counter() - began > 0.045
 
 
 def test_turns_that_begin_late_are_counted_and_not_caught_up():
     pace = Pace(0.02)
     pace.begin()
+    first = pace.next - pace.period
     time.sleep(0.1)
-    pace.begin()
-    assert pace.next > time.perf_counter()
+    behind = pace.begin()
+    assert pace.next == pytest.approx(first + pace.period + behind + pace.period)
     assert (pace.turns, pace.late) == (2, 1)
     assert pace.worst == pytest.approx(pace.slipped)
-    assert 0.07 < pace.worst < 1.0
+    assert pace.worst == behind > 0.07
 
 
 def test_what_was_loaded_before_the_first_turn_makes_none_late():
     pace = Pace(0.02)
+    made = pace.next
     time.sleep(0.1)
     pace.begin()
     assert (pace.turns, pace.late, pace.worst, pace.slipped) == (1, 0, 0.0, 0.0)
-    assert 0.0 < pace.next - time.perf_counter() <= 0.02
+    assert pace.next > made + 0.1
 
 
 def test_the_record_comes_back(tmp_path):

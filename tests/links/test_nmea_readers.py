@@ -94,12 +94,12 @@ def gpsd(tmp_path):
     yield port, reports
     done.set()
     process.terminate()
-    process.wait(timeout=10)
+    process.wait(timeout=300)
     stream.close()
 
 
 def connected(port):
-    for _ in range(50):
+    for _ in range(600):
         try:
             return socket.create_connection(("127.0.0.1", port))
         except ConnectionRefusedError:

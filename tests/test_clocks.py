@@ -1,0 +1,36 @@
+"""No test fails because a machine is slow: none sets a limit to a time, and what waits for a process waits long."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+TESTS = Path(__file__).parent
+LIMIT = re.compile(r"assert .*(perf_counter|monotonic|process_time|time\.time)\(\) - \w+ <")
+TIMEOUT = re.compile(r"\b(?:communicate|wait|run|join)\([^\n]*timeout=([\d.]+)")
+LEAST_S = 300
+
+
+@pytest.mark.parametrize(
+    "line", ["    assert time.perf_counter() - began < 5", "assert 0.04 < time.monotonic() - began < 0.5"]
+)
+def test_a_limit_is_found(line):
+    assert LIMIT.search(line)
+    assert not LIMIT.search("assert time.perf_counter() - began > 2.9")
+
+
+@pytest.mark.parametrize("file", sorted(TESTS.rglob("test_*.py")), ids=lambda file: file.stem)
+def test_no_limit_of_time_is_asserted(file):
+    if file == Path(__file__):
+        return
+    text = file.read_text(encoding="utf-8")
+    assert LIMIT.findall(text) == []
+    assert [found for found in TIMEOUT.findall(text) if float(found) < LEAST_S] == []
+
+
+def test_property_tests_draw_the_same_examples_for_everybody(request):
+    if request.config.getoption("--hypothesis-profile"):
+        pytest.skip("other examples were asked for")
+    assert settings.default.derandomize
+    assert settings.default.deadline is None
