@@ -80,7 +80,7 @@ class BareModel:
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
         parts = tractor_spec(s.tractor, s.steering.cylinder, s.driveline, s.steering.linkage)
-        whole.model = simulation_model(parts, s.terrain.ground(), s.physics_dt_s, s.plant.tyre.native)
+        whole.model = simulation_model(parts, s.terrain.ground(), s.step_s, s.plant.tyre.native)
         whole.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
         whole.data = mujoco.MjData(whole.model)
         return whole
@@ -137,7 +137,7 @@ class Cost(NamedTuple):
 
 def steps_of(scenario: Scenario) -> int:
     """Physics steps of the complete run, settling included."""
-    settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.physics_dt_s)
+    settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.step_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
@@ -336,7 +336,7 @@ def report(scenario: Scenario, cost: Cost, parts: dict[str, float], tyres: dict[
     return "\n".join(
         [
             f"{scenario.name}, {scenario.controller.kind} on {scenario.plant.kind}: "
-            f"{simulated:.0f} s simulated in {steps} steps of {scenario.physics_dt_s * 1e3:g} ms",
+            f"{simulated:.0f} s simulated in {steps} steps of {scenario.step_s * 1e3:g} ms",
             "",
             f"{'closed-loop run / bare mj_step':34}{cost.run_over_bare:6.2f}   aim: at most {AIM_RATIO}",
             f"{'  or over mj_step(nstep=...)':34}{cost.run_over_batched:6.2f}",

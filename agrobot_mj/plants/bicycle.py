@@ -12,7 +12,7 @@ wheel slip. A linkage with backlash lets the wheels stay until the cylinder has 
 
 from collections.abc import Iterator
 from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,9 @@ CRAWL = 0.05
 
 class Bicycle(Spec):
     """The linear single-track model; cornering stiffnesses are per axle."""
+
+    fast_step_s: ClassVar[float] = 0.005
+    """Physics step of `physics = "fast"` [s]."""
 
     kind: Literal["bicycle"] = "bicycle"
     front_cornering_stiffness_n_rad: Positive = 14_800.0

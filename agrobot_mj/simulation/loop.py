@@ -211,7 +211,7 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     Raises `ScenarioError` if its parameters describe no possible tractor.
     """
     s = scenario
-    ground, clock = s.terrain.ground(), Clock(s.physics_dt_s, steps or s.steps_per_tick)
+    ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)
     try:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, s.machine, ground, clock)

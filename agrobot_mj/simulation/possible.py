@@ -18,7 +18,7 @@ def tractor_key(scenario: Scenario) -> object:
     if not isinstance(plant, Mujoco):
         return None
     parts = (s.tractor, s.steering.cylinder, s.steering.linkage, s.driveline, s.implement)
-    return (plant.tyre, *parts, s.physics_dt_s, tuple(loadings(s.fault)))
+    return (plant.tyre, *parts, s.step_s, tuple(loadings(s.fault)))
 
 
 def check_tractor(scenario: Scenario) -> None:
@@ -27,7 +27,7 @@ def check_tractor(scenario: Scenario) -> None:
     if not isinstance(s.plant, Mujoco):
         return
     try:
-        bare = Chassis(build(s.plant.tyre, s.machine, LEVEL, s.physics_dt_s).model).bare
+        bare = Chassis(build(s.plant.tyre, s.machine, LEVEL, s.step_s).model).bare
         for k, payload in loadings(s.fault):
             try:
                 with_payload(bare, payload)

@@ -9,7 +9,7 @@ compiled for the tick and usable as they stand. A new tyre is one file with both
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import Annotated, NamedTuple, Protocol, Self
+from typing import Annotated, ClassVar, NamedTuple, Protocol, Self
 
 from pydantic import Field
 
@@ -158,6 +158,9 @@ class NativeContact(NamedTuple):
 
 class TyreBase(Spec):
     """Base of every tyre."""
+
+    fast_step_s: ClassVar[float] = 0.005
+    """Physics step of `physics = "fast"` on this tyre [s]."""
 
     @property
     def native(self) -> NativeContact | None:

@@ -12,7 +12,7 @@ without memory (a test rig) the tyre stands on its deflection alone.
 
 from collections.abc import Iterator
 from math import exp, hypot, radians, sqrt, tan
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
@@ -84,6 +84,8 @@ class RutsLaw(NamedTuple):
 
 class Ruts(TyreBase):
     """Tyres on soil that keeps their ruts."""
+
+    fast_step_s: ClassVar[float] = 0.002
 
     kind: Literal["ruts"] = "ruts"
     k_c_kn: NonNegative = 5.27

@@ -272,6 +272,29 @@ def test_a_step_that_divides_the_tick_is_taken(step):
     assert scenario.steps_per_tick * step == pytest.approx(TICK_S)
 
 
+@pytest.mark.parametrize(
+    ("changes", "step"),
+    [
+        ({}, 0.002),
+        ({"physics": "fast"}, 0.005),
+        ({"physics": "fast", "plant.kind": "bicycle"}, 0.005),
+        ({"physics": "fast", "implement.kind": "drawn"}, 0.0025),
+        ({"physics": "fast", "plant.tyre.kind": "ruts"}, 0.002),
+        ({"physics": "fast", "plant.tyre.kind": "ruts", "implement.kind": "drawn"}, 0.002),
+        ({"physics_dt_s": 0.001}, 0.001),
+    ],
+)
+def test_the_step_follows_from_the_name_of_the_physics(changes, step):
+    scenario = load_scenario("straight_line", changes)
+    assert scenario.step_s == step
+    assert scenario.steps_per_tick == round(TICK_S / step)
+
+
+def test_a_step_and_a_name_for_it_are_not_both_taken():
+    message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
+    assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; leave one out")
+
+
 def test_all_faults_of_a_file_come_in_one_message(tmp_path):
     file = write(tmp_path, 'duraton_s = 3\n[terrain]\nkind = "slope"\ngrade_deg = 80\n[path]\nspeed_m_s = "fast"\n')
     lines = refused(file).splitlines()

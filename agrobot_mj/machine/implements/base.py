@@ -115,6 +115,8 @@ class ImplementBase(Spec):
 
     machine: ClassVar[bool] = True
     """Whether it needs a plant with a body, which the bicycle does not have."""
+    fast_step_s: ClassVar[float] = 0.005
+    """Physics step of `physics = "fast"` with this implement [s]."""
 
     kind: str
     receiver: bool = False

@@ -5,7 +5,7 @@ tyres, with the size and the stiffness given here.
 """
 
 from math import radians
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -30,6 +30,8 @@ TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
 
 class Drawn(ImplementBase):
     """Implement with one axle behind the drawbar."""
+
+    fast_step_s: ClassVar[float] = 0.0025
 
     kind: Literal["drawn"] = "drawn"
     lowered: bool = False

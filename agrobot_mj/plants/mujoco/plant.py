@@ -81,6 +81,11 @@ class Mujoco(Spec):
         """Parts of a machine that do not fit its weight at the path's `speed` [m/s]: lines that begin with a key."""
         return doubts(self.tyre, machine, speed)
 
+    @property
+    def fast_step_s(self) -> float:
+        """Physics step of `physics = "fast"` [s]."""
+        return self.tyre.fast_step_s
+
 
 class MujocoPlant:
     """The running tractor."""

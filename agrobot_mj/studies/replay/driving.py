@@ -97,8 +97,8 @@ class _Replayer:
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
-        steps = max(1, round(TICK_S / scenario.physics_dt_s))
-        self.tick = steps * scenario.physics_dt_s
+        steps = max(1, round(TICK_S / scenario.step_s))
+        self.tick = steps * scenario.step_s
         self.inputs = _inputs(recording, self.tick)
         self.full_speed = max(scenario.driveline.full_speed_m_s, 1.0 + 1.5 * float(np.abs(self.inputs.speed).max()))
         self.own_valve = scenario.steering.valve
