@@ -36,6 +36,10 @@ LATEST_STEP_S = 1e-5
 """Median step of time below which the unit cannot be the second [s]."""
 
 
+NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+"""A cell of a CSV file that is a finite number."""
+
+
 class FieldLogError(ScenarioError):
     """A log that cannot be used; its text names the file and the column."""
 
@@ -160,6 +164,8 @@ def _header(path: Path) -> tuple[list[str], str]:
         text = line.decode("utf-8-sig").strip("\r\n")
     except UnicodeDecodeError:
         raise FieldLogError(f"{path.name}: is no text in UTF-8; save it as UTF-8") from None
+    if "\r" in text:
+        raise FieldLogError(f"{path.name}: ends its lines with a carriage return alone; save it with LF or CR LF")
     if not text.strip():
         raise FieldLogError(f"{path.name}: has no first line with the names of its columns; add one")
     delimiter = max(",;\t", key=text.count)
@@ -213,10 +219,11 @@ def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
 def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
     """What a column that is no number holds, and what to do."""
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        sample = next((v for v in cells.slice(0, 1000).to_pylist() if v), "")
+        words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
+        row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))
         if re.fullmatch(r"[+-]?\d+,\d+", sample):
             return f"decimal commas ({sample!r}); write them as points, with ; between the columns or not"
-        return f"text ({sample[:20]!r}), not numbers; export it as numbers or name another column"
+        return f"text ({sample[:20]!r} in row {row}), not numbers; export it as numbers or name another column"
     return f"{kind}, not numbers; export one number a row or name another column"
 
 

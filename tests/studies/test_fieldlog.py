@@ -41,6 +41,9 @@ def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
     ("values", "told"),
     [
         (["3.5 deg"] * 100, "'bad' holds text"),
+        (["3.5"] * 100, r"'bad' holds text \('3.5' in row 1\)"),
+        (["3.5", *["-1e3"] * 97, "lost", "2"], r"'bad' holds text \('lost' in row 99\)"),
+        (["", *[" .5 "] * 98, "inf"], r"'bad' holds text \('inf' in row 100\)"),
         (["3,5"] * 100, "'bad' holds decimal commas"),
         ([[1.0, 2.0]] * 100, "'bad' holds list"),
         ([None] * 100, "'bad' is empty in every row"),
@@ -133,6 +136,7 @@ def test_csv_of_any_delimiter(tmp_path, delimiter):
         (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
         (b"t,v\n1,two\n", "'v' holds text"),
         (b"\xff\xfet\x00", "UTF-8"),
+        (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
     ],
 )
 def test_csv_that_cannot_be_read(tmp_path, content, told):

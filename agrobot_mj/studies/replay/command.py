@@ -152,6 +152,11 @@ def summary(found: ReplayResult) -> str:
             f"yaw rate ({rate['source']}): residual {degrees(rate['rms_without_bias']):.3f} deg/s rms{beside}, "
             f"bias {degrees(rate['bias']):+.3f} deg/s, recorded {rate['lag_s']:+.3f} s after the plant"
         )
+        if rate["explained"] is not None and rate["explained"] < 0:
+            lines.append(
+                "The plant's yaw rate explains nothing of the recorded one: check sign (positive) and unit of [steer], "
+                "[speed] and [yaw_rate] in the map"
+            )
     if place := m["position"]:
         shape = "-" if place["windows_rms"] is None else f"{place['windows_rms']:.3f} m"
         lines.append(

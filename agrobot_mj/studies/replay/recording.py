@@ -36,6 +36,8 @@ LARGEST_STEER, LARGEST_SPEED, LARGEST_YAW_RATE = radians(75), 20.0, 3.0
 """Bounds of what a tractor can do [rad, m/s, rad/s]: beyond them a unit is wrong."""
 LARGEST_FIELD_M = 100e3
 """Largest distance between two fixes [m]: beyond it a fix is none."""
+FARTHEST_M = 50e3
+"""Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
 SMOOTHING_S = 1.0
 """Length of the cubic that differentiates headings and courses [s]."""
 COURSE_S = 2.0
@@ -211,9 +213,14 @@ class _Reader(NamedTuple):
             places = _plane(origin, a, b)
         else:
             places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
+            if (away := float(np.abs(places).max())) > FARTHEST_M:
+                raise FieldLogError(
+                    f"{self.name}: {first!r} and {second!r} lie up to {away / 1e3:.3g} km from the origin; set "
+                    f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
+                )
         if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
             raise FieldLogError(
-                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.0f} km; name the "
+                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
                 "quality's column (position.quality), so that rows without a fix are left out"
             )
         return TimeSeries(self.t[good] - c.delay_s, places)

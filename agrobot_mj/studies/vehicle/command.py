@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output, reserve
@@ -22,13 +23,13 @@ from agrobot_mj.studies.vehicle.model import Chassis2, understeer_gradient
 CHOICES = {
     "front": "front_compliance",
     "rear": "rear_compliance",
-    "relaxation": "relaxation_m",
+    "relaxation": "front_relaxation_m rear_relaxation_m",
     "offset": "steer_offset",
     "delay": "steer_delay_s",
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""What `--fit` may name, and the parameter of the fit."""
+"""What `--fit` may name, and the parameters of the fit."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
 """What is fitted unless others are named: lag and delay look the same to slow steering."""
 LEAST_WINDOWS = 6
@@ -39,6 +40,8 @@ LEAST_EXPLAINED = 0.5
 """Share of the yaw rate's variance on the rest of the log that a result must explain [-]. Estimate: half."""
 SEPARABLE = 0.5
 """Half width of an interval over the value, up to which a stiffness counts as identified [-]. Estimate."""
+PLAUSIBLE = 1.0, 60.0
+"""Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
 LEVEL = 0.95
 
 
@@ -103,9 +106,23 @@ def identify_vehicle(
             f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %: no result. Check sign and unit of the "
             "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
+    found = _found(result, chassis)
+    _check_stiffness(recording.name, found, chassis)
     geometry = "small angles" if chassis.small_angles else "tangent"
-    windows = result.freedom + 1
-    return IdentifiedVehicle(_found(result, chassis), windows, explained, left, slipless, geometry)
+    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, geometry)
+
+
+def _check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
+    """Raise `NothingExplainedError` where an axle is identified to be stiffer or softer than tyres are."""
+    weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
+    for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
+        C = found[f"{axle}_cornering_stiffness_n_rad"]
+        if C.identified and C.value is not None and not PLAUSIBLE[0] <= C.value / load <= PLAUSIBLE[1]:
+            raise NothingExplainedError(
+                f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load where "
+                f"tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}: no result. Check that [steer] of the map is the "
+                "wheel angle, and the mass (--set tractor.mass_kg=...)"
+            )
 
 
 def identify_vehicle_command(
@@ -128,7 +145,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
             raise ScenarioError(f"--fit {name}: unknown{suggestion(name, list(CHOICES))} (known: {', '.join(CHOICES)})")
     if not {"front", "rear"} <= set(names):
         raise ScenarioError("--fit: name front and rear, too: the model has no other stiffness")
-    return [CHOICES[name] for name in names]
+    return [parameter for name in names for parameter in CHOICES[name].split()]
 
 
 def _chassis(scenario: Scenario) -> Chassis2:
@@ -186,7 +203,8 @@ def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
     half = t * float(np.sqrt(gradient @ result.covariance @ gradient))
     found["understeer_gradient_rad_s2_m"] = FoundQuantity(K, K - half, K + half, abs(K) > half)
     keys = {
-        "relaxation_m": ("relaxation_length_m", 1.0, 0.0),
+        "front_relaxation_m": ("front_relaxation_length_m", 1.0, 0.0),
+        "rear_relaxation_m": ("rear_relaxation_length_m", 1.0, 0.0),
         "steer_offset": ("steer_offset_deg", 180 / np.pi, -inf),
         "steer_delay_s": ("steer_delay_s", 1.0, -inf),
         "steer_lag_s": ("steer_lag_s", 1.0, 0.0),

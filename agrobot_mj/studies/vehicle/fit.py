@@ -56,7 +56,8 @@ class Parameter(NamedTuple):
 PARAMETERS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
-    "relaxation_m": Parameter(0.3, 0.0, 5.0, 0.1),
+    "front_relaxation_m": Parameter(0.3, 0.0, 5.0, 0.1),
+    "rear_relaxation_m": Parameter(0.5, 0.0, 5.0, 0.1),
     "steer_offset": Parameter(0.0, -0.3, 0.3, 0.01),
     "steer_delay_s": Parameter(0.02, -0.5, 1.0, 0.02),
     "steer_lag_s": Parameter(0.05, 0.0, 1.0, 0.02),
@@ -177,9 +178,8 @@ def motion(p: dict[str, float], data: VehicleData) -> LateralMotion:
     delta = wheel_angle(recorded, STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
     delta = _smoothed(delta, CUT_OFF_HZ)
     stiff = 1e-9
-    tyres = Lateral(
-        1.0 / max(p["front_compliance"], stiff), 1.0 / max(p["rear_compliance"], stiff), p.get("relaxation_m", 0.0)
-    )
+    C_f, C_r = (1.0 / max(p[f"{axle}_compliance"], stiff) for axle in ("front", "rear"))
+    tyres = Lateral(C_f, C_r, p.get("front_relaxation_m", 0.0), p.get("rear_relaxation_m", 0.0))
     return simulate(data.chassis, tyres, data.u * (1.0 + p.get("speed_error", 0.0)), delta, STEP_S)
 
 

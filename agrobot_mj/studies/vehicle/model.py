@@ -4,8 +4,8 @@ Written for itself, so that a mistake of the plants is none of the fit's. State 
 the CG, yaw rate, and the slips that the tyres have built up. With w the lateral speed of a wheel across its own plane
 and V its rolling speed,
 
-    sigma a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
-    sigma a_r' = w_r - |u| a_r,   w_r = v - l_r r,
+    sigma_f a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
+    sigma_r a_r' = w_r - |u| a_r,   w_r = v - l_r r,
     m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r,
 
 which holds at standstill and in reverse, too. For small angles cos d = 1 and sin d = d, as the paper's bicycle has it.
@@ -51,8 +51,10 @@ class Lateral(NamedTuple):
     """Cornering stiffness of the front axle [N/rad]."""
     C_r: float
     """Cornering stiffness of the rear axle [N/rad]."""
-    sigma: float
-    """Relaxation length of both axles [m]."""
+    sigma_f: float
+    """Relaxation length of the front tyres [m]."""
+    sigma_r: float
+    """Relaxation length of the rear tyres [m]."""
 
 
 class LateralMotion(NamedTuple):
@@ -97,7 +99,8 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
     """All steps; writes yaw rate, yaw, and R into `out` (4, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
-    C_f, C_r, sigma = tyres.C_f, tyres.C_r, max(tyres.sigma, SHORTEST_RELAXATION_M)
+    C_f, C_r = tyres.C_f, tyres.C_r
+    s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
     r = u[0] * delta[0] / (l_f + l_r)
     v, a_f, a_r = l_r * r, 0.0, 0.0
     psi, x, y = 0.0, 0.0, 0.0
@@ -119,11 +122,11 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
             if stage == 1:
                 w = (1.0 - GAMMA) * dt
                 vs, rs, fs, bs = v + w * kv1, r + w * kr1, a_f + w * kf1, a_r + w * kb1
-            # implicit: a_f = (sigma fs + h w_f) / (sigma + h V_f), linear in v and r; then 2 x 2 for v and r
-            g_f, g_r = 1.0 / (sigma + h * V / c), 1.0 / (sigma + h * V)
+            # implicit: a_f = (s_f fs + h w_f) / (s_f + h V_f), linear in v and r; then 2 x 2 for v and r
+            g_f, g_r = 1.0 / (s_f + h * V / c), 1.0 / (s_r + h * V)
             e_f, e_r = C_f * c * h * g_f, C_r * h * g_r
             # forces: Y_f = -C_f c a_f = -(p_f + e_f (c (v + l_f r) - U s)), Y_r alike
-            p_f, p_r = C_f * c * sigma * g_f * fs, C_r * sigma * g_r * bs
+            p_f, p_r = C_f * c * s_f * g_f * fs, C_r * s_r * g_r * bs
             f0, q = -p_f + e_f * U * s, h / m
             z = h / I_z
             A11 = 1.0 + q * (e_f * c + e_r)
@@ -133,8 +136,8 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
             b1, b2 = vs + q * (f0 - p_r), rs + z * (l_f * f0 + l_r * p_r)
             det = A11 * A22 - A12 * A21
             vn, rn = (b1 * A22 - A12 * b2) / det, (A11 * b2 - A21 * b1) / det
-            fn = g_f * (sigma * fs + h * ((vn + l_f * rn) * c - U * s))
-            bn = g_r * (sigma * bs + h * (vn - l_r * rn))
+            fn = g_f * (s_f * fs + h * ((vn + l_f * rn) * c - U * s))
+            bn = g_r * (s_r * bs + h * (vn - l_r * rn))
             if stage == 0:
                 kv1, kr1, kf1, kb1 = (vn - vs) / h, (rn - rs) / h, (fn - fs) / h, (bn - bs) / h
             else:

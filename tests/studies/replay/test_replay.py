@@ -19,7 +19,8 @@ from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
 from agrobot_mj.links.agopengps.wire import encode
 from agrobot_mj.links.nmea import Solution
 from agrobot_mj.simulation.storage import write_log
-from agrobot_mj.studies.replay.command import COLUMNS, replay
+from agrobot_mj.studies.fieldlog import FieldLogError
+from agrobot_mj.studies.replay.command import COLUMNS, replay, summary
 from agrobot_mj.studies.replay.maps import read_map
 from agrobot_mj.studies.replay.residuals import rigid
 
@@ -110,6 +111,28 @@ def test_another_tractor_leaves_more(driven):
     found, right = replay(driven.signals, None, soft).metrics, replay(driven.signals, None, driven.scenario).metrics
     assert found["yaw_rate"]["lag_s"] < right["yaw_rate"]["lag_s"] - 0.05
     assert found["yaw_rate"]["rms_without_bias"] > 1.3 * right["yaw_rate"]["rms_without_bias"]
+
+
+def with_column(table, name, values):
+    return table.set_column(table.column_names.index(name), name, pa.array(values))
+
+
+def test_a_steering_column_of_the_wrong_sign_is_told(driven):
+    right = replay(driven.signals, None, driven.scenario)
+    turned = with_column(driven.signals, "steer_measured", -driven.column("steer_measured"))
+    found = replay(turned, None, driven.scenario)
+    assert "explains nothing" not in summary(right)
+    assert "explains nothing of the recorded one: check sign (positive) and unit of [steer]" in summary(found)
+
+
+@pytest.mark.parametrize("offset", [499_300.0, 1e308])
+def test_coordinates_of_a_grid_name_the_keys_of_the_origin(driven, offset):
+    far = with_column(driven.signals, "gnss_x", driven.column("gnss_x") + offset)
+    with pytest.raises(
+        FieldLogError, match=r"set position\.origin_east_m = [\d.e+]+ and position\.origin_north_m"
+    ) as told:
+        replay(far, None, driven.scenario)
+    assert len(str(told.value)) < 250
 
 
 def test_the_antenna_leans_with_the_tractor_on_a_slope():

@@ -56,8 +56,8 @@ def behind_play(steer, backlash, delay, duration):
     return lambda now: np.interp(now - delay, t, followed)
 
 
-def tyred_log(seed, C_f, C_r, sigma, backlash=0.0, offset=0.0, delay=0.0, duration=60.0):
-    """Signals of a bicycle with relaxation length `sigma` [m], linear tyres, small angles.
+def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=0.0, duration=60.0):
+    """Signals of a bicycle with relaxation lengths of its axles [m], linear tyres, small angles.
 
     Its steering sensor sits before play [rad], reads an offset [rad], and is ahead of the wheels [s].
     """
@@ -74,8 +74,8 @@ def tyred_log(seed, C_f, C_r, sigma, backlash=0.0, offset=0.0, delay=0.0, durati
             r,
             (Y_f + Y_r) / MASS - u * r,
             (L_F * Y_f - L_R * Y_r) / INERTIA,
-            (v + L_F * r - u * d - u * a_f) / sigma,
-            (v - L_R * r - u * a_r) / sigma,
+            (v + L_F * r - u * d - u * a_f) / sigma_f,
+            (v - L_R * r - u * a_r) / sigma_r,
         ]
 
     t = TICK_S * np.arange(round(duration / TICK_S))

@@ -82,6 +82,17 @@ def test_a_fit_that_explains_nothing_is_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
+def test_stiffness_that_no_tyre_has_is_no_result(hidden):
+    """The yaw rate in the place of the wheel angle fits well, with tyres that are too soft for their load."""
+    at = hidden.signals.column_names.index("steer_measured")
+    rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
+    with pytest.raises(NothingExplainedError, match=r"no result"):
+        identify_vehicle(rate, None, BICYCLE, STEADY)
+    heavy = BICYCLE.changed({"tractor.mass_kg": 9000.0, "tractor.yaw_inertia_kg_m2": 6000.0})
+    with pytest.raises(NothingExplainedError, match=r"axle would have .* times its load where tyres have 1 to 60"):
+        identify_vehicle(hidden.signals, None, heavy, STEADY)
+
+
 def test_logs_that_cannot_tell_are_refused(hidden):
     with pytest.raises(FieldLogError, match="whole windows of 5 s"):
         identify_vehicle(hidden.signals.slice(0, 500), None, BICYCLE)

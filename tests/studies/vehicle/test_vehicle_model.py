@@ -16,7 +16,7 @@ from agrobot_mj.studies.vehicle.model import (
     wheel_angle,
 )
 
-TYRES = Lateral(12e3, 26e3, 0.4)
+TYRES = Lateral(12e3, 26e3, 0.4, 0.7)
 L = L_F + L_R
 
 
@@ -44,8 +44,8 @@ def test_motion_agrees_with_a_general_solver(small, way):
         return [
             (Y_f + Y_r) / MASS - u(t) * r,
             (L_F * Y_f - L_R * Y_r) / INERTIA,
-            ((v + L_F * r) * c - u(t) * n - V / c * a_f) / TYRES.sigma,
-            (side - V * a_r) / TYRES.sigma,
+            ((v + L_F * r) * c - u(t) * n - V / c * a_f) / TYRES.sigma_f,
+            (side - V * a_r) / TYRES.sigma_r,
             r,
             u(t) * np.cos(psi) - side * np.sin(psi),
             u(t) * np.sin(psi) + side * np.cos(psi),
@@ -68,7 +68,7 @@ def test_the_steady_yaw_gain_is_that_of_the_understeer_gradient():
 
 def test_short_relaxation_and_standstill_stay_finite():
     u = np.concatenate([np.full(500, 3.0), np.linspace(3.0, 0.0, 100), np.zeros(400)])
-    found = simulate(chassis(), Lateral(12e3, 26e3, 0.0), u, np.full(1000, 0.1), STEP_S)
+    found = simulate(chassis(), Lateral(12e3, 26e3, 0.0, 0.0), u, np.full(1000, 0.1), STEP_S)
     assert np.isfinite(found.yaw_rate).all()
     assert abs(found.yaw_rate[-1]) < 1e-3
 
