@@ -123,6 +123,13 @@ def test_a_new_scenario_can_be_driven_and_is_not_written_over(call, elsewhere):
     assert call("init", "mine")[0] == 2
 
 
+@pytest.mark.parametrize(("name", "shown"), [("x y", "'x y.toml'"), ("-x", "./-x.toml"), ("a$b", "'a$b.toml'")])
+def test_the_command_that_init_prints_works_in_a_shell(call, elsewhere, name, shown):
+    status, out, _ = call("init", "--", name)
+    assert status == 0
+    assert f"drive it with `agrobot-mj run {shown}`" in out
+
+
 # --- run ----------------------------------------------------------------------------------------------------------
 
 

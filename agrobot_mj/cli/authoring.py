@@ -1,6 +1,7 @@
 """Commands that help to write a scenario: what there is, what a key means, a file to start from, its schema."""
 
 import tomllib
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -49,7 +50,8 @@ def init(
     from agrobot_mj.scenario.template import write_template
 
     path = write_template(utf8(name, "init"))
-    print(f"{path}: written; drive it with `agrobot-mj run {path}`")
+    shown = quote(f"./{path}" if str(path).startswith("-") else str(path))
+    print(f"{path}: written; drive it with `agrobot-mj run {shown}`")
 
 
 def schema(plugins: Plugins = None) -> None:

@@ -84,6 +84,7 @@ def identify(
     fitted: Annotated[
         str, typer.Option("--fit", help="With --vehicle: what to fit; lag, too, where the steering is quick.")
     ] = "front,rear,relaxation,offset,delay,backlash",
+    plugins: Plugins = None,
     share: Annotated[
         float,
         typer.Option(
@@ -97,7 +98,7 @@ def identify(
     """Fit the steering valve to a run, or a vehicle to a log.
 
     Prints dead band, gains, rate limit, lag and delay with their uncertainty. With --vehicle: cornering stiffness,
-    understeer gradient, relaxation length, steering offset, delay and backlash with 95 % intervals.
+    understeer gradient, relaxation lengths, steering offset, delay and backlash with 95 % intervals.
     """
     if not vehicle:
         from agrobot_mj.simulation.ownership import check_output
@@ -109,6 +110,7 @@ def identify(
     from agrobot_mj.studies.vehicle import identify_vehicle_command
     from agrobot_mj.studies.vehicle.command import NothingExplainedError
 
+    load_plugins(plugins)
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
     folder = (log if log.is_dir() else None) if out is None else results_folder(out, "")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Out, Quiet, Sets, Source, overrides, results_folder
+from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
 from agrobot_mj.cli.output import say
 
 if TYPE_CHECKING:
@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 
 def rig(
     tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
+    plugins: Plugins = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Test one tyre on the rig: force curves and figures."""
     from agrobot_mj.studies.rig import rig_command
 
+    load_plugins(plugins)
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
     for path in rig_command(tyre, folder):
         if not quiet:
@@ -61,6 +63,7 @@ def tune(
     seeds: Annotated[int, typer.Option(min=1, help="Seeds of each surface and speed.")] = 2,
     jobs: Annotated[int, typer.Option(min=1, max=1000, help="Processes.")] = 1,
     sets: Sets = None,
+    plugins: Plugins = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -74,6 +77,7 @@ def tune(
     from agrobot_mj.studies.tune import tune as search
     from agrobot_mj.studies.tune import write_tuning
 
+    load_plugins(plugins)
     kind = {} if guidance is None else {"guidance.kind": guidance}
     scenario = load_scenario(source, {**kind, **overrides(sets)})
     folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")

@@ -69,8 +69,9 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Text below a key in the source, or what its field says; empty where there is neither."""
-        return cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
+        """Text below a key in the source, or what its field says, printable; empty where there is neither."""
+        text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
+        return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, shortened
-from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
 from agrobot_mj.scenario.schema import Scenario
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
@@ -91,8 +91,8 @@ def _fields(owner: type[Spec], prefix: str, above: tuple[type[Spec], ...]) -> It
 
 
 def first_line(part: type[Spec]) -> str:
-    """First line of a class's docstring."""
-    return (part.__doc__ or "").strip().partition("\n")[0]
+    """First line of a class's docstring, without what would command a terminal."""
+    return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0])
 
 
 def kinds_text() -> str:

@@ -7,7 +7,7 @@ import sys
 from typing import Literal
 
 import pytest
-from processes import program
+from processes import command, program
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control import GuidanceLaw
@@ -179,3 +179,59 @@ def test_a_law_that_answers_with_something_else_is_told(answer, message):
         run(scenario.model_copy(update={"guidance": Mine()}))
     assert message in str(error.value)
     assert len(str(error.value)) < 400
+
+
+def test_docstrings_of_plugins_command_no_terminal(tmp_path):
+    code = (
+        HEAD
+        + """
+from agrobot_mj.terrain import Flat
+from agrobot_mj.scenario.reference import explain_key, kinds_text
+@register
+class Own(Flat):
+    "Field. \x1b]0;pwn\x07"
+    kind: Literal["own"] = "own"
+    extra_m: float = 1.0
+    "A further key \x1b[2J\u202e[m]."
+print(kinds_text(), explain_key("terrain.extra_m"))
+"""
+    )
+    done = program(tmp_path, code)
+    assert done.returncode == 0, done.stderr
+    assert "Field." in done.stdout
+    assert "A further key" in done.stdout
+    assert not set("\x1b\x07\u202e") & set(done.stdout)
+
+
+OWN = {
+    "law.py": """
+from typing import Literal
+from agrobot_mj import register
+from agrobot_mj.control import Stanley
+@register
+class Own(Stanley):
+    "Own law."
+    kind: Literal["own"] = "own"
+""",
+    "tyre.py": """
+from typing import Literal
+from agrobot_mj import register
+from agrobot_mj.tyres import Linear
+@register
+class Own(Linear):
+    "Own tyre."
+    kind: Literal["own_tyre"] = "own_tyre"
+""",
+}
+
+
+def test_studies_take_plugins(tmp_path):
+    for name, text in OWN.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--budget", "8", "--seeds", "1", "--out", "tuned")
+    done = command(tmp_path, "tune", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)
+    assert done.returncode == 0, done.stderr
+    assert "own" in (tmp_path / "tuned" / "tuning.json").read_text()
+    done = command(tmp_path, "rig", "own_tyre", "--plugin", "tyre.py", "--out", "rigged")
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "rigged").iterdir())
