@@ -6,10 +6,10 @@ from copy import deepcopy
 from pathlib import Path as FilePath
 from typing import Any
 
-from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
-from agrobot_mj.scenario.overrides import absolute_paths, override
+from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, override
 from agrobot_mj.scenario.plugins import load_installed
 from agrobot_mj.scenario.schema import Scenario, resolve
 
@@ -20,8 +20,11 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     """Load a scenario by name or path, with overrides by (dotted) key.
 
     Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
-    Raises `ScenarioError` with every fault of the input in one message.
+    Raises `ScenarioError` with every fault of the input in one message, TypeError for what is no name and no mapping.
     """
+    if not isinstance(source, str | FilePath):
+        raise TypeError(f"scenario: must be a name or a path, got {shortened(repr(source))}")
+    check_overrides({} if overrides is None else overrides)
     load_installed()
     path = _find(source)
     data, folder = read_toml(path), path.parent.resolve()

@@ -46,6 +46,12 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
         table[last] = dict(value) if isinstance(value, Mapping) else value
 
 
+def check_overrides(overrides: object) -> None:
+    """Raise TypeError unless these are overrides by dotted key."""
+    if not isinstance(overrides, Mapping) or not all(isinstance(key, str) for key in overrides):
+        raise TypeError(f"overrides: must be a mapping of dotted keys to values, got {shortened(repr(overrides))}")
+
+
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value")

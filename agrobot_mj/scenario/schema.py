@@ -13,6 +13,7 @@ from operator import attrgetter
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -36,7 +37,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.overrides import beside, complete, explicit_values, files, override
+from agrobot_mj.scenario.overrides import beside, check_overrides, complete, explicit_values, files, override
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
@@ -169,6 +170,7 @@ class Scenario(Spec):
 
         Without `files` neither path nor ground is built; `check_files` must follow before it is run.
         """
+        check_overrides(overrides)
         data, default = explicit_values(self), Scenario()
         for key, value in overrides.items():
             override(data, key, value, default)
@@ -238,13 +240,18 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
     complete(data, Scenario())
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
-        text = json.dumps(data, default=str, ensure_ascii=False).encode()
+        text = json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # UnicodeEncodeError among them
         raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
     try:
         return Scenario.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
+
+
+def _as_plain(value: Any) -> Any:
+    """A value of numpy as Python's own, anything else as text."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.core.answers import unending
+from agrobot_mj.core.answers import told, unending
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
@@ -41,9 +41,12 @@ class Simulation:
     """One scenario, driven tick by tick by its own guidance or from outside."""
 
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
-        """A scenario by name, path or object, with overrides by dotted key. Raises `ScenarioError`."""
+        """A scenario by name, path or object, with overrides by dotted key.
+
+        Raises `ScenarioError`, TypeError.
+        """
         if isinstance(scenario, Scenario):
-            self.scenario = scenario.changed(overrides) if overrides else scenario
+            self.scenario = scenario if overrides is None else scenario.changed(overrides)
         else:
             self.scenario = load_scenario(scenario, overrides)
         with unending():
@@ -83,7 +86,7 @@ class Simulation:
         all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, beside
         a steering command, the reference's where it is left out. The supervisor watches the scenario's own guidance
         alone. Raises `CommandError` for a command that is
-        not finite or not one, and for a step after the end.
+        not finite or not one, and for a step after the end; TypeError for what is no number.
         """
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -103,6 +106,8 @@ class Simulation:
         """Convert the arguments of `step` to a command."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
+            if not hasattr(value, "__float__"):  # which text does not have
+                raise TypeError(f"{name}: must be a number, got {told(value)}")
             if not isfinite(value):
                 raise CommandError(f"{name}: must be a finite number, got {value}")
         if len(given) > 1:
@@ -181,8 +186,11 @@ class Simulation:
     def restore(self, state: Snapshot) -> Measurement:
         """Go on from a state of `save`, of this or another simulation of the same scenario; the measurement there.
 
-        A state may be restored any number of times. Raises `CommandError` if it belongs to another scenario.
+        A state may be restored any number of times. Raises `CommandError` if it belongs to another scenario, TypeError
+        if it is none.
         """
+        if not isinstance(state, Snapshot):
+            raise TypeError(f"state: must be what save() has returned, got {told(state)}")
         require_same_scenario(state, self.scenario)
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)

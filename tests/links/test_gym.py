@@ -217,6 +217,9 @@ def test_an_action_that_is_not_a_number_is_refused_and_so_is_a_step_before_the_r
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
         env.step(np.zeros(1))
     env.reset(seed=1)
+    for wrong in (np.zeros(0), np.zeros(2)):
+        with pytest.raises(TypeError, match="action: must hold 1 numbers, got "):
+            env.step(wrong)
     with pytest.raises(ValueError, match="action: must be finite"):
         env.step(np.array([np.nan]))
 

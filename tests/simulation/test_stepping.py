@@ -90,6 +90,43 @@ def test_a_command_that_is_not_finite_is_refused_by_name(name, value):
     sim.step()  # and the run goes on
 
 
+@pytest.mark.parametrize("command", [{"steer": "1"}, {"speed": [1.0]}, {"curvature": {}}])
+def test_a_command_of_another_type_is_told_by_its_name(command):
+    sim = Simulation("circle", SHORT)
+    sim.reset()
+    (name,) = command
+    with pytest.raises(TypeError, match=f"^{name}: must be a number, got "):
+        sim.step(**command)
+    sim.step(steer=np.float32(0.1), speed=np.int64(1))
+
+
+def test_arguments_of_another_type_are_told_by_their_names():
+    sim = Simulation("circle", SHORT)
+    with pytest.raises(TypeError, match=r"^state: must be what save\(\) has returned, got None"):
+        sim.restore(None)
+    for overrides in ([1], {3: 4}, "seed=3"):
+        with pytest.raises(TypeError, match=r"^overrides: must be a mapping of dotted keys"):
+            Simulation("circle", overrides)
+        with pytest.raises(TypeError, match=r"^overrides: must be a mapping of dotted keys"):
+            Simulation(sim.scenario, overrides)
+    with pytest.raises(TypeError, match=r"^scenario: must be a name or a path, got 3"):
+        Simulation(3)
+
+
+def test_values_of_numpy_are_taken_as_those_of_python():
+    given = {"seed": np.int64(7), "path.speed_m_s": np.float32(1.5), "sensors.gyro.enabled": np.True_}
+    scenario = load_scenario("straight_line", {**given, "terrain": {"kind": "flat", "half_size_m": np.float64(90)}})
+    assert (scenario.seed, scenario.path.speed_m_s, scenario.sensors.gyro.enabled) == (7, 1.5, True)
+    assert scenario.changed({"seed": np.int64(8)}).seed == 8
+
+
+def test_run_takes_a_name_too(tmp_path):
+    (tmp_path / "mine.toml").write_text('duration_s = 0.5\n[plant]\nkind = "bicycle"\n')
+    assert run(tmp_path / "mine.toml").signals.equals(run(load_scenario(tmp_path / "mine.toml")).signals)
+    with pytest.raises(ScenarioError, match="unknown scenario 'circel'"):
+        run("circel")
+
+
 def test_two_steering_commands_at_once_are_refused():
     sim = Simulation("circle", SHORT)
     sim.reset()

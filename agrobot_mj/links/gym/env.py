@@ -78,7 +78,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self.components = observation.table(tuple(preview_m), self.scenario.sensors.imu.enabled, privileged)
         self.highest = observation.bounds(self.components)
         self.observation_space = Box(-self.highest, self.highest, dtype=np.float32)
-        self.action_space = Box(-1.0, 1.0, (2 if speed else 1,), dtype=np.float32)
+        self.speed, self.action_space = speed, Box(-1.0, 1.0, (2 if speed else 1,), dtype=np.float32)
         self.sim: Simulation | None = None
         self._camera: Any = None
         self._drawn: Simulation | None = None
@@ -101,6 +101,8 @@ class FollowPath(gymnasium.Env[Any, Any]):
         """One tick: observation, reward, whether the run has failed, whether its time is over, and the truth."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
+        if len(values) != (wanted := 2 if self.speed else 1):
+            raise TypeError(f"action: must hold {wanted} numbers, got {len(values)}")
         if not all(map(isfinite, values)):
             raise ValueError(f"action: must be finite, got {action}")
         turn = min(max(values[0], -1.0), 1.0)
