@@ -98,7 +98,10 @@ class Imu(Sensor):
             Column("imu_pitch", "rad", "pitch from the inertial unit, nose down positive"),
             *(
                 Column(
-                    f"imu_force_{axis}", "m/s2", f"specific force at the unit {way}, mean of the tick, without noise"
+                    f"imu_force_{axis}",
+                    "m/s2",
+                    f"specific force at the unit {way}, mean of the tick, without noise",
+                    drawn=False,
                 )
                 for axis, way in (("x", "forward"), ("y", "to the left"), ("z", "up, in the chassis' axes"))
             ),

@@ -57,7 +57,7 @@ class Linear(TyreBase):
     rear_slip_stiffness_n: Positive = 25_000.0
     """Force over slip ratio, one rear tyre [N]. Estimate: about 10 times the load."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02

@@ -170,7 +170,7 @@ class MagicFormula(TyreBase):
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
     direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
     carcass_lateral: CarcassShare = 0.0

@@ -112,7 +112,7 @@ class Ruts(TyreBase):
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force, as for `soil` [-]. Estimate: the soil's strength."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
     patch_half_length_m: NonNegative | None = None

@@ -114,7 +114,7 @@ class Soil(TyreBase):
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
     direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate, after [KarkeeSteward2010]."""
+    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
     carcass_lateral: CarcassShare = 0.0
     """Lateral over vertical stiffness of the carcass, which then sets the relaxation length; 0 for `relaxation_radii`
     [-]. Estimate: 0.3-0.6 for pneumatic tyres."""

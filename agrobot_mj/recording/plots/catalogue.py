@@ -117,7 +117,7 @@ PLOTS = (
     _wheels("load", "Wheel load", "kN", "load"),
     _wheels("friction_use", "Friction used: force over what the ground can hold", "-", "friction_use"),
     _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
-    _wheels("slip_ratio", "Slip ratio", "%", "slip_ratio"),
+    _wheels("slip_ratio", "Slip ratio, driving positive ahead and in reverse", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
     _wheels("lateral_force", "Lateral force", "kN", "fy"),
     _estimated("east", "East of R: estimate less truth", "cm"),
