@@ -40,7 +40,7 @@ class Attitude(NamedTuple):
     """Specific force along its upright axis, up positive [m/s2]."""
 
 
-class Motion(NamedTuple):
+class UnitMotion(NamedTuple):
     """What a tick leaves behind for the next one's acceleration."""
 
     velocity: Vector
@@ -60,8 +60,8 @@ class ImuState(NamedTuple):
     """Slow error of roll and pitch, in units of its standard deviation [-]."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """Acceleration taken for tilt: error of roll and pitch [rad]."""
-    last: Motion | None = None
-    """Motion at the end of the last tick; None before the first."""
+    last: UnitMotion | None = None
+    """UnitMotion at the end of the last tick; None before the first."""
 
 
 class Imu(Sensor):
@@ -134,15 +134,15 @@ class Imu(Sensor):
         reading = Attitude(truth.roll + roll + radians(e_r), truth.pitch + pitch + radians(e_p), *force)
         return ImuState(state.generator, (b_r, b_p), tilt, now), reading
 
-    def _motion(self, truth: Truth) -> Motion:
-        """Motion of the unit in its place on the chassis."""
+    def _motion(self, truth: Truth) -> UnitMotion:
+        """UnitMotion of the unit in its place on the chassis."""
         swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
         forward, left, up = to_level(truth.roll, truth.pitch, swing)
         east, north = from_heading(truth.yaw, forward, left)
         v = truth.rear_velocity
-        return Motion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
+        return UnitMotion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
 
-    def _known(self, last: Motion, now: Motion, turned: float, dt: float) -> tuple[float, float]:
+    def _known(self, last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> tuple[float, float]:
         """Acceleration forward and to the left that the unit knows of [m/s2]."""
         if self.aiding == "none":
             return 0.0, 0.0
@@ -163,7 +163,7 @@ class Imu(Sensor):
         return reading if self.enabled else ()
 
 
-def _acceleration(last: Motion, now: Motion, turned: float, dt: float) -> Vector:
+def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
     """Mean acceleration of the unit in a tick, in the level frame of its mean heading: forward, left, up [m/s2]."""
     east, north, up = (v - v_last for v, v_last in zip(now.velocity, last.velocity, strict=True))
     forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)

@@ -107,12 +107,12 @@ def identify_vehicle(
             "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
     found = _found(result, chassis)
-    _check_stiffness(recording.name, found, chassis)
+    check_stiffness(recording.name, found, chassis)
     geometry = "small angles" if chassis.small_angles else "tangent"
     return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, geometry)
 
 
-def _check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
+def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
     """Raise `NothingExplainedError` where an axle is identified to be stiffer or softer than tyres are."""
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):

@@ -103,8 +103,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
     r = u[0] * delta[0] / (l_f + l_r)
     v, a_f, a_r = l_r * r, 0.0, 0.0
-    psi, x, y = 0.0, 0.0, 0.0
-    h = GAMMA * dt
+    psi, x, y, h = 0.0, 0.0, 0.0, GAMMA * dt
     for k in range(u.shape[0]):
         out[0, k], out[1, k], out[2, k], out[3, k] = r, psi, x, y
         if k + 1 == u.shape[0]:

@@ -12,7 +12,14 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.studies.fieldlog import FieldLogError
-from agrobot_mj.studies.vehicle.command import NothingExplainedError, identify_vehicle, table
+from agrobot_mj.studies.vehicle.command import (
+    FoundQuantity,
+    NothingExplainedError,
+    check_stiffness,
+    identify_vehicle,
+    table,
+)
+from agrobot_mj.studies.vehicle.model import Chassis2
 
 HIDDEN = {
     "plant__front_cornering_stiffness_n_rad": 11_000.0,
@@ -82,15 +89,26 @@ def test_a_fit_that_explains_nothing_is_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
-def test_stiffness_that_no_tyre_has_is_no_result(hidden):
-    """The yaw rate in the place of the wheel angle fits well, with tyres that are too soft for their load."""
+def test_a_wrong_column_is_no_result(hidden):
+    """The yaw rate in the place of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
     with pytest.raises(NothingExplainedError, match=r"no result"):
         identify_vehicle(rate, None, BICYCLE, STEADY)
-    heavy = BICYCLE.changed({"tractor.mass_kg": 9000.0, "tractor.yaw_inertia_kg_m2": 6000.0})
-    with pytest.raises(NothingExplainedError, match=r"axle would have .* times its load where tyres have 1 to 60"):
-        identify_vehicle(hidden.signals, None, heavy, STEADY)
+
+
+@pytest.mark.parametrize(("stiffness", "identified", "refused"), [(4540, True, True), (87e3, True, False), (4e3, 0, 0)])
+def test_stiffness_that_no_tyre_has_under_its_load_is_no_result(stiffness, identified, refused):
+    """A tractor of 5.2 t; what is not identified is judged by nobody."""
+    sound = FoundQuantity(120e3, 1e5, 1.4e5, True)
+    rear = FoundQuantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
+    found = {"front_cornering_stiffness_n_rad": sound, "rear_cornering_stiffness_n_rad": rear}
+    chassis = Chassis2(5200.0, 8000.0, 1.4, 1.1, True)
+    if not refused:
+        check_stiffness("log", found, chassis)
+        return
+    with pytest.raises(NothingExplainedError, match=r"rear axle would have .* times its load where tyres have 1 to 60"):
+        check_stiffness("log", found, chassis)
 
 
 def test_logs_that_cannot_tell_are_refused(hidden):
