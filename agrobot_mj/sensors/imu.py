@@ -61,7 +61,7 @@ class ImuState(NamedTuple):
     tilt: tuple[float, float] = (0.0, 0.0)
     """Acceleration taken for tilt: error of roll and pitch [rad]."""
     last: UnitMotion | None = None
-    """UnitMotion at the end of the last tick; None before the first."""
+    """Motion at the end of the last tick; None before the first."""
 
 
 class Imu(Sensor):
