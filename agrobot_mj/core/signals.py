@@ -27,6 +27,7 @@ Outcome = Literal[
     "diverged",
     "left_terrain",
     "stuck",
+    "jackknifed",
     "aborted",
     "host_lost",
     "not_engaged",
@@ -299,3 +300,5 @@ class Drive(NamedTuple):
     """Steering valve, 0-12 V, neutral at 6 V, above steers left [V]."""
     pedal_voltage: float
     """Pedal valve, 0-12 V, neutral at 6 V, above presses forward [V]."""
+    brake: float = 0.0
+    """Share of the brake's torque that is applied, 0 to 1 [-]."""

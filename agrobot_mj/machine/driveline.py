@@ -1,9 +1,11 @@
-"""Pedal valve and hydrostatic drive: voltage to pedal position to the rim speed that the pump demands.
+"""Pedal valve, hydrostatic drive and brake: voltage to pedal position to the rim speed that the pump demands.
 
 Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); the
 pedal sets the pump's displacement, which follows with a lag. The output is the rim speed that the oil flow corresponds
 to; the MuJoCo plant puts the trapped oil's spring and the differential between it and the wheels, the bicycle
-takes it as the speed. All numbers are estimates for a compact tractor's two-pedal hydrostat in its low range.
+takes it as the speed. All numbers are estimates for a compact tractor's two-pedal hydrostat in its low range. What
+bears the load - torque, power, stiffness, damping, brake - follows from the tractor's size unless it is given: torques
+as mass times wheel radius, so that every tractor of the same shape climbs and holds the same slope, power as mass.
 """
 
 from math import exp
@@ -15,6 +17,15 @@ from pydantic import Field
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.machine.tractor import TractorParameters
+
+COMPACT = TractorParameters()
+"""Tractor whose drive the following numbers describe."""
+TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
+"""Drive of the compact tractor. Estimates: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
+BRAKING_M_S2 = 3.55
+"""Deceleration of the tractor's mass by its brake [m/s2]: the least that [EU2015-68] asks of the service brake up to 30
+km/h; it holds 21 deg, twice the 18 % that are asked of the parking brake."""
 
 
 class Driveline(Spec):
@@ -30,11 +41,15 @@ class Driveline(Spec):
     """Rim speed at full pedal [m/s]. Estimate."""
     pump_time_constant_s: Positive = 0.30
     """Displacement lag of the hydrostat [s]. Estimate."""
-    torque_limit_n_m: Positive = 3000.0
-    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Estimate: above
-    the grip on firm ground."""
-    power_limit_kw: Positive = 14.0
-    """Power at the wheels that the engine and the hydrostat can give [kW]. Estimate: 18.6 kW engine, 75 %."""
+    torque_limit_n_m: Positive | None = None
+    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when left out it
+    follows from mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground [N m]."""
+    power_limit_kw: Positive | None = None
+    """Power at the wheels that engine and hydrostat can give; when left out it follows from the mass, 14 for the
+    compact tractor [kW]."""
+    brake_torque_n_m: NonNegative | None = None
+    """Torque of the service and parking brake, summed over the rear wheels; when left out that which decelerates the
+    tractor's mass by 3.55 m/s2 [EU2015-68], 1118 for the compact tractor; 0 for no brake [N m]."""
     connected: bool = True
     """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
@@ -43,10 +58,44 @@ class Driveline(Spec):
     """Whether the front axle is driven too, mechanically, through an open front differential."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
-    stiffness_n_m_rad: Positive = 6.0e4
-    """Stiffness of trapped oil and shafts, at the mean wheel angle [N m/rad]. Estimate."""
-    damping_n_m_s_rad: NonNegative = 400.0
-    """Damping of shafts and final drives, at the mean wheel speed [N m s/rad]. Estimate."""
+    stiffness_n_m_rad: Positive | None = None
+    """Stiffness of trapped oil and shafts, at the mean wheel angle; when left out it follows from mass and rear wheels,
+    6e4 for the compact tractor [N m/rad]."""
+    damping_n_m_s_rad: NonNegative | None = None
+    """Damping of shafts and final drives, at the mean wheel speed; when left out it follows from mass and rear wheels,
+    400 for the compact tractor [N m s/rad]."""
+
+    def strength(self, tractor: TractorParameters) -> "Strength":
+        """What bears the load, as given or as it follows from the tractor's size."""
+        mass = tractor.mass_kg / COMPACT.mass_kg
+        moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
+        weight = tractor.mass_kg * tractor.rear_wheel_radius_m
+        return Strength(
+            torque=_given(self.torque_limit_n_m, moment * TORQUE_N_M),
+            power=1e3 * _given(self.power_limit_kw, mass * POWER_KW),
+            brake=_given(self.brake_torque_n_m, weight * BRAKING_M_S2),
+            stiffness=_given(self.stiffness_n_m_rad, moment * STIFFNESS_N_M_RAD),
+            damping=_given(self.damping_n_m_s_rad, moment * DAMPING_N_M_S_RAD),
+        )
+
+
+def _given(value: float | None, default: float) -> float:
+    return default if value is None else value
+
+
+class Strength(NamedTuple):
+    """Limits and compliance of a driveline on a tractor of some size."""
+
+    torque: float
+    """Relief torque of the hydrostat, summed over the driven wheels [N m]."""
+    power: float
+    """Power limit, driving [W]."""
+    brake: float
+    """Torque of the brake, summed over the rear wheels [N m]."""
+    stiffness: float
+    """Stiffness of trapped oil and shafts [N m/rad]."""
+    damping: float
+    """Damping of shafts and final drives [N m s/rad]."""
 
 
 class DriveLaw(NamedTuple):

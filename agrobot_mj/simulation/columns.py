@@ -153,6 +153,7 @@ _ACTUATION = _signals(
     ("pedal", "-", "true pedal position, forward positive", lambda k: k.truth.pedal),
     ("pedal_measured", "-", "pedal potentiometer after its filter", lambda k: k.measured.pedal),
     ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above presses forward", lambda k: k.drive.pedal_voltage),
+    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", lambda k: k.drive.brake),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
     ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
     ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", lambda k: k.actuation[2]),

@@ -11,6 +11,7 @@ from math import radians
 from typing import Any
 
 from agrobot_mj.control.base import Situation
+from agrobot_mj.control.brake import BrakeState
 from agrobot_mj.control.supervisor import Supervisor, SupervisorState
 from agrobot_mj.core.answers import answered
 from agrobot_mj.core.errors import ScenarioError
@@ -65,6 +66,7 @@ class Stages:
     supervisor: SupervisorState
     steering: Any
     speed: Any
+    brake: BrakeState
     screen: Screen
     """What of the measurements was rejected."""
     receiver: ImplementReceiver
@@ -92,6 +94,7 @@ class Loop:
             supervisor=self.supervisor.init(),
             steering=s.steering.loop.init(),
             speed=s.speed.init(),
+            brake=BrakeState(),
             screen=Screen(),
             receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
         )
@@ -135,18 +138,20 @@ class Loop:
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Run the steering and speed loops, from the command to valve voltages; returns all messages of the tick."""
+        """Run brake, steering and speed loops, from the command to valve voltages; returns all messages of the tick."""
         s, state, reference = self.scenario, self.stages, situation.reference
-        if command.pedal is None:
+        state.brake = state.brake.after(command, TICK_S)
+        pedal = 0.0 if state.brake.share else command.pedal
+        if pedal is None:
             state.speed, (pedal_ref, pedal_voltage) = s.speed.update(
                 state.speed, command.speed, situation.estimate.speed, measured.pedal, TICK_S
             )
         else:
-            state.speed, (pedal_ref, pedal_voltage) = s.speed.hold(state.speed, command.pedal, measured.pedal, TICK_S)
+            state.speed, (pedal_ref, pedal_voltage) = s.speed.hold(state.speed, pedal, measured.pedal, TICK_S)
         state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
         if command.steer_voltage is not None:
             steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
-        drive = Drive(steer_voltage, pedal_voltage)
+        drive = Drive(steer_voltage, pedal_voltage, state.brake.share)
         check_drive(drive)
         steer_ref = state.steering.reference
         return Tick(

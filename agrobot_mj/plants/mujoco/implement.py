@@ -1,7 +1,7 @@
 """The implement of a running tractor: what the compiled loop needs of it, what it reports, where its antenna is."""
 
 from collections.abc import Sequence
-from math import exp, log1p, nan, sqrt
+from math import exp, log1p, nan, radians, sqrt
 from typing import Any, NamedTuple
 
 import mujoco
@@ -22,6 +22,9 @@ from agrobot_mj.tyres.patch import FORCE_Y, LOAD, TyreSet
 
 STEPS_A_LENGTH, LENGTHS = 5, 2000
 """Entries of the unevenness in a correlation length, and correlation lengths until it repeats [-]."""
+AT_THE_STOP = radians(2.0)
+"""Distance of the drawbar from its stop in yaw within which the tractor has jackknifed [rad]. Estimate: from there an
+implement that is pushed does not come back, and one that follows a turn does not come there."""
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
 COLUMNS = (
@@ -112,12 +115,21 @@ class Motion(NamedTuple):
     """Velocity [m/s]."""
 
 
+def fold_of(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
+    """Index of the drawbar's yaw in qpos, and the angle from which it is folded [rad]; None without a drawbar."""
+    for joint in hitched.joints if hitched.axle else ():
+        if joint.axis == (0.0, 0.0, 1.0):
+            return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
+    return None
+
+
 class RunningImplement:
     """An implement in one MjModel and MjData."""
 
     def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
         self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
         self.body, self.pull = parts.body, np.zeros(3)
+        self.fold = fold_of(hitched, model)
 
     def finish_tick(self) -> None:
         """Compute what a tick leaves open: the force at the hitch, and the bodies' velocities after the last step."""
@@ -144,6 +156,11 @@ class RunningImplement:
     def lean_cosine(self) -> float:
         """Cosine of the angle between its upward axis and the vertical [-]."""
         return float(self.data.xmat[self.body, 8])
+
+    @property
+    def jackknifed(self) -> bool:
+        """Whether an implement behind a drawbar lies at its stop against the tractor."""
+        return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
 
     @property
     def arrays(self) -> tuple[Array, ...]:

@@ -43,7 +43,9 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Impedance of the kingpins' friction: MuJoCo's default creeps through a degree of play in seconds."""
+"""Impedance of dry friction, in the kingpins and the brake: MuJoCo's default creeps through a degree in seconds."""
+BRAKED = ("rl", "rr")
+"""Wheels with a brake."""
 
 
 def tractor_spec(
@@ -140,17 +142,19 @@ def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Link
 
 
 def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColumn, driveline: Driveline) -> None:
-    limit = tractor.steer_limit
+    limit, strength = tractor.steer_limit, driveline.strength(tractor)
     steering, drive = spec.actuator("steering"), spec.actuator("drive")
     for actuator, stiffness, damping, torque in (
         (steering, oil.stiffness, oil.damping, oil.relief_torque),
-        (drive, driveline.stiffness_n_m_rad, driveline.damping_n_m_s_rad, driveline.torque_limit_n_m),
+        (drive, strength.stiffness, strength.damping, strength.torque),
     ):
         actuator.gainprm[0] = stiffness
         actuator.biasprm[:3] = [0, -stiffness, -damping]
         actuator.forcerange = [-torque, torque]
         actuator.ctrlrange = [-1e3, 1e3]
     steering.actrange = [-limit, limit]
+    for wheel in BRAKED:  # the plant writes the friction itself when the brake is applied
+        spec.joint(f"spin_{wheel}").solimp_friction = STICKING
     _set_differentials(spec, tractor, driveline)
 
 

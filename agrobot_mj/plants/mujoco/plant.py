@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from math import cos, hypot, isfinite, nan, radians
+from math import cos, degrees, hypot, isfinite, nan, radians
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -34,11 +34,13 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
+from agrobot_mj.plants.mujoco.settling import REST_M_S, REST_S, Restless, drive_holds, steepness, unrest
 from agrobot_mj.plants.mujoco.stepping import (
     ACTUATION,
     FASTEST,
     MOTION,
     REAR,
+    TORQUE,
     UPRIGHT,
     Actuators,
     Tyred,
@@ -57,9 +59,6 @@ CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
-REST_M_S, REST_S = 0.0005, 1.0
-"""A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Estimate: longer
-than the period of its modes on the tyres."""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
 DIVERGED_SPEED = 100.0
@@ -92,7 +91,7 @@ class MujocoPlant:
 
     def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
         """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
-        self.spec, self.tractor = spec, machine.tractor
+        self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
         self.model, self.scene, tyres, hitched, self.attached = build(spec.tyre, machine, ground, clock.dt, seed)
         self.ground = ground = remembering(ground, tyres.bearing)
@@ -106,6 +105,7 @@ class MujocoPlant:
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         self.valve, self.conditions = self.nominal_valve, NOMINAL
         self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
+        self.brake_torque, self.braking = machine.driveline.strength(machine.tractor).brake, 0.0
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
         self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(MOTION), np.zeros(1)
@@ -122,7 +122,7 @@ class MujocoPlant:
         """Let the tractor settle under these conditions, so that it stands at rest with its CG above the path's start.
 
         A tractor sags down a slope on its tyres: it is placed again, uphill of the start by the way that it sagged. One
-        that does not come to rest, or that has fallen, starts as it is; the first is said on stderr.
+        that does not come to rest, or that has fallen, starts as it is, and stderr says why.
         """
         self._apply_conditions(conditions)
         place = start
@@ -136,11 +136,23 @@ class MujocoPlant:
             if not self.settle_ticks or not speed <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
-        if self.settle_ticks and speed > REST_M_S and not self._fallen:
-            limit = max(self.spec.settle_s, self.spec.settle_limit_s)
-            told = f"plant.settle_limit_s: not at rest after {limit:g} s, still {1e3 * speed:.1f} mm/s: ground or tyres"
-            print(f"{told} do not hold the tractor, and the run starts with it moving", file=sys.stderr)
+        if self.settle_ticks and not speed <= REST_M_S:
+            self._say_why(speed, hypot(truth.x - place.x, truth.y - place.y), truth)
         return truth
+
+    def _say_why(self, speed: float, away: float, truth: Truth) -> None:
+        """Say on stderr what kept the tractor, which still has this `speed` [m/s], from coming to rest."""
+        if self._fallen:
+            slope = degrees(steepness(self.ground, truth.x, truth.y)[0])
+            told = f"the tractor fell over while it came to rest, on ground of {slope:.1f} deg"
+            print(f"plant.settle_s: {told}: gentler ground (terrain), or a lower tractor.cg_height_m", file=sys.stderr)
+        elif isfinite(speed):
+            rim, mass = truth.wheel_speed, float(self.model.body_subtreemass[CHASSIS])
+            wheels = self.wheels().reshape(6, 4).T
+            found = Restless(truth.x, truth.y, truth.yaw, speed, truth.speed, rim, away, mass, wheels)
+            limit = f"{max(self.spec.settle_s, self.spec.settle_limit_s):g} s, still {1e3 * speed:.1f} mm/s"
+            why = unrest(found, self.machine, self.ground)
+            print(f"plant.settle_limit_s: not at rest after {limit}: {why}; the run starts like that", file=sys.stderr)
 
     def _place(self, start: Reference) -> None:
         """Put the tractor without motion and memory on the ground."""
@@ -159,13 +171,16 @@ class MujocoPlant:
     def _settle(self) -> float:
         """Hold the tractor in neutral until it rests, or falls, or time is up; its greatest speed of late [m/s].
 
-        NaN as soon as the motion is no number.
+        The brake is applied where the hydrostat does not hold it by itself. NaN as soon as the motion is no number.
         """
+        brake, connected = 0.0, self.machine.driveline.connected
         late = [0.0] * max(1, round(REST_S / self.tick_s))
         limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
         for tick in range(limit):
-            self.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+            self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
+            if not drive_holds(self.oil, connected, float(self.motion[TORQUE])):
+                brake = 1.0
             late[tick % len(late)] = max(float(np.linalg.norm(self.motion[6:9])), abs(float(self.motion[17])))
             if not isfinite(late[tick % len(late)]):
                 return nan
@@ -188,6 +203,8 @@ class MujocoPlant:
         """
         if self.contacts:
             self.contacts.set_friction()
+        if drive.brake != self.braking:
+            self._brake(drive.brake)
         arguments, done = self._arguments((drive.steer_voltage, drive.pedal_voltage)), 0
         if self.clear:
             self.option.disableflags = self.flags | CONTACTLESS
@@ -197,6 +214,11 @@ class MujocoPlant:
             _, self.clear = self._run(*arguments, done, False)
         if self.implement:
             self.implement.finish_tick()
+
+    def _brake(self, share: float) -> None:
+        """Apply a share of the brake's torque to the rear wheels, as dry friction that the solver holds."""
+        self.braking = share
+        self.model.dof_frictionloss[self.views.spins_v] = share * self.brake_torque / 2
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """First arguments of `run_steps`."""
@@ -336,12 +358,14 @@ class MujocoPlant:
         return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
-        """What ended the run, if anything: rolled_over, left_terrain or diverged."""
+        """What ended the run, if anything: rolled_over, jackknifed, left_terrain or diverged."""
         motion = self.motion.tolist()
         if motion[FASTEST] > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:
             return "rolled_over"
+        if self.implement and self.implement.jackknifed:
+            return "jackknifed"
         return None if self.ground.covers(motion[0], motion[1]) else "left_terrain"
 
     @property

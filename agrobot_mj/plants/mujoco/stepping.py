@@ -20,7 +20,7 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-SPEED, ACTUATION, FASTEST, UPRIGHT, REAR, MOTION = 6, 26, 29, 30, 31, 34
+SPEED, ACTUATION, TORQUE, FASTEST, UPRIGHT, REAR, MOTION = 6, 26, 28, 29, 30, 31, 34
 """Where `observe` writes velocities, the actuation and what tells of trouble, and how many numbers it writes."""
 
 
@@ -51,7 +51,10 @@ class Oil(NamedTuple):
 
 def oil_of(machine: Machine) -> Oil:
     """Steering cylinder and hydrostat of a machine."""
-    driveline, column = machine.driveline, machine.cylinder.column(machine.tractor, machine.linkage)
+    column, drive = (
+        machine.cylinder.column(machine.tractor, machine.linkage),
+        machine.driveline.strength(machine.tractor),
+    )
     return Oil(
         displacement=machine.cylinder.displacement,
         steer_limit=machine.tractor.steer_limit,
@@ -59,10 +62,10 @@ def oil_of(machine: Machine) -> Oil:
         steer_lead=column.damping / column.stiffness,
         steer_play=radians(machine.linkage.backlash_deg) / 2,
         drive_radius=machine.tractor.rear_wheel_radius_m,
-        drive_torque=driveline.torque_limit_n_m,
-        drive_power=1e3 * driveline.power_limit_kw,
-        drive_stiffness=driveline.stiffness_n_m_rad,
-        drive_lead=driveline.damping_n_m_s_rad / driveline.stiffness_n_m_rad,
+        drive_torque=drive.torque,
+        drive_power=drive.power,
+        drive_stiffness=drive.stiffness,
+        drive_lead=drive.damping / drive.stiffness,
     )
 
 

@@ -33,8 +33,9 @@ CORRECTION = 0.5
 """Share of an angle's error that is taken back in a tick [-]: the oil spring of the cylinder would ring at one."""
 INTEGRAL_S = 2.0
 """Time constant of the speed's integral [s]: slow against the oil spring of the drive, 3 Hz."""
-DRIVE_DAMPING = 4000.0
-"""Damping of the imposed drive [N m s/rad]: about half of critical for the mass on its oil spring, which would ring."""
+DRIVE_DAMPING = 10.0
+"""Damping of the imposed drive over its own [-]: about half of critical for the mass on its oil spring, which would
+ring."""
 LEAD_ACCELERATION = 1.0
 """Acceleration before the recording starts [m/s2]."""
 LEAD_STEADY_S = 2.0
@@ -113,7 +114,7 @@ class _Replayer:
             "driveline.pedal_rate_limit_per_s": 10 * PEDAL_PER_V_S,
             "driveline.full_speed_m_s": self.full_speed,
             "driveline.pump_time_constant_s": FAST_S,
-            "driveline.damping_n_m_s_rad": max(DRIVE_DAMPING, scenario.driveline.damping_n_m_s_rad),
+            "driveline.damping_n_m_s_rad": DRIVE_DAMPING * scenario.driveline.strength(scenario.tractor).damping,
         }
         if self.by == "valve":
             return pedal
