@@ -1,8 +1,9 @@
 """From `models/tractor.xml` and the parameters to a compiled MuJoCo model.
 
 The XML holds the shape of the tractor and its default numbers; here every number that a scenario may set is written
-over it through `MjSpec`. Masses: the wheels' are parameters, axle, knuckles and crank are the XML's, and the chassis
-takes what is left, so that the whole has the mass, the CG and the inertia of `TractorParameters` exactly.
+over it through `MjSpec`. Masses: the wheels' are parameters, axle, knuckles and crank are the XML's, grown with the
+tractor, and the chassis takes what is left, so that the whole has the mass, the CG and the inertia of
+`TractorParameters` exactly.
 """
 
 from math import pi
@@ -12,7 +13,7 @@ import numpy as np
 
 from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.driveline import COMPACT, Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, OilColumn, steering_size
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import TractorParameters
@@ -44,6 +45,9 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of dry friction, in the kingpins and the brake: MuJoCo's default creeps through a degree in seconds."""
+QUICK = (0.004, 1.0)
+"""Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer. A brake
+that holds a load by itself creeps in proportion: some 5 um/s on 10 deg."""
 BRAKED = ("rl", "rr")
 """Wheels with a brake."""
 
@@ -53,6 +57,7 @@ def tractor_spec(
 ) -> mujoco.MjSpec:
     """The tractor alone, with every parameter written in."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
+    _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
     _couple_knuckles(spec, tractor)
     _set_kingpins(spec, tractor, linkage)
@@ -62,6 +67,21 @@ def tractor_spec(
     spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
     _complete_chassis(spec, chassis, tractor)
     return spec
+
+
+def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
+    """Let axle, knuckles and crank, with what turns along, grow with the tractor: masses as its mass, inertias and
+    dampings as its mass times its squared track. A stiff cylinder of a large machine would shake a small crank.
+    """
+    mass = tractor.mass_kg / COMPACT.mass_kg
+    moment = mass * (tractor.track_m / COMPACT.track_m) ** 2
+    for name in ("front_axle", "crank", "knuckle_fl", "knuckle_fr"):
+        body = spec.body(name)
+        body.mass, body.inertia = mass * body.mass, moment * np.array(body.inertia)
+    for name in ("axle_roll", "steer", "steer_fl", "steer_fr", *(f"spin_{wheel}" for wheel in WHEELS)):
+        joint = spec.joint(name)
+        joint.armature = moment * np.asarray(joint.armature)
+        joint.damping = moment * np.asarray(joint.damping)
 
 
 def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
@@ -154,7 +174,8 @@ def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColu
         actuator.ctrlrange = [-1e3, 1e3]
     steering.actrange = [-limit, limit]
     for wheel in BRAKED:  # the plant writes the friction itself when the brake is applied
-        spec.joint(f"spin_{wheel}").solimp_friction = STICKING
+        spin = spec.joint(f"spin_{wheel}")
+        spin.solimp_friction, spin.solref_friction = STICKING, QUICK
     _set_differentials(spec, tractor, driveline)
 
 

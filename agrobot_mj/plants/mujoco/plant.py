@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from math import cos, degrees, hypot, isfinite, nan, radians
+from math import cos, hypot, radians
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -34,7 +34,7 @@ from agrobot_mj.plants.mujoco.saving import (
     set_physics_state,
     write,
 )
-from agrobot_mj.plants.mujoco.settling import REST_M_S, REST_S, Restless, drive_holds, steepness, unrest
+from agrobot_mj.plants.mujoco.settling import REST_M_S, Late, Restless, drive_holds, unrest
 from agrobot_mj.plants.mujoco.stepping import (
     ACTUATION,
     FASTEST,
@@ -73,7 +73,7 @@ class Mujoco(Spec):
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
     """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
-    settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 30.0
+    settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
     """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
 
     def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
@@ -128,31 +128,20 @@ class MujocoPlant:
         place = start
         for _ in range(PLACINGS):
             self._place(place)
-            speed = self._settle()
+            late = self._settle()
             mujoco.mj_forward(self.model, self.data)
             self.ticks = 0
             truth = self.truth()
             off_x, off_y, turned = truth.x - start.x, truth.y - start.y, wrap(truth.yaw - start.yaw)
-            if not self.settle_ticks or not speed <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
+            if not self.settle_ticks or not late.greatest <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
-        if self.settle_ticks and not speed <= REST_M_S:
-            self._say_why(speed, hypot(truth.x - place.x, truth.y - place.y), truth)
+        if self.settle_ticks and not late.greatest <= REST_M_S:
+            mass, wheels = float(self.model.body_subtreemass[CHASSIS]), self.wheels().reshape(6, 4).T
+            found = Restless(truth, late, mass, wheels, self._fallen)
+            if why := unrest(found, late.ticks * self.tick_s, self.machine, self.ground):
+                print(why, file=sys.stderr)
         return truth
-
-    def _say_why(self, speed: float, away: float, truth: Truth) -> None:
-        """Say on stderr what kept the tractor, which still has this `speed` [m/s], from coming to rest."""
-        if self._fallen:
-            slope = degrees(steepness(self.ground, truth.x, truth.y)[0])
-            told = f"the tractor fell over while it came to rest, on ground of {slope:.1f} deg"
-            print(f"plant.settle_s: {told}: gentler ground (terrain), or a lower tractor.cg_height_m", file=sys.stderr)
-        elif isfinite(speed):
-            rim, mass = truth.wheel_speed, float(self.model.body_subtreemass[CHASSIS])
-            wheels = self.wheels().reshape(6, 4).T
-            found = Restless(truth.x, truth.y, truth.yaw, speed, truth.speed, rim, away, mass, wheels)
-            limit = f"{max(self.spec.settle_s, self.spec.settle_limit_s):g} s, still {1e3 * speed:.1f} mm/s"
-            why = unrest(found, self.machine, self.ground)
-            print(f"plant.settle_limit_s: not at rest after {limit}: {why}; the run starts like that", file=sys.stderr)
 
     def _place(self, start: Reference) -> None:
         """Put the tractor without motion and memory on the ground."""
@@ -168,25 +157,23 @@ class MujocoPlant:
         self.data.qpos[:7], self.data.qpos[roll] = pose_on(self.ground, start, self.tractor)
         mujoco.mj_kinematics(self.model, self.data)
 
-    def _settle(self) -> float:
-        """Hold the tractor in neutral until it rests, or falls, or time is up; its greatest speed of late [m/s].
+    def _settle(self) -> Late:
+        """Hold the tractor in neutral until it rests, falls or has gone, or time is up; its latest motion.
 
-        The brake is applied where the hydrostat does not hold it by itself. NaN as soon as the motion is no number.
+        The brake is applied where the hydrostat does not hold it by itself.
         """
-        brake, connected = 0.0, self.machine.driveline.connected
-        late = [0.0] * max(1, round(REST_S / self.tick_s))
+        brake, late = 0.0, Late(self.tick_s)
         limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
-            if not drive_holds(self.oil, connected, float(self.motion[TORQUE])):
+            if not drive_holds(self.oil, self.machine.driveline.connected, float(self.motion[TORQUE])):
                 brake = 1.0
-            late[tick % len(late)] = max(float(np.linalg.norm(self.motion[6:9])), abs(float(self.motion[17])))
-            if not isfinite(late[tick % len(late)]):
-                return nan
-            if self._fallen or (tick + 1 >= self.settle_ticks and max(late) < REST_M_S):
+            late.add(self.motion)
+            rests = tick + 1 >= self.settle_ticks and late.greatest < REST_M_S
+            if rests or self._fallen or late.gone:
                 break
-        return max(late)
+        return late
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
@@ -204,7 +191,8 @@ class MujocoPlant:
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
-            self._brake(drive.brake)
+            self.braking = drive.brake  # dry friction that the solver holds: it neither creeps nor chatters
+            self.model.dof_frictionloss[self.views.spins_v] = drive.brake * self.brake_torque / 2
         arguments, done = self._arguments((drive.steer_voltage, drive.pedal_voltage)), 0
         if self.clear:
             self.option.disableflags = self.flags | CONTACTLESS
@@ -214,11 +202,6 @@ class MujocoPlant:
             _, self.clear = self._run(*arguments, done, False)
         if self.implement:
             self.implement.finish_tick()
-
-    def _brake(self, share: float) -> None:
-        """Apply a share of the brake's torque to the rear wheels, as dry friction that the solver holds."""
-        self.braking = share
-        self.model.dof_frictionloss[self.views.spins_v] = share * self.brake_torque / 2
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """First arguments of `run_steps`."""

@@ -1,12 +1,14 @@
-"""What keeps a tractor from coming to rest before its run starts, in words that name the key to change."""
+"""When a tractor rests before its run starts, and what keeps it from that, in words that name the key to change."""
 
-from math import atan, cos, degrees, hypot, sin
+from math import atan, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
 
-from agrobot_mj.core.signals import Array
+import numpy as np
+
+from agrobot_mj.core.signals import Array, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY
-from agrobot_mj.plants.mujoco.stepping import Oil
+from agrobot_mj.plants.mujoco.stepping import SPEED, YAW_RATE, Oil
 from agrobot_mj.terrain import Ground, height_and_gradient
 
 REST_M_S, REST_S = 0.0005, 1.0
@@ -14,33 +16,62 @@ REST_M_S, REST_S = 0.0005, 1.0
 than the period of its modes on the tyres."""
 AT_THE_LIMIT = 0.99
 """Share of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
-AWAY_M = 0.05
-"""Way from where it was placed that a tractor on its tyres alone does not move [m]. Estimate: it sags by a third."""
-ROLLING = 0.5
-"""Speed of the rear wheels' rims over that of the tractor from which it rolls and does not slide [-]."""
+TRAVELLING, ROLLING = 0.5, 0.5
+"""Mean velocity over the greatest speed from which a tractor moves off and does not rock, and rim speed of the rear
+wheels over that velocity from which it rolls and does not slide [-]."""
+GONE_M = 5.0
+"""Distance at which a tractor that moves off is left to itself [m]. Estimate."""
+SLIDING = 0.02
+"""Mean velocity from which a tractor with wheels held slides and does not creep [m/s]. Estimate."""
+
+
+class Late:
+    """Motion of the last `REST_S`."""
+
+    def __init__(self, tick_s: float) -> None:
+        ticks = max(1, round(REST_S / tick_s))
+        self.velocities, self.speeds, self.ticks = np.zeros((ticks, 3)), np.zeros(ticks), 0
+        self.begin, self.place = np.zeros(2), np.zeros(2)
+
+    def add(self, motion: Array) -> None:
+        """Take in the motion after a tick, as `stepping.observe` writes it."""
+        at, velocity = self.ticks % len(self.speeds), motion[SPEED : SPEED + 3]
+        self.velocities[at] = velocity
+        self.speeds[at] = max(float(np.linalg.norm(velocity)), abs(float(motion[YAW_RATE])))
+        self.place[:] = motion[:2]
+        if not self.ticks:
+            self.begin[:] = motion[:2]
+        self.ticks += 1
+
+    @property
+    def greatest(self) -> float:
+        """Greatest speed, of the CG or of a point a metre off; NaN where the motion is no number [m/s]."""
+        return float(self.speeds.max())
+
+    @property
+    def gone(self) -> bool:
+        """Whether it is so far from where it was placed that it will not come to rest, or its motion is no number."""
+        return not float(np.abs(self.place - self.begin).max()) < GONE_M
+
+    @property
+    def drift(self) -> float:
+        """Magnitude of the mean velocity [m/s]."""
+        return float(np.linalg.norm(self.velocities.mean(axis=0)))
 
 
 class Restless(NamedTuple):
-    """A tractor that does not come to rest."""
+    """A tractor that did not come to rest."""
 
-    x: float
-    """CG, east [m]."""
-    y: float
-    """CG, north [m]."""
-    yaw: float
-    """Heading [rad]."""
-    speed: float
-    """Greatest speed of late [m/s]."""
-    ahead: float
-    """Velocity along the heading [m/s]."""
-    rim: float
-    """Mean rim speed of the rear wheels [m/s]."""
-    away: float
-    """Distance from where it was placed [m]."""
+    truth: Truth
+    """State at the end."""
+    late: Late
+    """Motion until then."""
     mass: float
     """Mass with all that it carries and draws [kg]."""
     wheels: Array
     """Report of the tyres, shape (4, 6): see `tyres.patch`; the last column is the use of friction."""
+    fallen: bool
+    """Whether it lies on its side."""
 
 
 def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
@@ -48,30 +79,42 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
-def steepness(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
-    """Angle of the ground at a place [rad], and its gradient to the east and the north [-]."""
-    _, east, north = height_and_gradient(ground, x, y)
-    return atan(hypot(east, north)), east, north
+def unrest(found: Restless, settled_s: float, machine: Machine, ground: Ground) -> str:
+    """Line that says why it did not rest in `settled_s` [s], and which keys to change; empty if it diverged."""
+    speed = found.late.greatest
+    _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
+    where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
+    if found.fallen:
+        how = f"it fell over {where}; gentler ground (terrain) or a lower tractor.cg_height_m"
+        return f"plant.settle_s: not at rest: {how}"
+    if not isfinite(speed):
+        return ""
+    if found.late.drift < TRAVELLING * speed:
+        how = f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
+    elif abs(found.truth.wheel_speed) < ROLLING * found.late.drift:
+        how = _held(found.late.drift, float(found.wheels[:, 5].max()), where)
+    else:
+        how = _rolling(found, machine, where, atan(east * cos(found.truth.yaw) + north * sin(found.truth.yaw)))
+    told = f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
+    return f"plant.settle_limit_s: {told}: {how}; the run starts like that"
 
 
-def unrest(found: Restless, machine: Machine, ground: Ground) -> str:
-    """Why it does not rest: its drive gives way, it slides, or it rocks, creeps or sinks; with the keys to change."""
-    slope, east, north = steepness(ground, found.x, found.y)
-    where = f"on ground of {degrees(slope):.1f} deg"
-    if found.away < AWAY_M:
-        return f"it creeps, rocks or sinks {where}, where it was placed: plant.tyre and tractor.*_tyre_damping_n_s_m"
-    rolls = found.rim * found.ahead > 0.0 and abs(found.rim) > ROLLING * found.speed
-    if not rolls:
-        used = 100 * float(found.wheels[:, 5].max())
-        return (
-            f"it slides {where} with its wheels held, at {used:.0f} % of the tyres' grip: "
-            "gentler ground (terrain), or more grip (plant.tyre)"
-        )
-    along = atan(east * cos(found.yaw) + north * sin(found.yaw))
-    needed = found.mass * GRAVITY * abs(sin(along)) * machine.tractor.rear_wheel_radius_m
-    strength = machine.driveline.strength(machine.tractor)
-    drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if machine.driveline.connected else "no drive"
+def _held(drift: float, used: float, where: str) -> str:
+    """How it moves at `drift` [m/s] although its rear wheels do not turn, at this use of friction [-]."""
+    how = "slides" if drift > SLIDING else "creeps"
     return (
-        f"its wheels roll {where}, since drive and brake give way: holding {found.mass:.0f} kg takes {needed:.0f} N m, "
-        f"more than {drive} and driveline.brake_torque_n_m ({strength.brake:.0f})"
+        f"it {how} {where} with its rear wheels held, at {100 * used:.0f} % of the tyres' grip; "
+        "gentler ground (terrain) or other tyres (plant.tyre)"
+    )
+
+
+def _rolling(found: Restless, machine: Machine, where: str, along: float) -> str:
+    """Why its wheels turn on ground that rises by `along` in its heading [rad]."""
+    tractor, driveline = machine.tractor, machine.driveline
+    needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
+    strength = driveline.strength(tractor)
+    drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if driveline.connected else "driveline.connected (no)"
+    return (
+        f"its wheels roll {where}, since drive and brake give way: {found.mass:.0f} kg need {needed:.0f} N m, which is "
+        f"beyond {drive} and driveline.brake_torque_n_m ({strength.brake:.0f}); raise one of them"
     )

@@ -20,8 +20,8 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-SPEED, ACTUATION, TORQUE, FASTEST, UPRIGHT, REAR, MOTION = 6, 26, 28, 29, 30, 31, 34
-"""Where `observe` writes velocities, the actuation and what tells of trouble, and how many numbers it writes."""
+SPEED, YAW_RATE, ACTUATION, TORQUE, FASTEST, UPRIGHT, REAR, MOTION = 6, 17, 26, 28, 29, 30, 31, 34
+"""Where `observe` writes velocities, yaw rate, actuation and what tells of trouble, and how many numbers there are."""
 
 
 class Oil(NamedTuple):

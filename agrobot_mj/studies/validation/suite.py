@@ -10,6 +10,7 @@ from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, claimed, write_json
 from agrobot_mj.studies.validation import (
     antenna_lean,
+    braking,
     coasting,
     convergence,
     cornering,
@@ -33,6 +34,7 @@ from agrobot_mj.studies.validation.tables import page
 
 MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
     "parking": parking.run,
+    "brake": braking.run,
     "loads": loads.run,
     "tipping": tipping.run,
     "coasting": coasting.run,

@@ -1,0 +1,126 @@
+"""The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
+
+from math import asin, degrees
+
+import numpy as np
+import pytest
+from similar import DEFAULT_KG, similar
+
+from agrobot_mj.control.brake import STANDSTILL_S, BrakeState
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.loop import Loop
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.stepping import Simulation
+from agrobot_mj.studies.validation import braking
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import Linear, MagicFormula
+
+START = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+BRAKED, FREE = Drive(NEUTRAL_V, NEUTRAL_V, 1.0), Drive(NEUTRAL_V, NEUTRAL_V)
+TORQUE = 640.0
+
+
+def parked(grade_deg, dt=0.002, **driveline):
+    """A plant, nose up, and where it started."""
+    machine = Machine(driveline=Driveline(**{"connected": False, "brake_torque_n_m": TORQUE, **driveline}))
+    ground = Slope(grade_deg=grade_deg, direction_deg=0.0).ground()
+    plant = MujocoPlant(Mujoco(tyre=Linear()), machine, ground, Clock.of(dt))
+    return plant, plant.reset(START)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.005])
+@pytest.mark.parametrize("share", [0.97, 1.02])
+def test_it_holds_up_to_the_slope_of_its_torque_without_creeping_or_chattering(share, dt, capsys):
+    tractor = TractorParameters()
+    limit = degrees(asin(TORQUE / (tractor.mass_kg * GRAVITY * tractor.rear_wheel_radius_m)))
+    plant, start = parked(share * limit, dt)
+    truths = [plant.advance(BRAKED) for _ in range(200)]
+    if share > 1.0:
+        assert "its wheels roll" in capsys.readouterr().err
+        return
+    assert abs(truths[-1].x - start.x) < 2e-4
+    assert np.std([truth.speed for truth in truths[-40:]]) < 1e-6
+    assert capsys.readouterr().err == ""
+
+
+def test_without_it_the_tractor_rolls_away():
+    plant, _ = parked(6.0)
+    assert [plant.advance(FREE) for _ in range(40)][-1].speed < -1.0
+
+
+def test_the_drive_of_a_heavy_tractor_follows_from_its_size_and_that_of_the_compact_one_is_as_printed():
+    compact = Driveline().strength(TractorParameters())
+    assert compact == (3000.0, 14e3, pytest.approx(1118.25), 6e4, 400.0)
+    heavy = similar(load_scenario("straight_line"), 8 * DEFAULT_KG).tractor
+    assert Driveline().strength(heavy) == pytest.approx((48e3, 112e3, 16 * 1118.25, 96e4, 6400.0))
+    assert Driveline(torque_limit_n_m=5.0).strength(heavy).torque == 5.0
+
+
+@pytest.mark.parametrize("torque", [{}, {"driveline.torque_limit_n_m": 3000.0}], ids=["drive", "brake"])
+def test_a_heavy_tractor_parks_diagonally_on_a_slope(torque, capsys):
+    slope = {"terrain.grade_deg": 9.0, "terrain.direction_deg": 40.0}
+    truth = Loop(similar(load_scenario("uphill"), 8400.0).changed(slope | torque)).truth
+    assert max(abs(truth.speed), abs(truth.lateral_speed), abs(truth.yaw_rate)) < 1e-3
+    assert capsys.readouterr().err == ""
+
+
+WET = {f"plant.tyre.{end}.{way}.mu": 0.25 for end in ("front", "rear") for way in ("lateral", "longitudinal")}
+NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 0.0, "terrain.grade_deg": 9.0}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (NO_BRAKE, ("its wheels roll", "driveline.torque_limit_n_m (3000)", "driveline.brake_torque_n_m (0)")),
+        (WET | {"terrain.grade_deg": 18.0}, ("it slides", "18.0 deg", "plant.tyre")),
+        ({"terrain.grade_deg": 42.0, "terrain.direction_deg": 90.0}, ("it fell over", "tractor.cg_height_m")),
+        ({"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("it rocks", "plant.settle_limit_s")),
+    ],
+    ids=["rolls", "slides", "falls", "rocks"],
+)
+def test_what_keeps_a_tractor_from_resting_is_named(overrides, words, capsys):
+    Loop(similar(load_scenario("uphill"), 3300.0).changed(overrides))
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert all(word in told for word in words), told
+
+
+def test_it_is_applied_after_standstill_was_asked_for_and_released_at_once():
+    ticks = round(STANDSTILL_S / TICK_S)
+    state = BrakeState().after(Command(0.0, 0.0), TICK_S)
+    assert state.share == 1.0
+    state = state.after(Command(0.0, 0.5), TICK_S)
+    assert state.share == 0.0
+    for _ in range(ticks - 1):
+        state = state.after(Command(0.0, 1.0, pedal=0.0), TICK_S)
+    assert state.share == 0.0
+    assert state.after(Command(0.0, 1.0, pedal=0.0), TICK_S).share == 1.0
+
+
+def test_a_law_that_asks_for_standstill_is_held_on_a_slope_by_the_brake_alone():
+    sim = Simulation("uphill", {"driveline.torque_limit_n_m": 200.0, "duration_s": 20.0})
+    sim.reset()
+    for _ in range(100):
+        sim.step(steer=0.0, speed=0.0)
+    assert abs(sim.truth.speed) < 1e-3
+    assert sim.log().column("brake").min() == 1.0
+
+
+def test_the_stop_of_the_supervisor_ends_under_the_brake():
+    log = run(load_scenario("gnss_gone"))
+    assert log.outcome == "stopped"
+    assert log.column("brake")[-1] == 1.0
+    assert log.column("brake")[: log.column("t").size // 2].max() == 0.0
+
+
+def test_validation_sees_a_brake_that_is_too_weak(monkeypatch):
+    monkeypatch.setattr(braking, "force_tyres", lambda: [MagicFormula()])
+    monkeypatch.setattr(braking, "MASSES_KG", ())
+    assert all(check.passed for check in braking.run(quick=True).checks)
+    monkeypatch.setattr(braking, "CAPACITY_N_M", 1050.0)
+    assert not any(check.passed for check in braking.run(quick=True).checks)

@@ -1,0 +1,61 @@
+"""A scenario on a tractor of another mass: one of the same shape and density, by similarity.
+
+Lengths go with mass^(1/3); what follows from lengths and weight goes with the power of the length below. The ground
+and its strength stay what they are; the path grows with the tractor, else its bends were too tight for it.
+"""
+
+from typing import Any
+
+from agrobot_mj.scenario.schema import Scenario, resolve
+
+POWERS = {
+    "stiffness_n_m_rad": 4.0,
+    "damping_n_m_s_rad": 4.5,
+    "friction_n_m": 4.0,
+    "torque_n_m": 4.0,
+    "torque_limit_n_m": 4.0,
+    "_kw": 3.0,
+    "stiffness_n_m": 2.0,
+    "damping_n_s_m": 2.5,
+    "_kg_m2": 5.0,
+    "_kg": 3.0,
+    "_n_rad": 3.0,
+    "_n_deg": 3.0,
+    "_n": 3.0,
+    "_l_min_v": 3.0,
+    "_l_min": 3.0,
+    "_per_m": -1.0,
+    "_per_m2": -2.0,
+    "_mm": 1.0,
+    "_m": 1.0,
+    "size": 1.0,
+}
+"""Power of the length that a key goes with, by its ending, the first that fits; others stay."""
+GROWING = ("tractor", "driveline", "steering", "plant", "implement", "fault", "path")
+"""Tables of a scenario that grow with the tractor."""
+SOIL = ("noise_length_m", "shear_m", "cell_m", "rebound_mpa_m")
+"""Lengths that belong to the ground."""
+DEFAULT_KG = Scenario().tractor.mass_kg
+
+
+def similar(scenario: Scenario, mass_kg: float) -> Scenario:
+    """The scenario on a tractor of `mass_kg` [kg]. Raises `ScenarioError` where it cannot be."""
+    length = (mass_kg / scenario.tractor.mass_kg) ** (1 / 3)
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    for table in GROWING:
+        data[table] = grown(data[table], length)
+    if "size_m" in data["terrain"]:
+        data["terrain"]["size_m"] = grown({"size_m": data["terrain"]["size_m"]}, max(length, 1.0))["size_m"]
+    return resolve(data, f"{scenario.name} at {mass_kg:g} kg")
+
+
+def grown(value: Any, length: float, key: str = "") -> Any:
+    """A value of `key`, or the values below it, on a tractor whose lengths are `length` times as large."""
+    if isinstance(value, dict):
+        return {name: grown(inner, length, name) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [grown(inner, length, key) for inner in value]
+    if isinstance(value, bool) or not isinstance(value, int | float) or key in SOIL:
+        return value
+    power = next((power for ending, power in POWERS.items() if key.endswith(ending)), 0.0)
+    return value * length**power if power else value
