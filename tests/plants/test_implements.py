@@ -330,3 +330,16 @@ def test_a_trailer_that_falls_over_ends_the_run():
     tall = {"implement.kind": "drawn", "implement.cg_height_m": 1.8, "implement.mass_kg": 300}
     log = run(load_scenario("side_slope", {"terrain.grade_deg": 22, **tall}))
     assert log.outcome == "rolled_over"
+
+
+def test_a_drawbar_at_its_stop_has_jackknifed():
+    """Pushed backwards from a degree and a half, a trailer folds; the run ends 2 deg before its stop at 85 deg."""
+    plant, _ = plant_with(Drawn())
+    hinge = plant.model.joint("hitch_yaw").qposadr[0]
+    plant.data.qpos[hinge] = radians(1.5)
+    angles = [0.0]
+    while plant.trouble() is None and len(angles) < 600:
+        plant.advance(Drive(NEUTRAL_V, NEUTRAL_V - (0.6 if plant.truth().pedal > -0.25 else 0.0)))
+        angles.append(abs(float(plant.data.qpos[hinge])))
+    assert plant.trouble() == "jackknifed"
+    assert angles[-2] <= radians(83.0) < angles[-1]
