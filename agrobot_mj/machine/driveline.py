@@ -24,7 +24,7 @@ COMPACT = TractorParameters()
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
 """Drive of the compact tractor. Estimates: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor's mass by its brake [m/s2]: the least that [EU2015-68] asks of the service brake up to 30
+"""Deceleration of the tractor's mass by its brake [m/s2]: the least that [EU2015] asks of the service brake up to 30
 km/h; it holds 21 deg, twice the 18 % that are asked of the parking brake."""
 
 
@@ -49,7 +49,7 @@ class Driveline(Spec):
     compact tractor [kW]."""
     brake_torque_n_m: NonNegative | None = None
     """Torque of the service and parking brake, summed over the rear wheels; when left out that which decelerates the
-    tractor's mass by 3.55 m/s2 [EU2015-68], 1118 for the compact tractor; 0 for no brake [N m]."""
+    tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
     connected: bool = True
     """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
