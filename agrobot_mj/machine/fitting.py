@@ -72,9 +72,10 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
     wheels = 0.0 if hitched is None or hitched.axle is None else 2 * hitched.axle.mass
     hung = 0.0 if hitched is None else hitched.mass + wheels
     weight = GRAVITY * (tractor.mass_kg + hung)
-    pull = driveline.torque_limit_n_m / tractor.rear_wheel_radius_m / weight
+    strength = driveline.strength(tractor)
+    pull = strength.torque / tractor.rear_wheel_radius_m / weight
     if pull < LEAST_PULL:
         yield f"driveline.torque_limit_n_m: pulls {pull:.2g} of the weight of {weight:.0f} N, too little for a slope"
-    if speed > 0.0 and (share := 1e3 * driveline.power_limit_kw / speed / weight) < LEAST_POWER:
+    if speed > 0.0 and (share := strength.power / speed / weight) < LEAST_POWER:
         at = f"at {speed:g} m/s it pulls {share:.2g} of the weight of {weight:.0f} N"
         yield f"driveline.power_limit_kw: {at}, hardly more than rolling takes"

@@ -14,7 +14,7 @@ import numpy as np
 from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.machine.driveline import COMPACT, Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, OilColumn, steering_size
+from agrobot_mj.machine.hydraulics import Cylinder, OilColumn
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Ground
@@ -138,7 +138,6 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     limit = tractor.steer_limit_deg  # the file's own unit
     steer = spec.joint("steer")
     steer.range = [-limit, limit]
-    steer.armature *= steering_size(tractor)  # with that of the oil's stiffness: its frequency stays
     mirror = np.array([-1, 1, -1, 1, -1])
     for name, coefficients in (("ackermann_fl", left), ("ackermann_fr", mirror * left)):
         data = np.array(spec.equality(name).data)

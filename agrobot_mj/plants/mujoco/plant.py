@@ -1,23 +1,21 @@
 """The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import cos, hypot, radians
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
-from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Conditions, Drive, PointMass, Reference, Truth
-from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
 from agrobot_mj.plants.base import Clock
-from agrobot_mj.plants.mujoco.build import build, doubts
+from agrobot_mj.plants.mujoco.build import build
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
@@ -35,6 +33,7 @@ from agrobot_mj.plants.mujoco.saving import (
     write,
 )
 from agrobot_mj.plants.mujoco.settling import REST_M_S, Late, Restless, drive_holds, unrest
+from agrobot_mj.plants.mujoco.spec import Mujoco
 from agrobot_mj.plants.mujoco.stepping import (
     ACTUATION,
     FASTEST,
@@ -51,7 +50,6 @@ from agrobot_mj.plants.mujoco.stepping import (
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
-from agrobot_mj.tyres import MagicFormula, Tyre
 from agrobot_mj.tyres.laws import remembering
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
@@ -63,27 +61,6 @@ OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
 DIVERGED_SPEED = 100.0
 """A tractor faster than this has blown up [m/s]. Estimate."""
-
-
-class Mujoco(Spec):
-    """The MJCF tractor on its tyres."""
-
-    kind: Literal["mujoco"] = "mujoco"
-    tyre: Tyre = MagicFormula()
-    """Law of the tyres, `plant.tyre.kind`."""
-    settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
-    settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
-
-    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Parts of a machine that do not fit its weight at the path's `speed` [m/s]: lines that begin with a key."""
-        return doubts(self.tyre, machine, speed)
-
-    @property
-    def fast_step_s(self) -> float:
-        """Physics step of `physics = "fast"` [s]."""
-        return self.tyre.fast_step_s
 
 
 class MujocoPlant:

@@ -14,7 +14,7 @@ from math import atan, cos, degrees, radians, tan
 import numpy as np
 
 from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.machine import Driveline, Machine, TractorParameters
+from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.machine.implements import Drawn
 from agrobot_mj.machine.linkage import UPRIGHT
 from agrobot_mj.plants import MujocoPlant
@@ -35,16 +35,14 @@ PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
 
 
 def grown(mass_kg: float) -> Machine:
-    """The default machine in proportion, with nothing given for tyres and steering."""
-    p, d, s = TractorParameters(), Driveline(), mass_kg / TractorParameters().mass_kg
+    """The default machine in proportion, with nothing given for tyres, steering and drive."""
+    p, s = TractorParameters(), mass_kg / TractorParameters().mass_kg
     lengths = [key for key in TractorParameters.model_fields if key.endswith("_m") and "_tyre_" not in key]
     masses = ["mass_kg", "front_wheel_mass_kg", "rear_wheel_mass_kg"]
     inertias = ["yaw_inertia_kg_m2", "roll_inertia_kg_m2", "pitch_inertia_kg_m2"]
     exponents = {**dict.fromkeys(lengths, 1 / 3), **dict.fromkeys(masses, 1.0), **dict.fromkeys(inertias, 5 / 3)}
-    keys = ("torque_limit_n_m", "stiffness_n_m_rad", "damping_n_m_s_rad")
-    drive = {key: getattr(d, key) * s ** (4 / 3) for key in keys} | {"power_limit_kw": d.power_limit_kw * s}
     tractor = {key: getattr(p, key) * s**exponent for key, exponent in exponents.items()}
-    return Machine(tractor=p.model_copy(update=tractor), driveline=d.model_copy(update=drive))
+    return Machine(tractor=p.model_copy(update=tractor))
 
 
 def trailer(mass_kg: float) -> Drawn:
