@@ -22,6 +22,7 @@ WHEELS = ("fl", "fr", "rl", "rr")
 
 Outcome = Literal[
     "completed",
+    "unfinished",
     "stopped",
     "rolled_over",
     "diverged",
@@ -33,7 +34,7 @@ Outcome = Literal[
     "not_engaged",
     "latched",
 ]
-"""How a run can end."""
+"""How a run can end; `completed` means that the path was driven, where the guidance follows it."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

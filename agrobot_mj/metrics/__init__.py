@@ -7,9 +7,11 @@ from agrobot_mj.metrics.consistency import consistency, saturation
 from agrobot_mj.metrics.implement import implement
 from agrobot_mj.metrics.network import nn_share
 from agrobot_mj.metrics.passes import passes
+from agrobot_mj.metrics.progress import progress, progress_of
 from agrobot_mj.metrics.tracking import errors, tracking
 
 METRICS = (
+    progress,
     tracking,
     nn_share,
     consistency,
@@ -28,4 +30,4 @@ def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
     return found
 
 
-__all__ = ["METRICS", "LogLike", "RunView", "errors", "metrics"]
+__all__ = ["METRICS", "LogLike", "RunView", "errors", "metrics", "progress_of"]

@@ -33,6 +33,11 @@ class HasPath(Protocol):
         """The reference path."""
         ...
 
+    @property
+    def duration_s(self) -> float | None:
+        """Planned duration; the path's own when None [s]."""
+        ...
+
 
 class LogLike(Protocol):
     """The part of a log that the metrics and the figures need; one with a method `chunked(name)` is read in chunks."""

@@ -21,7 +21,7 @@ LINKS = ("link", "ros2")
 """Blocks of the metrics about a program outside."""
 
 
-def unfinished(scenario: Scenario) -> str:
+def running(scenario: Scenario) -> str:
     """The text of a run that has not ended."""
     return _page(scenario, "*Still running, or killed before its end.*")
 

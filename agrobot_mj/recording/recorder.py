@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
-from agrobot_mj.recording.info import broken, resolved, summary, unfinished
+from agrobot_mj.recording.info import broken, resolved, running, summary
 from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.catalogue import reported_plots
 from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
@@ -50,7 +50,7 @@ class Recording:
             "scenario",
             rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
         )
-        self._tell(unfinished(scenario))
+        self._tell(running(scenario))
         self._tell(resolved(scenario), "scenario")
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)

@@ -12,7 +12,7 @@ from typing import Any
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.brake import BrakeState
-from agrobot_mj.control.supervisor import Supervisor, SupervisorState
+from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
 from agrobot_mj.core.answers import answered
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
@@ -175,6 +175,11 @@ class Loop:
         self.truth = self.plant.advance(drive, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
         return self.truth
+
+    @property
+    def follows_path(self) -> bool:
+        """Whether the tractor is to follow its reference now: the guidance does, and the supervisor does not stop it."""
+        return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property
     def stop_reason(self) -> str:

@@ -1,6 +1,7 @@
 """Outcomes of a run: those that the plant detects, and those that need the reference or a history."""
 
-from math import hypot
+from math import hypot, inf
+from typing import NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Truth
 from agrobot_mj.plants import RunningPlant
@@ -8,39 +9,58 @@ from agrobot_mj.plants import RunningPlant
 LOST_M = 50.0
 """Distance from its reference at which a tractor counts as diverged [m]. Estimate."""
 STUCK_S = 10.0
-"""Time after which a tractor that is commanded to drive, but does not move, counts as stuck [s]. Estimate."""
+"""Time after which a tractor that should drive, but does not move, counts as stuck [s]. Estimate."""
 STUCK_M = 0.3
 """Radius within which it must stay to count as not moving [m]. Estimate: 0.03 m/s."""
 STUCK_PEDAL = 0.05
 """Pedal position beyond which it is commanded to drive [-]: 0.25 m/s. Estimate."""
+LEFT_M = 1.0
+"""Distance that a reference gains on a tractor it leaves behind [m]. Estimate: a second of driving."""
+
+
+class Standstill(NamedTuple):
+    """How long a tractor has not moved."""
+
+    x: float = inf
+    """Place near which it has stayed, east; infinite before the first tick [m]."""
+    y: float = inf
+    """Place near which it has stayed, north; infinite before the first tick [m]."""
+    tried_s: float = 0.0
+    """Time for which it has stayed there although the pedal is pressed, or asked for in vain [s]."""
+    waited_s: float = 0.0
+    """Time for which it has stayed there although it is to follow its reference [s]."""
+    distance: float = 0.0
+    """Distance from its reference at the beginning of that time [m]."""
 
 
 class Watch:
     """Detects conditions that end a run early."""
 
-    def __init__(self, plant: RunningPlant, start: Truth) -> None:
-        self.plant, self.place, self.still_s = plant, (start.x, start.y), 0.0
+    def __init__(self, plant: RunningPlant) -> None:
+        self.plant, self.standstill = plant, Standstill()
 
-    def trouble(self, truth: Truth, distance: float, asked: float = 0.0) -> str | None:
+    def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """The outcome that ends the run after this tick, if any.
 
-        `distance` is that from the reference [m], `asked` the pedal position that the speed loop asks for [-].
+        `distance` is that from the reference [m], `asked` the pedal position that the speed loop asks for [-]; `led`
+        says whether the tractor is to follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:
             return found
         if not distance < LOST_M:
             return "diverged"
-        return "stuck" if self._stuck(truth, asked) else None
+        return "stuck" if self._stuck(truth, distance, asked, led) else None
 
-    def _stuck(self, truth: Truth, asked: float) -> bool:
-        """Whether it has not moved for long; behind a pedal that is asked for in vain the time counts backwards."""
-        away = hypot(truth.x - self.place[0], truth.y - self.place[1])
-        pressed = abs(truth.pedal) >= STUCK_PEDAL
-        dead = not pressed and abs(asked) >= STUCK_PEDAL
-        if away > STUCK_M or not (pressed or dead):
-            self.place, self.still_s = (truth.x, truth.y), 0.0
-        if dead != (self.still_s < 0.0):
-            self.still_s = 0.0 if dead else max(self.still_s, TICK_S)
-        self.still_s += -TICK_S if dead else TICK_S
-        return abs(self.still_s) > STUCK_S
+    def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
+        """Whether it has not moved for long though it is driven, or though its reference leaves it behind."""
+        at = self.standstill
+        if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
+            at = Standstill(truth.x, truth.y)
+        tries = max(abs(truth.pedal), abs(asked)) >= STUCK_PEDAL
+        at = self.standstill = at._replace(
+            tried_s=at.tried_s + TICK_S if tries else 0.0,
+            waited_s=at.waited_s + TICK_S if led else 0.0,
+            distance=at.distance if at.waited_s else distance,
+        )
+        return at.tried_s > STUCK_S or (at.waited_s > STUCK_S and distance - at.distance > LEFT_M)

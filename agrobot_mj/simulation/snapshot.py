@@ -12,6 +12,7 @@ from agrobot_mj.core.signals import Measurement, Truth
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import SavedRows
 from agrobot_mj.simulation.loop import Loop
+from agrobot_mj.simulation.outcomes import Standstill
 
 
 class LoopState(NamedTuple):
@@ -36,8 +37,8 @@ class Snapshot(NamedTuple):
     """The log."""
     sensed: Any
     """What was measured in this tick, with the situation; None where nothing is yet."""
-    watch: tuple[tuple[float, float], float]
-    """Place [m] and time [s] of the detection of a stuck tractor."""
+    standstill: Standstill
+    """How long the tractor has not moved."""
     ending: tuple[str, str]
     """Outcome and its reason, empty before the end."""
 

@@ -21,7 +21,7 @@ from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Quality, Reference, Truth
-from agrobot_mj.metrics import metrics
+from agrobot_mj.metrics import RunView, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
@@ -56,7 +56,7 @@ class Simulation:
     def _begin(self) -> None:
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._watch, self.outcome, self.reason = Watch(plant, loop.truth), "", ""
+        self._watch, self.outcome, self.reason = Watch(plant), "", ""
         self._sensed: tuple[Measurement, Situation] | None = None
         if self._watch.plant.trouble() == "diverged":  # while it settled
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
@@ -95,7 +95,7 @@ class Simulation:
         given = {k: v for k, v in wanted.items() if v is not None}
         try:
             command = self._command(measured, situation, given, speed)
-            self._finish_tick(self.loop.act(measured, situation, command))
+            self._finish_tick(self.loop.act(measured, situation, command), led=not given and speed is None)
         except NotFiniteError as error:
             self._diverge(str(error))
         return self.measurement
@@ -126,8 +126,11 @@ class Simulation:
         angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
         return Command(min(max(angle, -machine.steer_limit), machine.steer_limit), along)
 
-    def _finish_tick(self, tick: Tick) -> None:
-        """Write the row, advance the plant unless the run is over, and read the sensors again."""
+    def _finish_tick(self, tick: Tick, led: bool) -> None:
+        """Write the row, advance the plant unless the run is over, and read the sensors again.
+
+        `led` says whether the command is the guidance's own.
+        """
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         try:
             rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
@@ -135,20 +138,27 @@ class Simulation:
             loop.check_reports()
             raise
         r, t = tick.reference, tick.truth
-        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y), tick.pedal_ref) or ""
+        led = led and loop.follows_path
+        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y), tick.pedal_ref, led) or ""
         if self.outcome:
             return
         if loop.stop_reason:
             self.outcome, self.reason = "stopped", loop.stop_reason
             return
         if rows.filled == self.scenario.ticks:
-            self.outcome = "completed"
+            self.outcome = "completed" if self._path_is_driven() else "unfinished"
             return
         loop.advance(tick.drive)
         if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
             self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite, or faster than 100 m/s")
             return
         self._sense()
+
+    def _path_is_driven(self) -> bool:
+        """Whether enough of the path has been driven; a guidance that follows none has nothing to drive."""
+        if not self.loop.guidance.follows_path:
+            return True
+        return progress_of(RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0))).enough
 
     def _sense(self) -> None:
         try:
@@ -179,7 +189,7 @@ class Simulation:
             loop=independent(loop_state(self.loop)),
             rows=self.rows.save(),
             sensed=independent(without_route(self._sensed)),
-            watch=(self._watch.place, self._watch.still_s),
+            standstill=self._watch.standstill,
             ending=(self.outcome, self.reason),
         )
 
@@ -196,12 +206,12 @@ class Simulation:
         self.rows.restore(state.rows)
         measured, situation = independent(state.sensed)
         self._sensed = measured, situation._replace(route=self.loop.route)
-        (self._watch.place, self._watch.still_s), (self.outcome, self.reason) = state.watch, state.ending
+        self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
         return self.measurement
 
     def abort(self) -> None:
-        """End the run here, with the outcome `aborted`."""
-        self.outcome = self.outcome if self.outcome not in ("", "completed") else "aborted"
+        """End the run here, with the outcome `aborted`; a run that has ended keeps its own."""
+        self.outcome = self.outcome or "aborted"
 
     @property
     def done(self) -> bool:

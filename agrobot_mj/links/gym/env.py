@@ -115,8 +115,8 @@ class FollowPath(gymnasium.Env[Any, Any]):
         info = self._info()
         if not sim.done and not offset <= self.max_offset_m:
             info["outcome"] = "off_path"
-        terminated = info["outcome"] not in ("", "completed")
-        truncated = info["outcome"] == "completed"
+        truncated = info["outcome"] in ("completed", "unfinished")
+        terminated = info["outcome"] != "" and not truncated
         if terminated or truncated:
             info["metrics"] = {k: v for k, v in sim.log().metrics.items() if isinstance(v, float)}
         return self._observe(), reward if isfinite(reward) else 0.0, terminated, truncated, info
