@@ -13,8 +13,7 @@ BRIEFLY_S = 8.0
 
 
 def check(log):
-    scenario = log.scenario
-    assert log.outcome == scenario.expected_outcome
+    assert log.as_expected, f"{log.outcome} {log.metrics.get('stop_reason', '')}"
     assert log.metrics["physics_warnings"] == 0
 
 

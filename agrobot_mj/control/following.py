@@ -95,7 +95,7 @@ class Following(Guidance):
         near = _distance_at(route, leg, t) if state.s is None else state.s
         place = route.nearest(estimate.x, estimate.y, near, t)
         along = to_heading(r.yaw, r.vx, r.vy)[0]
-        direction = _sign(along if abs(along) > 1e-6 else state.direction or place.speed)
+        direction = _sign(along if abs(along) > 1e-6 else state.direction or place.direction)
         l_r, L = self.slip_length(situation), self.effective_wheelbase(situation)
         beta = sideslip(route, place.s, direction, leg, l_r)
         later = sideslip(route, place.s + abs(estimate.speed) * self.preview_s, direction, leg, l_r)

@@ -36,7 +36,7 @@ class Workspace:
 
 
 def independent(value: T) -> T:
-    """A copy that shares nothing with `value` that could ever be written to. Arrays keep their memory order."""
+    """A copy that shares nothing with `value` that could be written to; arrays keep their memory order and their flags."""
     return cast(T, _copied(value, {}))
 
 
@@ -50,6 +50,7 @@ def _copied(value: Any, memo: dict[int, Any]) -> Any:
         return memo[id(value)]
     if kind is np.ndarray and not value.dtype.hasobject:
         made: Any = value.copy(order="K")
+        made.flags.writeable = value.flags.writeable
     elif kind is dict:
         made = {key: _copied(part, memo) for key, part in value.items()}
     elif kind is list:

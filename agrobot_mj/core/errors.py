@@ -24,7 +24,7 @@ class CommandError(ValueError):
 
 
 class NotFiniteError(ArithmeticError):
-    """A message of a stage that is not finite; its text names field and stage."""
+    """A message of a stage that is not finite, or absurd; its text names field and stage."""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:

@@ -279,6 +279,8 @@ class PathPoint(NamedTuple):
     """Speed of the reference along the heading, negative in reverse [m/s]."""
     offset: float
     """Signed distance of the given point from the path, left of the heading positive [m]."""
+    direction: float = 1.0
+    """Direction of travel there, also where the reference stands: 1 forward, -1 in reverse [-]."""
 
 
 class Command(NamedTuple):

@@ -1,8 +1,8 @@
 """Input of every metric: the log of a run, its path, its turns, and the position of the tractor relative to the path.
 
 A metric is a function `RunView -> dict`, ready for JSON: lengths in metres, angles in radians. Values that are absent
-or not finite are left out of a statistic; a statistic without a single value is None. Signals of a long run are read
-chunk by chunk (`core.chunked`), so that a day of work takes no more memory than an hour.
+or not finite are left out of a statistic; one of fewer than LEAST values is None. Signals of a long run are read chunk
+by chunk (`core.chunked`), so that a day of work takes no more memory than an hour.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,6 +17,9 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spill import Spilled
 from agrobot_mj.metrics.crosstrack import PIECE, track
 from agrobot_mj.paths import Path
+
+LEAST = 20
+"""Number of values from which a statistic says something: a second of ticks. Estimate."""
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Rows of a log: a piece of it, or a mask of shape (ticks,)."""
@@ -115,28 +118,28 @@ def chunks(values: Values) -> Iterable[Array]:
 
 
 def mean(values: Values, power: int = 1) -> float | None:
-    """Mean of the finite values to a power; None if there are none (or beyond the range of a float)."""
+    """Mean of the finite values to a power; None of fewer than LEAST (or beyond the range of a float)."""
     return _average(chunk**power for chunk in _finite(values))
 
 
 def mean_magnitude(values: Values) -> float | None:
-    """Mean magnitude of the finite values; None if there are none."""
+    """Mean magnitude of the finite values; None of fewer than LEAST."""
     return _average(np.abs(chunk) for chunk in _finite(values))
 
 
 def rms(values: Values) -> float | None:
-    """Root mean square of the finite values; None if there are none."""
+    """Root mean square of the finite values; None of fewer than LEAST."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 
 
 def abs_p95(values: Values) -> float | None:
-    """95th percentile of the magnitudes of the finite values, as `np.percentile` has it; None if there are none.
+    """95th percentile of the magnitudes of the finite values, as `np.percentile` has it; None of fewer than LEAST.
 
     Between the values of rank floor(r) and ceil(r), r = 0.95 (n - 1): only the largest twentieth is held.
     """
     count = sum(chunk.size for chunk in _finite(values))
-    if not count:
+    if count < LEAST:
         return None
     rank = 0.95 * (count - 1)
     held, largest = count - int(rank), np.empty(0)
@@ -155,10 +158,10 @@ def _finite(values: Values) -> Iterator[Array]:
 
 
 def _average(parts: Iterable[Array]) -> float | None:
-    """Mean of all terms; None if there are none, or beyond the range of a float."""
+    """Mean of all terms; None of fewer than LEAST, or beyond the range of a float."""
     total, count = 0.0, 0
     with np.errstate(over="ignore"):
         for terms in parts:
             total, count = total + float(np.sum(terms)), count + terms.size
-    average = total / count if count else np.nan
+    average = total / count if count >= LEAST else np.nan
     return average if isfinite(average) else None

@@ -2,16 +2,22 @@
 
 from typing import Any
 
-from agrobot_mj.metrics.base import RunView, mean_magnitude
+from agrobot_mj.core.chunked import Chunked
+from agrobot_mj.metrics.base import LEAST, RunView, mean_magnitude
 
 
 def nn_share(view: RunView) -> dict[str, Any]:
-    """`nn_share`: one value per turn, mean|tau_n| / (mean|tau_c| + mean|tau_n|), 0 without a network."""
-    kept, learnt = _sizes(view, "tau_c"), _sizes(view, "tau_n")
-    return {"nn_share": [n / (c + n) if n else 0.0 for c, n in zip(kept, learnt, strict=True)]}
+    """`nn_share`: one value per turn, mean|tau_n| / (mean|tau_c| + mean|tau_n|), 0 without a network.
+
+    None for a turn of fewer than LEAST ticks.
+    """
+    kept, learnt = view.chunked("tau_c"), view.chunked("tau_n")
+    return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
 
-def _sizes(view: RunView, name: str) -> list[float]:
-    """Mean magnitude of a column in each turn."""
-    values = view.chunked(name)
-    return [mean_magnitude(values[rows]) or 0.0 for rows in view.turns]
+def _share(kept: Chunked, learnt: Chunked) -> float | None:
+    """Share of what was learnt."""
+    if len(kept) < LEAST:
+        return None
+    c, n = mean_magnitude(kept) or 0.0, mean_magnitude(learnt) or 0.0
+    return n / (c + n) if n else 0.0

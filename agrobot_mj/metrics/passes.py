@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import RunView, Values, chunks
+from agrobot_mj.metrics.base import LEAST, RunView, Values, chunks
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
@@ -40,9 +40,9 @@ class Passed(NamedTuple):
     """Distance of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """The errors of this pass, left of its own direction positive; None if it was not reached."""
+        """The errors of this pass, left of its own direction positive; None over fewer than LEAST stations."""
         error = self.errors * self.direction
-        some = error.size > 0
+        some = error.size >= LEAST
         return {
             "pass": number,
             "complete": bool(error.size * STATION_M >= COMPLETE * self.span - 2 * STATION_M),
@@ -73,7 +73,7 @@ def pass_to_pass(path: Parallel, time: Values, x: Values, y: Values) -> dict[str
     return {
         "label": LABEL,
         "pass_to_pass_p95_m": _p95(differences),
-        "pass_to_pass_mean_m": float(differences.mean()) if differences.size else None,
+        "pass_to_pass_mean_m": float(differences.mean()) if differences.size >= LEAST else None,
         "pass_xte_abs_p95_m": _p95(everything),
         "per_pass": [one.numbers(k) for k, one in enumerate(passed, 1)],
     }
@@ -128,4 +128,4 @@ def _difference(right: Passed, left: Passed) -> Array:
 
 
 def _p95(values: Array) -> float | None:
-    return float(np.percentile(np.abs(values), 95)) if values.size else None
+    return float(np.percentile(np.abs(values), 95)) if values.size >= LEAST else None

@@ -1,8 +1,8 @@
 """Progress: how much of the path the tractor drove, and whether that is enough to call the path driven.
 
-The path is that of the reference until the planned end of the run, or to its own end if that comes first. A piece of it
-is driven by moving along it within CORRIDOR_M. The nearest point is followed from place to place of the tractor, so that
-neither the other branch of a crossing, nor another lap or the neighbouring swath is taken for it, and on the leg
+The path is that of the reference until the planned end of the run, or to its own end if that comes first. A piece of
+it is driven by moving along it within CORRIDOR_M. The nearest point is followed from place to place of the tractor, so
+that neither the other branch of a crossing, nor another lap or the neighbouring swath is taken for it, and on the leg
 between two reversals on which the reference is at that time. A tractor that has strayed from that point is also sought
 beside the reference. What the nearest point leaps over is not driven: a tractor that stands still drives nothing,
 wherever the reference goes.
@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.base import RunView
 from agrobot_mj.paths import Path
 
@@ -83,7 +82,7 @@ class _Stations:
         marks = np.flatnonzero(np.diff(np.floor(way / (0.99 * STEP_M)), prepend=-1.0))
         kept = np.unique(np.concatenate((marks, cusps, [len(times) - 1])))
         self.times, self.x, self.y, self.s = (
-            memoryview(np.ascontiguousarray(column[kept])) for column in (times, *points[:, :2].T, way)
+            np.ascontiguousarray(column[kept]).data for column in (times, *points[:, :2].T, way)
         )
         self.cusps = np.searchsorted(kept, cusps).tolist()
         self.cusp_times = times[cusps].tolist()
@@ -128,7 +127,7 @@ class _Walk:
             other, beside = stations.nearest(stations.at(t), x, y, leg)
             k, squared = (other, beside) if beside < squared else (k, squared)
         within = squared <= CORRIDOR_M**2
-        if within and self.within and 0 < k - last and stations.s[k] - stations.s[last] <= LEAP_M:
+        if within and self.within and k > last and stations.s[k] - stations.s[last] <= LEAP_M:
             self.pieces[last:k] = b"\1" * (k - last)
         self.place, self.within = k, within
 

@@ -30,8 +30,8 @@ BEND = 1.4
 BEYOND_S = 3600.0
 """Time beyond the path's duration after which nothing new is sampled [s]."""
 
-T, X, Y, YAW, CURVATURE, SPEED, S, TURNED = range(8)
-"""Columns of the samples; the speed is along the heading, negative in reverse."""
+T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
+"""Columns of the samples; the speed is along the heading, negative in reverse; the direction 1 or -1, 0 unknown."""
 
 
 class SampledRoute:
@@ -82,7 +82,7 @@ class SampledRoute:
 
     def _beside(self, k: int, x: float, y: float, inside: bool) -> PathPoint:
         """The nearest point from sample `k` on; beyond STEP_M from it only at an end of the window."""
-        _, x_k, y_k, yaw, curvature, speed, _, _ = self._samples[k].tolist()
+        _, x_k, y_k, yaw, curvature, _, _, _, direction = self._samples[k].tolist()
         ahead, left = to_heading(yaw, x - x_k, y - y_k)
         angle = atan2(curvature * ahead, 1 - curvature * left)
         way = angle / curvature if abs(curvature) > 1e-9 else ahead
@@ -90,19 +90,19 @@ class SampledRoute:
         to_centre = hypot(curvature * ahead, 1 - curvature * left)
         offset = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
         way = min(max(way, -limit), limit)
-        return self._along(k, -way if speed < 0 else way, offset)
+        return self._along(k, -way if direction < 0 else way, offset)
 
     def _along(self, k: int, ds: float, offset: float) -> PathPoint:
-        t, x, y, yaw, curvature, speed, s, _ = self._samples[k].tolist()
+        t, x, y, yaw, curvature, speed, s, _, direction = self._samples[k].tolist()
         if s + ds < 0.0 and k == 0:
             curvature = 0.0  # straight on before the start
-        pose = advance(Pose(x, y, yaw), curvature, -ds if speed < 0 else ds)
-        moving = abs(speed) > 1e-6
+        pose = advance(Pose(x, y, yaw), curvature, -ds if direction < 0 else ds)
+        t += ds / abs(speed) if abs(speed) > 1e-6 else 0.0
         return PathPoint(
-            s + ds, t + (ds / abs(speed) if moving else 0.0), pose.x, pose.y, wrap(pose.yaw), curvature, speed, offset
+            s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, speed, offset, -1.0 if direction < 0 else 1.0
         )
 
-    def _grow(self, until: float = 0.0, beyond: float = -np.inf) -> None:
+    def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
         """Sample the path at least until a time [s] and beyond a distance [m]."""
         end = self.path.duration_s + BEYOND_S
         while self._until < end and (self._until < until or self._samples[-1, S] < beyond):
@@ -110,11 +110,9 @@ class SampledRoute:
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])
             self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
-            if not self._samples[0, SPEED]:  # at rest: the direction in which it will set off
-                self._samples[0, SPEED] = 1e-9 * self._sign
 
     def _append(self, new: Array) -> None:
-        """Add samples (n, 8) that are a step apart, and note where the direction of travel changes."""
+        """Add samples (n, 9) that are a step apart, and note where the direction of travel changes."""
         known = self._samples[-1:]
         joined = np.concatenate([known, new])
         way = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))
@@ -126,6 +124,9 @@ class SampledRoute:
                 self._leg_times.append(float(new[k, T]))
                 self._leg_starts.append(float(way[max(k - 1, 0)]))
             self._sign = sign or self._sign
+            new[k, DIRECTION] = self._sign
+            if not self._samples[0, DIRECTION]:  # at rest: the direction in which it will set off
+                self._samples[0, DIRECTION] = self._sign
         new[:, S] = way
         marks = np.floor(np.concatenate([known[:, S], way]) / (0.99 * STEP_M))
         kept = new[(np.diff(marks) > 0) | reverses]
@@ -136,4 +137,4 @@ class SampledRoute:
 
 
 def _sample(t: float, r: Reference) -> tuple[float, ...]:
-    return t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0
+    return t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0, 0.0

@@ -33,10 +33,9 @@ def broken(scenario: Scenario, error: BaseException, t: float) -> str:
 
 def summary(log: Log) -> str:
     """The text of a finished run."""
-    expected = log.scenario.expected_outcome
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
-        f"{'as expected' if log.outcome == expected else f'**expected: {expected}**'}."
+        f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
     )
     links = [_metrics(log.metrics[name], name) for name in LINKS if name in log.metrics]
     parts = end, _metrics(log.metrics, "Metrics"), *links, _turns(log.metrics), _passes(log.metrics)

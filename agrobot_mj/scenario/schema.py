@@ -47,6 +47,10 @@ LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 MOST_ASIDE_M_S2 = 8.0
 """Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
+SAID = {"version", "name", "title", "expected_outcome", "expected_reason"}
+"""Keys that change nothing in a run."""
+REASONED = ("stopped", "unfinished", "diverged")
+"""Outcomes that come with a reason."""
 SHORTEST_S = 0.001
 """Shortest duration; less than a tick is one [s]."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
@@ -84,6 +88,8 @@ class Scenario(Spec):
     """Version of agrobot_mj that wrote the file; for information."""
     expected_outcome: Outcome = "completed"
     """Outcome that the run should have; any other makes the exit status 1."""
+    expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
+    """Part of the reason for which the run should end so, as in "no GNSS fix"; any reason when left out."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
@@ -118,6 +124,15 @@ class Scenario(Spec):
         duration = self.path.duration_s if self.duration_s is None else self.duration_s
         return max(1, round(duration / TICK_S))
 
+    def expects(self, outcome: str, reason: str = "") -> bool:
+        """Whether a run that ended with this outcome, for this reason, ended as it should."""
+        return outcome == self.expected_outcome and self.expected_reason in reason
+
+    @property
+    def expectation(self) -> str:
+        """How the run should end, in words."""
+        return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
+
     @property
     def step_s(self) -> float:
         """Physics step [s]."""
@@ -147,7 +162,7 @@ class Scenario(Spec):
     @property
     def hash8(self) -> str:
         """Eight hex digits that stand for everything that the run depends on."""
-        content = self.model_dump(mode="json", exclude={"version", "name", "title", "expected_outcome"})
+        content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
         beside(content)  # the same files in another place are the same experiment
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
@@ -193,6 +208,8 @@ def _misfits(s: Scenario) -> list[str]:
         found.append(f"physics: {s.physics!r} and physics_dt_s = {s.physics_dt_s:g} both set the step; leave one out")
     if s.plant.kind == "bicycle":
         found += _beyond_the_bicycle(s)
+    if s.expected_reason and s.expected_outcome not in REASONED:
+        found.append(f'expected_reason: only {", ".join(REASONED)} have one; set expected_outcome = "stopped"')
     found += clashes(s.fault)
     if s.implement.receiver and s.implement.kind == "none":
         found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')

@@ -5,7 +5,7 @@ computer would reject - a fix or a reading that is no number - counts as missing
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite, nan
+from math import degrees, inf, isfinite, nan, radians
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -28,6 +28,8 @@ from agrobot_mj.faults.base import Scripted
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
+ABSURD_STEER = radians(90.0)
+"""Steering angle that no law means [rad]: the wheels across the tractor."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
 """Readings that are NaN where there is no sensor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
@@ -94,6 +96,13 @@ def check_estimate(estimate: Estimate, estimator: str) -> None:
         refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
 
 
+def read_only(estimate: Estimate) -> Estimate:
+    """The estimate for those who may only look at it: its covariance is the filter's own array."""
+    covariance = estimate.covariance.view()
+    covariance.flags.writeable = False
+    return estimate._replace(covariance=covariance)
+
+
 def check_conditions(conditions: Conditions, faults: Sequence[Scripted]) -> None:
     """Raise `NotFiniteError`, naming the kinds, if faults make conditions that are not finite."""
     c = conditions
@@ -111,13 +120,23 @@ def check_reference(reference: Reference, path: str) -> None:
 
 
 def check_command(command: Command, guidance: str) -> None:
-    """Raise `NotFiniteError` if a command is not finite, `ScenarioError` if it holds no numbers."""
+    """Raise `NotFiniteError` if a command is not finite or its angle absurd, `ScenarioError` if it holds no numbers."""
     try:
         finite = isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0))
     except (TypeError, ValueError):
         raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {told(command)}") from None
     if not finite:
         refuse("command", command, Command._fields, f"the guidance law ({guidance})")
+    if abs(command.steer) > ABSURD_STEER:
+        angle = f"{degrees(command.steer):.4g} deg, beyond a right angle"
+        raise NotFiniteError(f"command.steer is {angle}, made by the guidance law ({guidance}); it is in radians")
+
+
+def limited(command: Command, steer_limit: float) -> Command:
+    """The command with its angle within the limit of the steering [rad]: what a computer lets through to its loop."""
+    if -steer_limit <= command.steer <= steer_limit:
+        return command
+    return command._replace(steer=min(max(command.steer, -steer_limit), steer_limit))
 
 
 def check_report(stage: str, kind: str, columns: Sequence[Column], report: Any) -> None:

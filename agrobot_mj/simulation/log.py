@@ -124,6 +124,11 @@ class Log:
         return self._piece(0, self.rows.filled)
 
     @property
+    def as_expected(self) -> bool:
+        """Whether the run ended as its scenario says."""
+        return self.scenario.expects(self.outcome, self.metrics.get("stop_reason", ""))
+
+    @property
     def schema(self) -> pa.Schema:
         """Schema of `signals`."""
         return pa.schema(

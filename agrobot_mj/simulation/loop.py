@@ -44,6 +44,8 @@ from agrobot_mj.simulation.checks import (
     check_reference,
     check_report,
     check_truth,
+    limited,
+    read_only,
 )
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.receiver import ImplementReceiver
@@ -119,6 +121,7 @@ class Loop:
             blame(f"the estimator ({s.estimator.kind})", error)
         state.estimator, estimate = answered(answer, Estimate, "the estimator", s.estimator.kind, "update")
         check_estimate(estimate, s.estimator.kind)
+        estimate = read_only(estimate)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = reference_at(s.path, truth.t)
         check_reference(reference, s.path.kind)
@@ -134,6 +137,7 @@ class Loop:
         kind = self.scenario.guidance.kind
         state.guidance, command = answered(found, Command, "the guidance law", kind, "update")
         check_command(command, kind)
+        command = limited(command, self.scenario.tractor.steer_limit)
         state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
         return command
 
@@ -178,7 +182,7 @@ class Loop:
 
     @property
     def follows_path(self) -> bool:
-        """Whether the tractor is to follow its reference now: the guidance does, and the supervisor does not stop it."""
+        """Whether the tractor is to follow its reference: the guidance does, and the supervisor does not stop it."""
         return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property

@@ -25,6 +25,7 @@ from agrobot_mj.metrics import RunView, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.columns import COLUMNS, Tick, row
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
@@ -124,7 +125,9 @@ class Simulation:
             value /= u if abs(u) > LEAST_SPEED else (LEAST_SPEED if u >= 0 else -LEAST_SPEED)
         machine = situation.machine
         angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
-        return Command(min(max(angle, -machine.steer_limit), machine.steer_limit), along)
+        if abs(angle) > ABSURD_STEER:
+            raise CommandError(f"{kind}: is in radians and must be within a right angle, got {value}")
+        return limited(Command(angle, along), machine.steer_limit)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
         """Write the row, advance the plant unless the run is over, and read the sensors again.
@@ -146,7 +149,7 @@ class Simulation:
             self.outcome, self.reason = "stopped", loop.stop_reason
             return
         if rows.filled == self.scenario.ticks:
-            self.outcome = "completed" if self._path_is_driven() else "unfinished"
+            self._complete()
             return
         loop.advance(tick.drive)
         if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
@@ -154,11 +157,13 @@ class Simulation:
             return
         self._sense()
 
-    def _path_is_driven(self) -> bool:
-        """Whether enough of the path has been driven; a guidance that follows none has nothing to drive."""
-        if not self.loop.guidance.follows_path:
-            return True
-        return progress_of(RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0))).enough
+    def _complete(self) -> None:
+        """End the run at its planned end: completed if enough of the path was driven, by a guidance that follows it."""
+        self.outcome = "completed"
+        if self.loop.guidance.follows_path:
+            progress = progress_of(RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0)))
+            if not progress.enough:
+                self.outcome, self.reason = "unfinished", f"drove {progress.driven:.1f} of {progress.length:.1f} m"
 
     def _sense(self) -> None:
         try:

@@ -117,7 +117,7 @@ def cost(scenario: Scenario, gains: Overrides) -> float:
     """Cost of one run under these gains [-]."""
     done = run(scenario.changed(gains))
     steer = done.column("steer")
-    if done.outcome != scenario.expected_outcome or done.metrics["xte_rms"] is None:
+    if not done.as_expected or done.metrics["xte_rms"] is None:
         return FAILED
     xte = float(done.metrics["xte_rms"])
     travel = degrees(float(np.abs(np.diff(steer)).sum())) / float(done.column("t")[-1])

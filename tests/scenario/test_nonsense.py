@@ -86,9 +86,9 @@ def test_the_command_tells_doubts_on_stderr(monkeypatch, capsys, tmp_path):
 def test_a_tractor_behind_a_dead_pedal_is_stuck():
     plant = SimpleNamespace(trouble=lambda: None)
     still = SimpleNamespace(x=0.0, y=0.0, pedal=0.0)
-    watch = Watch(plant, still)
+    watch = Watch(plant)
     assert {watch.trouble(still, 0.0, asked=0.3) for _ in range(300)} == {None, "stuck"}
-    watch = Watch(plant, still)
+    watch = Watch(plant)
     assert {watch.trouble(still, 0.0, asked=0.01) for _ in range(300)} == {None}
     log = run(
         load_scenario(

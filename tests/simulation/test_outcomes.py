@@ -67,7 +67,7 @@ def test_a_slow_a_waiting_and_a_toiling_tractor_are_not_stuck(overrides):
 def watched(truths):
     """Outcomes that a watch of a sound plant sees, tick by tick."""
     plant = SimpleNamespace(trouble=lambda: None)
-    watch = Watch(plant, truths[0])
+    watch = Watch(plant)
     return [watch.trouble(truth, 0.0) for truth in truths]
 
 
@@ -123,7 +123,7 @@ def test_a_bump_below_the_upper_wheels_turns_it_over_on_a_slope_that_it_can_stan
 
 def test_it_has_diverged_when_it_is_nowhere_near_its_reference():
     plant, truth = SimpleNamespace(trouble=lambda: None), still(0.0)
-    watch = Watch(plant, truth)
+    watch = Watch(plant)
     assert watch.trouble(truth, LOST_M - 1e-6) is None
     assert watch.trouble(truth, LOST_M) == "diverged"
     assert watch.trouble(truth, float("nan")) == "diverged"

@@ -73,7 +73,7 @@ def _base(text: str, name: str) -> Scenario:
 def _driven(task: Task, scenario: Scenario) -> Done:
     if task.keep in ("table", "failures"):
         log = run(scenario)
-        if task.keep == "table" or log.outcome == scenario.expected_outcome:
+        if task.keep == "table" or log.as_expected:
             return Done(_numbers(log, scenario), {})
     with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
         folder = Path(place)
@@ -92,6 +92,5 @@ def _recorded(scenario: Scenario, folder: Path) -> Log:
 
 def _numbers(log: Log, scenario: Scenario) -> dict[str, Any]:
     metrics = {key: value for key, value in flat(log.metrics) if key not in (*WALL, "outcome")}
-    expected = log.outcome == scenario.expected_outcome
     end = {"wall_s": log.wall_s, "version": __version__}
-    return {"outcome": log.outcome, "expected": expected, "error": None, **metrics, **end}
+    return {"outcome": log.outcome, "expected": log.as_expected, "error": None, **metrics, **end}
