@@ -36,7 +36,7 @@ class Workspace:
 
 
 def independent(value: T) -> T:
-    """A copy that shares nothing with `value` that could be written to; arrays keep their memory order and their flags."""
+    """A copy that shares nothing with `value` that could be written to; arrays keep their order and flags."""
     return cast(T, _copied(value, {}))
 
 
