@@ -108,7 +108,8 @@ class _Stations:
         return k, found
 
     def _squared(self, k: int, x: float, y: float) -> float:
-        return (self.x[k] - x) ** 2 + (self.y[k] - y) ** 2
+        dx, dy = self.x[k] - x, self.y[k] - y
+        return dx * dx + dy * dy
 
 
 class _Walk:

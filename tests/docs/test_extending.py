@@ -118,6 +118,47 @@ def test_the_recording_has_the_plots(results):
     assert {"/plots/yaw_rate/lateral_acceleration", "/plots/reported/bearing", "/plots/reported/compass_yaw"} <= plots
 
 
+DRIVE = """
+import json, sys
+from agrobot_mj import load_scenario, register, run
+from carrot import Carrot
+
+register(Carrot)
+found = {}
+for source in ("figure_eight", "circle", "straight_line", "lane_change", "slalom", "one_hectare"):
+    for plant in ("bicycle", "mujoco"):
+        keys = {"guidance.kind": "carrot", "plant.kind": plant, "terrain.kind": "flat", "supervisor.enabled": False}
+        log = run(load_scenario(source, {**keys, "duration_s": 150.0 if source == "one_hectare" else 60.0}))
+        found[f"{source} {plant}"] = [log.outcome, log.metrics["progress"], log.metrics["xte_abs_p95"]]
+print(json.dumps(found))
+"""
+
+
+def test_the_law_drives_every_path_on_both_plants(tmp_path):
+    """As it stands on the page, from rest, with no fault that would push it off the start."""
+    (tmp_path / "carrot.py").write_text(PYTHON["agrobot_mj/control/carrot.py"], encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVE], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert len(found) == 12
+    for name, (outcome, progress, error) in found.items():
+        assert outcome == "completed", (name, outcome, progress)
+        assert progress > 0.9, name
+        assert error < 1.0, name
+
+
+def test_the_law_sets_off_without_the_fault(checkout):
+    arguments = ("--set", "fault=[]", "--set", "duration_s=2.5", "--no-rrd", "--out", "still")
+    done = call(checkout, "run", "hill.toml", *arguments)
+    assert done.returncode == 0, done.stderr
+    signals = pq.read_table(checkout / "still" / "signals.parquet")
+    assert signals["speed_ref"].to_numpy()[0] == 0.3
+    assert signals["speed"].to_numpy()[-1] > 0.3
+
+
 def test_the_new_kinds_are_known_by_name(checkout):
     wrong = {"terrain.kind": "dom", "fault.0.kind": "gnss_shif", "guidance.kind": "carot", "plant.tyre.kind": "brussh"}
     done = call(

@@ -4,8 +4,9 @@ import re
 import tomllib
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from agrobot_mj.core.signals import Outcome
 from agrobot_mj.core.spec import members
 from agrobot_mj.faults import Fault, Scripted
 from agrobot_mj.scenario.loading import scenario_files
@@ -34,6 +35,10 @@ def test_the_faults_have_their_keys():
     written = {kind: set(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
     common = set(Scripted.model_fields)
     assert written == {kind: set(fault.model_fields) - common for kind, fault in members(Fault).items()}
+
+
+def test_the_outcomes_are_complete():
+    assert set(re.findall(r"^\| `(\w+)` \|", section("How a run ends"), re.M)) == set(get_args(Outcome))
 
 
 def test_the_kinds_are_complete():

@@ -9,7 +9,7 @@ from agrobot_mj.metrics.base import abs_p95, mean, rows_until
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 40, 10_000])
-@pytest.mark.parametrize("size", [1, 2, 20, 21, 41, 1000])
+@pytest.mark.parametrize("size", [24, 25, 41, 1000])
 def test_statistics_are_those_of_the_whole(size: int, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunked, "CHUNK", chunk)
     values = np.random.default_rng(size).normal(size=size)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.metrics import errors, metrics
+from agrobot_mj.metrics.base import LEAST, abs_p95, mean, mean_magnitude, rms
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
 from agrobot_mj.simulation.columns import COLUMNS
@@ -17,7 +18,7 @@ class FakeLog:
     """A log made of columns; those not given are zero."""
 
     def __init__(self, path: Any, t: Any, **columns: Any) -> None:
-        self.scenario = SimpleNamespace(path=path)
+        self.scenario = SimpleNamespace(path=path, duration_s=None)
         self.t = np.asarray(t, dtype=float)
         self.columns = {name: np.zeros(len(self.t)) for name in COLUMNS} | {"t": self.t}
         self.columns |= {name: np.zeros(len(self.t)) + np.asarray(v) for name, v in columns.items()}
@@ -33,16 +34,21 @@ def beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
 
 
 def four_ticks(**columns: Any) -> FakeLog:
-    """Two turns of one second each, two ticks in each."""
+    """Two turns of one second each, two moments in each."""
     circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
-    return FakeLog(circle, [0.0, 1.0, 1.5, 2.0], **columns)
+    return FakeLog(circle, often([0.0, 1.0, 1.5, 2.0]), **{name: often(values) for name, values in columns.items()})
+
+
+def often(values: Any) -> Any:
+    """Each value as often as a statistic needs it."""
+    return np.repeat(values, LEAST) if np.ndim(values) else values
 
 
 def test_lateral_error_by_hand() -> None:
     m = metrics(four_ticks(e_lateral=[1, -1, 2, -4]))
     assert m["lateral_mse"] == pytest.approx(22 / 4)
     assert m["lateral_rms"] == pytest.approx((22 / 4) ** 0.5)
-    assert m["lateral_abs_p95"] == pytest.approx(2 + 0.85 * 2)
+    assert m["lateral_abs_p95"] == pytest.approx(4.0)
     assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1, 10])
 
 
@@ -81,6 +87,7 @@ def test_per_turn_has_every_error_of_the_total() -> None:
     assert next(iter(m)) == "outcome"
     assert set(m) == total | {
         "outcome",
+        "progress",
         "per_turn",
         "nn_share",
         "position_nees",
@@ -114,6 +121,19 @@ def test_absent_values_are_left_out_and_no_value_at_all_is_none() -> None:
     assert m["per_turn"][1]["lateral_abs_p95"] is None
     assert metrics(four_ticks(e_lateral=1e200))["lateral_mse"] is None
     json.loads(json.dumps(m, allow_nan=False))
+
+
+@pytest.mark.parametrize("statistic", [mean, rms, mean_magnitude, abs_p95])
+def test_a_handful_of_values_says_nothing(statistic: Any) -> None:
+    few = np.concatenate((np.ones(LEAST - 1), [np.nan, np.inf]))
+    assert statistic(few) is None
+    assert statistic(np.append(few, 1.0)) == pytest.approx(1.0)
+
+
+def test_a_run_that_is_stopped_at_once_has_no_errors() -> None:
+    m = metrics(FakeLog(FigureEight(), np.arange(LEAST - 1) * 0.05, x=0.3, e_lateral=0.01))
+    assert [m[name] for name in ("lateral_rms", "lateral_abs_p95", "xte_rms", "xte_abs_p95")] == [None] * 4
+    assert m["progress"] < 0.01
 
 
 def test_a_run_without_a_tick_has_no_numbers() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agrobot_mj.metrics.base import LEAST
 from agrobot_mj.metrics.crosstrack import track
 from agrobot_mj.metrics.passes import Passed, pass_to_pass
 from agrobot_mj.paths import Contour, Swaths
@@ -106,9 +107,11 @@ def test_one_pass_has_no_neighbour() -> None:
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
 
 
-def test_a_pass_with_a_single_station_has_its_numbers() -> None:
-    one = Passed(line=0.0, direction=-1, span=50.0, stations=np.array([3.0]), errors=np.array([0.2])).numbers(4)
-    assert (one["pass"], one["complete"]) == (4, False)
-    assert (one["xte_mean"], one["xte_rms"], one["xte_abs_p95"]) == pytest.approx((-0.2, 0.2, 0.2))
-    none = Passed(0.0, 1, 50.0, np.empty(0), np.empty(0)).numbers(1)
-    assert (none["xte_mean"], none["xte_rms"], none["xte_abs_p95"]) == (None, None, None)
+def test_a_pass_needs_some_stations_for_its_numbers() -> None:
+    stations = np.arange(float(LEAST))
+    some = Passed(line=0.0, direction=-1, span=50.0, stations=stations, errors=0.0 * stations + 0.2).numbers(4)
+    assert (some["pass"], some["complete"]) == (4, False)
+    assert (some["xte_mean"], some["xte_rms"], some["xte_abs_p95"]) == pytest.approx((-0.2, 0.2, 0.2))
+    for few in (0, 1, LEAST - 1):
+        none = Passed(0.0, 1, 50.0, stations[:few], stations[:few]).numbers(1)
+        assert (none["xte_mean"], none["xte_rms"], none["xte_abs_p95"]) == (None, None, None)

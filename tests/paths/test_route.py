@@ -9,7 +9,8 @@ from agrobot_mj.control.base import Route
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import every
 from agrobot_mj.metrics.crosstrack import track
-from agrobot_mj.paths import Circle, FigureEight, Line, Path
+from agrobot_mj.paths import Circle, FigureEight, Line, Manoeuvre, Path
+from agrobot_mj.paths.manoeuvre import StraightPiece
 from agrobot_mj.paths.route import STEP_M, SampledRoute
 
 
@@ -123,3 +124,19 @@ def test_it_fills_the_contract_of_the_guidance():
     route: Route = SampledRoute(Line())
     assert route.leg(1.0)[0] == 0.0
     assert pi > route.ahead(1.0).yaw > -pi
+
+
+def test_at_rest_it_tells_where_it_will_set_off_to_and_no_speed():
+    for path, direction in ((Line(), 1.0), (Manoeuvre(piece=(StraightPiece(length_m=9.0, reverse=True),)), -1.0)):
+        route = SampledRoute(path)
+        for place in (route.ahead(0.0), route.ahead(-1.0), route.nearest(0.0, 0.1, 0.0, 0.0)):
+            assert (place.speed, place.direction) == (0.0, direction)
+        assert route.ahead(2.0).direction == direction
+        assert route.ahead(2.0).speed * direction > 0.1
+        assert route.ahead(0.03).x == pytest.approx(0.03 * direction, abs=1e-3)
+
+
+def test_it_sets_off_forward_though_it_reverses_soon():
+    route = SampledRoute(Manoeuvre(piece=(StraightPiece(length_m=3.0), StraightPiece(length_m=9.0, reverse=True))))
+    assert [route.ahead(s).direction for s in (0.0, 2.0, 5.0)] == [1.0, 1.0, -1.0]
+    assert route.ahead(0.03).x == pytest.approx(0.03, abs=1e-3)

@@ -1,7 +1,7 @@
 """A number that is not finite ends the run where it comes from, by name; a bad reading counts as missing."""
 
 import json
-from math import inf, nan
+from math import copysign, inf, nan
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,6 +9,7 @@ import pytest
 from processes import command
 
 from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.signals import Drive
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
@@ -100,6 +101,50 @@ def test_a_law_that_commands_no_number_is_named(monkeypatch, guidance):
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=nan))
     assert run(scenario).metrics["stop_reason"] == f"command.steer is nan, made by the guidance law ({guidance})"
+
+
+@pytest.mark.parametrize("angle", [1e9, -10.0, 1.58])
+@pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
+def test_a_law_that_commands_an_absurd_angle_is_named(monkeypatch, guidance, angle):
+    scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
+    law = type(scenario.guidance.using(scenario.controller))
+    spoiled(monkeypatch, law, "update", second(steer=angle))
+    log = run(scenario)
+    assert log.outcome == "diverged"
+    assert f"deg, beyond a right angle, made by the guidance law ({guidance})" in log.metrics["stop_reason"]
+
+
+@pytest.mark.parametrize("angle", [0.8, 1.2, -1.57])
+def test_an_angle_beyond_the_limit_is_that_of_the_limit(monkeypatch, angle):
+    """For one tick: the derivative of the steering loop would remember a larger one for seconds."""
+    scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
+    law, limit = type(scenario.guidance), scenario.tractor.steer_limit
+    logs = []
+    for steer in (angle, copysign(limit, angle)):
+        with monkeypatch.context() as patched:
+            spoiled(patched, law, "update", second(steer=steer))
+            logs.append(run(scenario))
+    assert logs[0].outcome == "completed"
+    assert abs(logs[0].column("steer_ref")).max() == limit
+    assert logs[0].signals.equals(logs[1].signals)
+
+
+def test_an_absurd_angle_from_outside_is_refused():
+    sim = Simulation("circle", {"plant.kind": "bicycle"})
+    sim.reset()
+    with pytest.raises(CommandError, match="steer: is in radians and must be within a right angle, got 30"):
+        sim.step(steer=30.0)
+    sim.step(steer=1.5)
+    assert sim.log().column("steer_ref")[-1] == sim.scenario.tractor.steer_limit
+
+
+def test_a_law_may_not_write_into_the_filter(monkeypatch):
+    scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
+    sim = Simulation(scenario)
+    sim.reset()
+    for situation in (sim.situation, sim.restore(sim.save()) and sim.situation):
+        with pytest.raises(ValueError, match="read-only"):
+            situation.estimate.covariance[:] = 0.0
 
 
 def test_a_controller_from_outside_that_commands_no_number_is_named(tmp_path):

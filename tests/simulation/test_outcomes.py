@@ -5,11 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agrobot_mj import load_scenario, run
-from agrobot_mj.core.signals import TICK_S, Reference
+from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.control.cascade import Cascade
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S, Command, Reference
 from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.simulation.outcomes import LOST_M, STUCK_PEDAL, STUCK_S, Watch
+from agrobot_mj.simulation.loop import Loop
+from agrobot_mj.simulation.outcomes import LEFT_M, LOST_M, STUCK_PEDAL, STUCK_S, Watch
 from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Ground
 
@@ -89,6 +92,129 @@ def test_the_time_begins_anew_when_it_gets_away_or_lets_go_of_the_pedal():
     assert set(watched([*held, still(0.3, x=0.4), *[still(0.3, x=0.4)] * 190])) == {None}
     assert set(watched([*held, still(0.0), *held])) == {None}
     assert set(watched([still(0.04)] * 1000)) == {None}
+
+
+@pytest.mark.parametrize(("gained", "outcome"), [(LEFT_M - 0.1, {None}), (LEFT_M + 0.1, {None, "stuck"})])
+def test_it_is_stuck_without_a_pedal_once_its_reference_has_left_it(gained, outcome):
+    watch = Watch(SimpleNamespace(trouble=lambda: None))
+    ticks = round(1.2 * STUCK_S / TICK_S)
+    seen = [watch.trouble(still(0.0), 3.0 + gained * k / ticks) for k in range(ticks + 1)]
+    assert set(seen) == outcome
+    watch = Watch(SimpleNamespace(trouble=lambda: None))
+    assert {watch.trouble(still(0.0), 3.0 + 0.06 * k, led=False) for k in range(300)} == {None}
+
+
+def test_who_waits_for_its_reference_is_not_stuck():
+    watch = Watch(SimpleNamespace(trouble=lambda: None))
+    assert {watch.trouble(still(0.0), abs(30.0 - 0.06 * k)) for k in range(900)} == {None}
+
+
+def test_the_reference_leaves_only_from_where_it_is_followed_again():
+    watch = Watch(SimpleNamespace(trouble=lambda: None))
+    assert {watch.trouble(still(0.0), 0.06 * k, led=False) for k in range(300)} == {None}
+    assert {watch.trouble(still(0.0), 18.0) for _ in range(300)} == {None}
+
+
+# --- unfinished -----------------------------------------------------------------------------------------------------
+
+
+def slowed(monkeypatch, factor):
+    """Let the kinematic law command this share of its speed."""
+    update = Cascade.update
+
+    def changed(law, state, situation, dt):
+        state, command = update(law, state, situation, dt)
+        return state, command._replace(speed=factor * command.speed)
+
+    monkeypatch.setattr(Cascade, "update", changed)
+
+
+BRIEF = {"plant__kind": "bicycle"}
+COURSES = (
+    "figure_eight",
+    "circle",
+    "straight_line",
+    "lane_change",
+    "one_hectare",
+    "headland_k_turn",
+    "reverse_into_row",
+)
+
+
+@pytest.mark.parametrize("seconds", [4.5, 8.0, 11.0, 40.0])
+@pytest.mark.parametrize("source", COURSES)
+@pytest.mark.parametrize("speed", [0.0, 1e-9])
+def test_who_stands_still_is_stuck_or_unfinished(monkeypatch, source, seconds, speed):
+    monkeypatch.setattr(Loop, "decide", lambda loop, measured, situation: Command(0.0, speed))
+    log = ends(seconds, source, **BRIEF)
+    assert log.outcome == log.metrics["outcome"] == ("stuck" if seconds > STUCK_S + 0.5 else "unfinished")
+    assert log.metrics["progress"] == 0.0
+    assert not log.as_expected
+
+
+@pytest.mark.parametrize(("factor", "outcome"), [(0.5, "unfinished"), (0.85, "unfinished"), (1.0, "completed")])
+def test_who_drives_too_slowly_does_not_finish(monkeypatch, factor, outcome):
+    slowed(monkeypatch, factor)
+    log = ends(60.0, "straight_line", guidance__saturation_m_s=1e-6, **BRIEF)
+    assert log.outcome == outcome
+    assert log.metrics["progress"] == pytest.approx(factor, abs=0.04)
+    said = log.metrics.get("stop_reason", "")
+    assert said == "" if outcome == "completed" else said.startswith("drove ")
+
+
+def test_who_steers_off_its_path_does_not_finish():
+    sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 30.0})
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=0.3, speed=1.2)
+    assert sim.outcome == sim.log().outcome == sim.log().metrics["outcome"] == "unfinished"
+    assert sim.log().metrics["progress"] < 0.5
+
+
+def test_who_stands_at_the_word_of_another_is_not_stuck():
+    sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 20.0})
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=0.3, speed=0.0)
+    assert sim.outcome == "unfinished"
+
+
+def test_a_wheel_that_is_held_open_loop_has_no_path_to_finish():
+    assert ends(30.0, controller={"kind": "open_loop", "steer_deg": 15.0, "at_s": 5.0}, **BRIEF).outcome == "completed"
+
+
+def test_a_long_stop_by_the_supervisor_is_not_stuck():
+    log = run(load_scenario("gnss_gone", {"plant.kind": "bicycle", "supervisor.settle_s": 14.0}))
+    assert log.outcome == "stopped"
+    assert log.as_expected
+
+
+def test_a_long_rest_at_a_cusp_is_not_stuck():
+    log = ends(60.0, "reverse_into_row", path__cusp_pause_s=20.0)
+    assert log.outcome == "completed"
+
+
+def test_a_reason_can_be_expected():
+    scenario = load_scenario("gnss_gone")
+    assert scenario.expects("stopped", "no GNSS fix for 8.1 s")
+    assert not scenario.expects("stopped", "wheels 232 deg off the steering command")
+    assert not scenario.expects("completed", "")
+    blind = {"plant.kind": "bicycle", "supervisor.max_sigma_m": 0.05, "duration_s": 60.0}
+    log = run(scenario.changed(blind))
+    assert log.outcome == "stopped"
+    assert not log.as_expected
+    assert scenario.changed({"expected_reason": "position known"}).hash8 == scenario.hash8
+    with pytest.raises(ScenarioError, match="expected_reason: only stopped, unfinished, diverged have one"):
+        load_scenario("circle", {"expected_reason": "no GNSS fix"})
+
+
+def test_who_breaks_off_after_the_end_changes_nothing():
+    sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": 0.1})
+    sim.reset()
+    while not sim.done:
+        sim.step()
+    sim.abort()
+    assert sim.outcome == "completed"
 
 
 # --- the others ---------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from agrobot_mj.simulation.storage import write_log
 Pacing = Literal["real_time", "answered"]
 """The wall clock paces the run, or the host by its answers."""
 HIGHEST_PORT = 65535
-FREE = ("name", "title", "version", "expected_outcome", "duration_s")
+FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
 """Keys in which a replay may differ from its record."""
 __all__ = ["Arguments", "NoHostError", "link"]
 

@@ -7,7 +7,7 @@ for what it is behind or ahead by a proportional law.
 Reward, by the truth: 1 / (1 + |cross-track| / SHARP_M) - EFFORT |change of the steering action|, so that it is 1 on
 the path and never worth ending. The episode terminates where the run fails (`rolled_over`, `stuck`, `diverged`,
 `left_terrain`) or the tractor is further than `max_offset_m` from the path (`off_path`); it is truncated at the end of
-the scenario.
+the scenario, `completed` or `unfinished`.
 """
 
 from collections.abc import Mapping

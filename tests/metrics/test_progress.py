@@ -1,0 +1,177 @@
+"""Progress: the share of the path that was driven, by tractors that are put where they drive."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.metrics import RunView, metrics, progress_of
+from agrobot_mj.paths import Circle, FigureEight, LaneChange, Line, Manoeuvre, Swaths
+from agrobot_mj.paths.manoeuvre import StraightPiece
+
+THERE_AND_BACK = Manoeuvre(
+    piece=(StraightPiece(length_m=20.0), StraightPiece(length_m=15.0, reverse=True), StraightPiece(length_m=10.0))
+)
+PATHS = {
+    "line": Line(length_m=40.0),
+    "lane_change": LaneChange(),
+    "laps": Circle(radius_m=5.0, turns=3),
+    "figure_eight": FigureEight(radius_m=4.0, straight_m=12.0, run_in_m=5.0, turns=2),
+    "omega": Swaths(length_m=25.0, run_in_m=5.0, swath_m=2.0, count=3),
+    "k": Swaths(length_m=25.0, run_in_m=5.0, swath_m=2.0, count=3, turn="k"),
+    "into a row": Manoeuvre(),
+    "there and back": THERE_AND_BACK,
+}
+every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
+
+
+def ticks(path, duration=None):
+    return np.arange(0.0, path.duration_s if duration is None else duration, TICK_S)
+
+
+def places(path, times):
+    """Where the reference is at these times, shape (n, 2) [m]."""
+    return np.array([path.at(t)[:2] for t in np.asarray(times).tolist()])
+
+
+def view(path, place, duration=None):
+    """The run of a tractor that is at `place` (n, 2) in each tick."""
+    t = ticks(path, duration)[: len(place)]
+    columns = {"t": t, "x": place[:, 0], "y": place[:, 1]}
+    return RunView(
+        SimpleNamespace(scenario=SimpleNamespace(path=path, duration_s=duration), column=columns.__getitem__)
+    )
+
+
+def share(path, place, duration=None):
+    return progress_of(view(path, place, duration)).share
+
+
+def way(place):
+    return float(np.hypot(*np.diff(place, axis=0).T).sum())
+
+
+@every_path
+def test_who_follows_has_driven_all_of_it(path):
+    assert share(path, places(path, ticks(path))) == pytest.approx(1.0, abs=0.01)
+
+
+@every_path
+@pytest.mark.parametrize("late_s", [1.0, 3.0])
+def test_who_comes_late_has_driven_all_but_the_end(path, late_s):
+    """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
+    t = ticks(path)
+    found = progress_of(view(path, places(path, t - late_s)))
+    cusps = {"k": 4, "into a row": 1, "there and back": 2}.get(next(k for k, p in PATHS.items() if p is path), 0)
+    assert found.driven > found.length - (1 + cusps) * late_s * path.speed_m_s - 0.5
+    assert found.enough or cusps
+
+
+@every_path
+def test_who_stands_has_driven_nothing_however_often_the_reference_passes(path):
+    for part in (0.0, 0.37):
+        place = np.tile(places(path, [part * path.duration_s]), (len(ticks(path)), 1))
+        found = progress_of(view(path, place + np.random.default_rng(1).normal(0.0, 1e-4, place.shape)))
+        assert found.driven == 0.0
+        assert not found.enough
+
+
+@every_path
+def test_who_stops_has_driven_what_it_drove(path):
+    t = ticks(path)
+    stopped = places(path, np.minimum(t, 0.6 * path.duration_s))
+    found = progress_of(view(path, stopped))
+    assert found.driven == pytest.approx(way(stopped), rel=0.02, abs=0.5)
+    assert not found.enough
+
+
+def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
+    path = FigureEight()
+    t = ticks(path)
+    place = places(path, t * (1 - 17.0 / 1.2 / path.duration_s))
+    found = progress_of(view(path, place))
+    assert found.length - found.driven == pytest.approx(17.0, abs=0.6)
+    assert found.enough
+
+
+@pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
+def test_beside_the_corridor_nothing_is_driven(aside, expected):
+    path = Line(length_m=60.0)
+    assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
+
+
+def test_a_bend_that_is_cut_is_driven_inside():
+    path = Circle(radius_m=8.0, direction="left", turns=2)
+    centre = path.at(0.0)[:2] + np.array([0.0, 8.0])
+    outside = places(path, ticks(path))
+    assert np.hypot(*(outside - centre).T) == pytest.approx(8.0)
+    assert share(path, centre + (outside - centre) * 0.5) == pytest.approx(1.0, abs=0.02)
+
+
+def test_each_lap_counts():
+    path = Circle(radius_m=5.0, turns=4)
+    t = ticks(path)
+    one_lap = places(path, np.minimum(t, path.turns_s[0][1]))
+    assert share(path, one_lap) == pytest.approx(0.25, abs=0.01)
+
+
+def test_what_is_leapt_over_is_not_driven():
+    path = Line(length_m=60.0)
+    t = ticks(path)
+    place = places(path, t)
+    place[:, 0] += np.where(place[:, 0] > 20.0, 8.0, 0.0)
+    found = progress_of(view(path, place))
+    assert found.driven == pytest.approx(52.0, abs=1.0)
+
+
+def test_an_excursion_costs_its_length_and_the_tractor_is_found_again():
+    path = FigureEight()
+    t = ticks(path)
+    place = places(path, t)
+    place[1000:1400] += [0.0, 60.0]
+    found = progress_of(view(path, place))
+    assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
+
+
+def test_the_path_reaches_as_far_as_its_reference_comes():
+    path = FigureEight()
+    short = places(path, ticks(path, 30.0))
+    assert share(path, short, 30.0) == pytest.approx(1.0, abs=0.01)
+    assert share(path, short) == pytest.approx(way(short) / way(places(path, ticks(path))), abs=0.01)
+    line = Line(length_m=20.0)
+    assert share(line, places(line, ticks(line, 300.0)), 300.0) == pytest.approx(1.0, abs=0.02)
+    assert share(line, places(line, np.minimum(ticks(line, 300.0), 9.0)), 300.0) < 0.5
+
+
+def test_early_rows_of_a_long_plan_are_little():
+    path = Line(length_m=100.0)
+    assert share(path, places(path, ticks(path))[:200], 80.0) == pytest.approx(9.6 / 93.6, abs=0.02)
+
+
+def test_numbers_that_are_none_are_left_out():
+    path = Line(length_m=40.0)
+    place = places(path, ticks(path))
+    place[100] = np.nan
+    place[200] = 1e300
+    assert share(path, place) > 0.9
+    assert share(path, place * np.nan) == 0.0
+    assert share(path, place[:0]) == 0.0
+
+
+@pytest.mark.parametrize("duration", [0.05, 0.3, 0.6])
+def test_next_to_no_path_has_no_share(duration):
+    path = Line(speed_m_s=0.2)
+    found = progress_of(view(path, np.zeros((1, 2)), duration))
+    assert found.share is None
+    assert found.enough
+
+
+def test_it_is_a_metric():
+    path = FigureEight(turns=1)
+    t = ticks(path, 30.0)
+    from test_metrics import FakeLog
+
+    log = FakeLog(path, t, x=path.at(0.0).x, y=path.at(0.0).y)
+    log.scenario.duration_s = 30.0
+    assert metrics(log)["progress"] == 0.0
