@@ -30,6 +30,9 @@ ASTRAY_M = 1.0
 LEAP_M = 1.5
 """Longest piece of the path that is driven between two places: in a bend, the tractor inside, more than STEP_M [m]."""
 
+FARTHEST_M = 1e7
+"""Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
+
 
 class Progress(NamedTuple):
     """How much of its path a tractor drove."""
@@ -143,10 +146,8 @@ def _places(view: RunView) -> Iterator[tuple[float, float, float]]:
     columns = [view.chunked(name) for name in ("t", "x", "y")]
     for chunk in zip(*columns, strict=True):
         rows = np.column_stack(chunk)
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        with np.errstate(over="ignore", invalid="ignore"):
-            way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
-            marks = np.floor(way / STEP_M)
-        kept = np.diff(marks, prepend=-1.0) > 0
+        rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
+        way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
+        kept = np.diff(np.floor(way / STEP_M), prepend=-1.0) > 0
         kept[-1:] = True
         yield from rows[kept].tolist()
