@@ -34,7 +34,7 @@ FARTHEST_M = 1e7
 """Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
 
 
-class Progress(NamedTuple):
+class PathProgress(NamedTuple):
     """How much of its path a tractor drove."""
 
     driven: float
@@ -60,7 +60,7 @@ def progress(view: RunView) -> dict[str, Any]:
     return {"progress": progress_of(view).share}
 
 
-def progress_of(view: RunView) -> Progress:
+def progress_of(view: RunView) -> PathProgress:
     """How much of the path of a run was driven, up to its last row."""
     own, duration = view.path.duration_s, view.log.scenario.duration_s
     planned = own if duration is None else duration
@@ -68,7 +68,7 @@ def progress_of(view: RunView) -> Progress:
     walk = _Walk(stations)
     for t, x, y in _places(view):
         walk.go(t, x, y)
-    return Progress(walk.driven, stations.s[-1], stations.s[stations.at(planned - LATE_S)])
+    return PathProgress(walk.driven, stations.s[-1], stations.s[stations.at(planned - LATE_S)])
 
 
 class _Stations:
