@@ -14,14 +14,14 @@ __all__ = ["Simulation", "__version__", "load_scenario", "register", "run"]
 if TYPE_CHECKING:
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.scenario.plugins import register
-    from agrobot_mj.simulation.run import run
+    from agrobot_mj.simulation.api import run
     from agrobot_mj.simulation.stepping import Simulation
 
 _HOMES = {
     "Simulation": "agrobot_mj.simulation.stepping",
     "load_scenario": "agrobot_mj.scenario.loading",
     "register": "agrobot_mj.scenario.plugins",
-    "run": "agrobot_mj.simulation.run",
+    "run": "agrobot_mj.simulation.api",
 }
 """Module of each name of the API, imported on first use."""
 

@@ -20,6 +20,7 @@ from agrobot_mj.control.path_network import PathInput, PathNetworkState
 from agrobot_mj.control.t2fnn_laws import sgn
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.base import RunView
+from agrobot_mj.metrics.success import failures, has_errors
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.studies.style import STYLE, save
 
@@ -180,18 +181,24 @@ def comparison_table(surface: str) -> str:
     lines = [f"| law | seeds | {' | '.join(f'{name} [cm]' for name in measures.values())} | steering travel [deg] |"]
     lines.append("|---|---:|" + "---:|" * (len(measures) + 1))
     for law in LAWS:
-        if mine := [row for (name, _), row in rows.items() if name == law]:
+        every = [row for (name, _), row in rows.items() if name == law]
+        if mine := [row for row in every if has_errors(row)]:
             means = [f"{100 * np.mean([row[key] for row in mine]):.2f}" for key in measures]
             travel = np.mean([row["travel_deg"] for row in mine])
-            lines.append(f"| {law} | {len(mine)} | {' | '.join(means)} | {travel:.0f} |")
+            seeds = str(len(mine)) if len(mine) == len(every) else f"{len(mine)} (failed {failures(every)})"
+            lines.append(f"| {law} | {seeds} | {' | '.join(means)} | {travel:.0f} |")
+        elif every:
+            lines.append(f"| {law} | 0 (failed {failures(every)}) | {' | '.join('-' * (len(measures) + 1))} |")
     lines += ["", f"| paired difference | seeds | {' | '.join(f'{name} [cm]' for name in measures.values())} |"]
     lines.append("|---|---:|" + "---:|" * len(measures))
     pairs = [(law, base) for law in ("learner + P", "learner + LQR") for base in BASELINES]
     for law, base in [*pairs, ("learner + P", "learner + P, type 1")]:
-        both = [seed for name, seed in rows if name == law and (base, seed) in rows]
+        pairs_of = [seed for name, seed in rows if name == law and (base, seed) in rows]
+        both = [seed for seed in pairs_of if has_errors(rows[law, seed]) and has_errors(rows[base, seed])]
+        count = str(len(both)) if len(both) == len(pairs_of) else f"{len(both)} of {len(pairs_of)}"
         if len(both) > 1:
             cells = [_difference([rows[law, s][key] - rows[base, s][key] for s in both]) for key in measures]
-            lines.append(f"| {law} less {base} | {len(both)} | {' | '.join(cells)} |")
+            lines.append(f"| {law} less {base} | {count} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

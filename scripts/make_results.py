@@ -32,10 +32,9 @@ def differences(rows: list[dict]) -> str:
             if (estimator, surface, other) not in values:
                 texts.append("-")
                 continue
-            d, low, high = (
-                100 * v for v in paired(values[estimator, surface, network], values[estimator, surface, other])
-            )
-            texts.append(f"{d:+.1f} ({low:+.1f} to {high:+.1f})")
+            *found, failed = paired(values[estimator, surface, network], values[estimator, surface, other])
+            d, low, high = (100 * v for v in found)
+            texts.append(f"{d:+.1f} ({low:+.1f} to {high:+.1f})" + (f", {failed} seeds failed" if failed else ""))
         lines.append(f"| `{estimator}` | {surface} | " + " | ".join(texts) + " |")
     return "\n".join(lines)
 

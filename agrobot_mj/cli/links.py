@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
@@ -64,6 +65,7 @@ def link(
     load_plugins(plugins)
     given = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
     scenario = load_scenario(source, {k: v for k, v in given.items() if v is not None} | overrides(sets))
+    tell_doubts([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-link-{scenario.hash8}")
     arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live, not no_rrd)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
@@ -113,6 +115,7 @@ def ros2(
     load_plugins(plugins)
     length = {} if duration is None else {"duration_s": duration}
     scenario = load_scenario(source, {"guidance.kind": "cmd_vel", **SENSORS, **length} | overrides(sets))
+    tell_doubts([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-ros2-{scenario.hash8}")
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
@@ -32,7 +33,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run one scenario."""
-    from agrobot_mj.scenario.doubts import doubts
+    from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
@@ -43,8 +44,7 @@ def run(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers: list[Watcher] = [] if quiet else [Progress()]
-    for line in [] if quiet else doubts(scenario):
-        print(f"{scenario.name}: {line}", file=sys.stderr)
+    tell_doubts([scenario], quiet)
     if live or not no_rrd:
         from agrobot_mj.recording import Recording
 
@@ -53,7 +53,7 @@ def run(
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     if not quiet:
-        rms = log.metrics["lateral_rms"]
+        rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
         error = "" if rms is None else f", lateral rms {rms:.3f} m"
         say(f"{scenario.name}: {log.outcome}{error}, {folder}")
     if rejected := log.metrics.get("rejected_readings"):
@@ -91,28 +91,34 @@ def compare(
 
     Writes a folder for each run, comparison.json, and the paper's figures.
     """
+    from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies import compare as study
     from agrobot_mj.studies.compare_plan import plan
-    from agrobot_mj.studies.tables import table
+    from agrobot_mj.studies.tables import notes, table
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}
     inner, outer, machines = (None if text is None else names(text, option) for option, text in kinds.items())
     todo, left_out = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
-    for line in left_out:
-        print(line, file=sys.stderr)
+    if left_out:
+        print(*left_out, sep="\n", file=sys.stderr)
+    tell_doubts((case.scenario for case in todo[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     claim, label = claimed(folder, study.files_of_comparison(todo)), f"{scenario.name}: {len(todo)} runs"
     with claim, interruptible(), task(label, len(todo), quiet) as advance:
         rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
-        say(table(rows))
-        say(f"figures and runs: {folder}")
-    if not all(scenario.expects(row["outcome"], row.get("stop_reason", "")) for row in rows):
-        if quiet:
-            print(f"{scenario.name}: not every run ended as {scenario.expectation}", file=sys.stderr)
+        say("\n".join([table(rows), *notes(rows), f"figures and runs: {folder}"]))
+    _leave_failed(scenario.name, failures(rows), quiet)
+
+
+def _leave_failed(name: str, failed: str, quiet: bool) -> None:
+    """Leave with exit status 1 if runs failed."""
+    if failed and quiet:
+        print(f"{name}: failed {failed}", file=sys.stderr)
+    if failed:
         raise typer.Exit(1)

@@ -2,10 +2,11 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
 from agrobot_mj.cli.output import say
@@ -75,19 +76,26 @@ def tune(
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.tune import tune as search
-    from agrobot_mj.studies.tune import write_tuning
+    from agrobot_mj.studies.tune import tuning_cases, write_tuning
 
     load_plugins(plugins)
     kind = {} if guidance is None else {"guidance.kind": guidance}
     scenario = load_scenario(source, {**kind, **overrides(sets)})
     folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
+    tell_doubts((case.scenario for part in ("training", "test") for case in tuning_cases(scenario, part, 1)), quiet)
     with claimed(folder, ("tuning.json",)), interruptible():
         with task(f"{scenario.guidance.kind}: {budget} evaluations", budget) as advance:
             found = search(scenario, budget, seeds, jobs, lambda evaluations: [advance() for _ in range(evaluations)])
         path = write_tuning(found, folder)
     if not quiet:
         for part in ("training", "test"):
-            score = found.provenance[part]
-            say(f"{part}: {score['score']['mean']:.3f}, before {score['score_of_defaults']['mean']:.3f}")
+            now, before = (_score(found.provenance[part], name) for name in ("score", "score_of_defaults"))
+            say(f"{part}: {now}, before {before}")
         say(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
         say(path)
+
+
+def _score(part: dict[str, Any], name: str) -> str:
+    """A mean cost, with how many runs failed."""
+    failed = part[name]["failed"]
+    return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")

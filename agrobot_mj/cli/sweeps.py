@@ -2,11 +2,13 @@
 
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import (
     Jobs,
@@ -57,7 +59,7 @@ def sweep(
     folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
     with interruptible():
-        found = run_sweep(sources[0], folder, options)
+        found = run_sweep(sources[0], folder, options, partial(tell_doubts, quiet=quiet))
     if found.errors:
         print(f"{found.errors:,} runs raised an error; column error says which", file=sys.stderr)
     if not quiet:
@@ -129,10 +131,12 @@ def limit(
 
     def tell(law: str, tried: Tried) -> None:
         if not quiet:
-            print(f"{law}: {key} = {tried.value:g}: {tried.runs - tried.failed} of {tried.runs} succeed", flush=True)
+            count = f"{tried.runs - tried.failed} of {tried.runs} succeed"
+            ends = f" ({tried.ends})" if tried.unexpected else ""
+            print(f"{law}: {key} = {tried.value:g}: {count}{ends}", flush=True)
 
     with interruptible():
-        found = search(scenario, question, kinds, folder, jobs, tell)
+        found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet))
     if not quiet:
         print("\n".join([*(each.statement for each in found), str(folder / "limit.json")]))
 

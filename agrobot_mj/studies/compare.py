@@ -5,12 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from agrobot_mj.metrics.success import without_errors
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import claimed, files_of_run, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
+from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.pool import cores, spread
 
 MOST_DRAWN = 24
@@ -26,7 +28,8 @@ def compare(
 ) -> list[dict[str, Any]]:
     """Run all cases, some at a time, and write everything under `folder`; returns the rows of comparison.json.
 
-    Figures and the common recording are of the first seed and the first `MOST_DRAWN` laws.
+    Tracking errors of a run that failed are None there; its own metrics.json has what was measured. Figures and the
+    common recording are of the first seed and the first `MOST_DRAWN` laws.
     """
     shown = drawn(todo)
     wanted = frozenset(case.folder for case in shown)
@@ -39,13 +42,15 @@ def compare(
         if log is not None:
             logs[case.folder] = log
         done(case)
-    rows = [_row(case, metrics[case.folder]) for case in todo]
+    covered = pieces(case.scenario for case in todo)
+    rows = [_row(case, piece, metrics[case.folder]) for case, piece in zip(todo, covered, strict=True)]
     write_json(folder / "comparison.json", rows)
     if rrd:
         write_comparison([(f"{case.plant}-{case.law}", logs[case.folder]) for case in shown], folder / "comparison.rrd")
     from agrobot_mj.studies.report import write_figures  # here, since workers import this module and draw nothing
 
-    write_figures([(case.plant, case.law, logs[case.folder]) for case in shown], folder)
+    failed = {row["folder"] for row in rows if not row["expected"]}
+    write_figures([(case.plant, case.law, logs[case.folder], case.folder in failed) for case in shown], folder)
     return rows
 
 
@@ -72,6 +77,8 @@ def _run_case(case: Case, folder: Path, rrd: bool, wanted: frozenset[str]) -> tu
     return log.metrics, log if case.folder in wanted else None
 
 
-def _row(case: Case, metrics: dict[str, Any]) -> dict[str, Any]:
+def _row(case: Case, piece: int, metrics: dict[str, Any]) -> dict[str, Any]:
     law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
-    return {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, **metrics}
+    about = {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, "piece": piece}
+    expected = case.scenario.expects(metrics["outcome"], metrics.get("stop_reason", ""))
+    return without_errors({**about, "outcome": metrics["outcome"], "expected": expected, **metrics})

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics.success import error_of
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pool import cores, spread
@@ -125,23 +126,24 @@ def interval(values: Array, draws: int = 4000) -> tuple[float, float]:
 
 
 def by_cell(rows: Iterable[Mapping[str, Any]], name: str) -> dict[tuple[str, str, str], dict[int, float]]:
-    """Values of the metric `name` by (estimator, surface, law) and seed; a run that did not complete has NaN."""
+    """Values of the metric `name` by (estimator, surface, law) and seed; a run that failed has NaN."""
     found: dict[tuple[str, str, str], dict[int, float]] = {}
     for row in rows:
-        value = row.get(name)
-        number = float(value) if row["outcome"] == "completed" and value is not None else float("nan")
+        value = error_of(row, name)
+        number = float("nan") if value is None else value
         found.setdefault((row["estimator"], row["surface"], row["law"]), {})[row["seed"]] = number
     return found
 
 
-def paired(one: Mapping[int, float], other: Mapping[int, float]) -> tuple[float, float, float]:
-    """Mean and 95 % interval of `one` less `other` over the seeds of both."""
+def paired(one: Mapping[int, float], other: Mapping[int, float]) -> tuple[float, float, float, int]:
+    """Mean and 95 % interval of `one` less `other` over the seeds of both, and of how many of these a run failed."""
     seeds = sorted(one.keys() & other.keys())
     difference = np.array([one[s] - other[s] for s in seeds])
-    difference = difference[np.isfinite(difference)]
-    if not len(difference):
-        return np.nan, np.nan, np.nan
-    return (float(difference.mean()), *interval(difference))
+    good = difference[np.isfinite(difference)]
+    failed = len(difference) - len(good)
+    if not len(good):
+        return np.nan, np.nan, np.nan, failed
+    return (float(good.mean()), *interval(good), failed)
 
 
 def table(rows: Sequence[Mapping[str, Any]], estimator: str, name: str = "xte_rms", factor: float = 100.0) -> str:

@@ -3,7 +3,7 @@
 Input: runs as (plant, law, log), one run for each pair. One PNG per figure, one column of panels per plant. A law
 keeps its colour. A signal that a law does not have (a yaw-rate error, the parts of a cascade) is left out. Errors are
 position less reference: left of the path and ahead of the reference are positive (the log keeps the paper's sign,
-reference less position).
+reference less position). A run that failed ends with a cross.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -44,6 +44,8 @@ class ReportedRun(NamedTuple):
     """Name of the law: a yaw controller, a guidance law, a variant."""
     log: LogLike
     """Its log."""
+    failed: bool = False
+    """Whether it did not end as expected."""
 
     @property
     def name(self) -> str:
@@ -55,8 +57,13 @@ class ReportedRun(NamedTuple):
 Runs = Sequence[ReportedRun]
 
 
-def write_figures(runs: Iterable[tuple[str, str, LogLike]], folder: Path) -> list[Path]:
-    """Draw the figures of `runs` into `folder`; return the files. A figure is left out if no run has data for it."""
+def write_figures(
+    runs: Iterable[tuple[str, str, LogLike] | tuple[str, str, LogLike, bool]], folder: Path
+) -> list[Path]:
+    """Draw the figures of `runs`, each a `ReportedRun` or as one, into `folder`; return the files.
+
+    A figure is left out if no run has data for it.
+    """
     named = [ReportedRun(*run) for run in runs]
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}
@@ -84,7 +91,7 @@ def trajectory(runs: Runs) -> Figure:
     _label(grid, "x [m]", "y [m]")
     turns = [_key("first turn", DARK_GREY, ":"), _key("later turns", DARK_GREY)]
     several = len(runs[0].log.scenario.path.turns_s) > 1
-    _legend(figure, [_key("reference", "black", width=0.5), *(turns if several else []), *_keys(runs)])
+    _legend(figure, [_key("reference", "black", width=0.5), *(turns if several else []), *_keys(runs), *_failed(runs)])
     return figure
 
 
@@ -151,9 +158,11 @@ def _overlay(runs: Runs, column: str, label: str, sign: float = 1.0) -> Figure:
     grid = figure.subplots(1, len(plants), sharex=True, sharey=True, squeeze=False)
     for axes, plant in zip(grid[0], plants, strict=True):
         for run in (run for run in runs if run.plant == plant):
-            axes.plot(run.log.column("t"), sign * run.log.column(column), color=_colour(runs, run.law))
+            t, values = run.log.column("t"), sign * run.log.column(column)
+            axes.plot(t, values, color=_colour(runs, run.law))
+            _mark_end(axes, runs, run, t, values)
         axes.set_title(plant)
-    _finish(figure, grid, runs, label, _keys(runs))
+    _finish(figure, grid, runs, label, [*_keys(runs), *_failed(runs)])
     return figure
 
 
@@ -232,6 +241,19 @@ def _keys(runs: Runs) -> list[Line2D]:
     return [_key(name, _colour(runs, law)) for law, name in names.items()]
 
 
+def _failed(runs: Runs) -> list[Line2D]:
+    """The key of failed runs, if there are any."""
+    if not any(run.failed for run in runs):
+        return []
+    return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]
+
+
+def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> None:
+    """A cross where a failed run ended."""
+    if run.failed and len(x):
+        axes.scatter(x[-1:], y[-1:], marker="x", s=25, color=_colour(runs, run.law), zorder=3)
+
+
 def _colour(runs: Runs, law: str) -> str:
     """Colour of a law; those without one of their own take what the others leave, in turn."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
@@ -251,6 +273,7 @@ def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
         t, x, y = (run.log.column(name) for name in ("t", "x", "y"))
         for rows, style in ((t > first_end, "-"), (t <= first_end, ":")):
             axes.plot(x[rows], y[rows], color=_colour(runs, run.law), linestyle=style)
+        _mark_end(axes, runs, run, x, y)
     paths = [run.log.scenario.path for run in runs]
     for path in (path for k, path in enumerate(paths) if path not in paths[:k]):
         start, end = path.turns_s[0]

@@ -8,17 +8,19 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from agrobot_mj.metrics.success import error_of, failures, has_errors
+
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
 
     `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of the first law with `pd`
-    on the same plant, variant and seed; values of turns that a run did not complete are left out. Variant and guidance
-    have a column where they tell rows apart.
+    on the same plant, variant, seed and piece of path; runs that failed have no errors (`metrics.success`). Variant,
+    guidance, seed and piece have a column where they tell rows apart.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
-    pd_mse = {_place(row): row.get("lateral_mse") for row in of_pd}
-    names = [name for name in ("plant", "variant", "guidance", "controller", "seed") if _tells(rows, name)]
+    pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
+    names = [name for name in ("plant", "variant", "guidance", "controller", "seed", "piece") if _tells(rows, name)]
     text = Table(box=box.MARKDOWN)
     for name in (*names, "outcome"):
         text.add_column(name)
@@ -33,25 +35,37 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
 
 
+def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines under the table: which runs failed and how, and whether errors can be compared at all."""
+    laws: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
+    found = [f"{law}: failed {text}; no errors of these" for law, some in laws.items() if (text := failures(some))]
+    if len({row.get("piece") for row in rows}) > 1:
+        found.append("the runs cover different pieces of path (column piece): compare errors within one piece only")
+    return found
+
+
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
     """Whether a column is shown: the plant and the controller always, others where they differ."""
     return name in ("plant", "controller") or len({row.get(name) for row in rows}) > 1
 
 
 def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return row["plant"], row.get("variant"), row.get("seed")
+    return row["plant"], row.get("variant"), row.get("seed"), row.get("piece")
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
     """Cells of a row of the table, from its mean square error on."""
-    mse = row.get("lateral_mse")
-    whole = {turn["turn"]: turn for turn in row.get("per_turn", []) if turn["complete"]}
+    mse = error_of(row, "lateral_mse")
+    turns = (row.get("per_turn") or []) if has_errors(row) else []
+    whole = {turn["turn"]: turn for turn in turns if turn["complete"]}
     shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}
     return [
         _text(mse, 4),
         *(_text(whole[k]["lateral_mse"], 4) if k in whole else "-" for k in (1, 2)),
         _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
-        _text(row.get("xte_rms"), 3),
+        _text(error_of(row, "xte_rms"), 3),
         *(_text(shares.get(k), 3) for k in (1, 2)),
     ]
 

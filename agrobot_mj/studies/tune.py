@@ -1,10 +1,10 @@
 """Gains of a guidance law by search: the same objective, cases and budget for every law, judged on other cases.
 
-Objective: the mean over surfaces, speeds and seeds of  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S;  a run that
-does not complete its path, or leaves it by metres, counts as FAILED. A worn valve among the cases is what a loss of
-margin costs. Differential evolution over the ranges that the law declares (`tunable`), begun with its defaults, so
-that the result is never worse on the training cases than these; test surfaces and seeds are never seen by the search.
-The result says how it came about.
+Objective: the mean over surfaces, speeds and seeds of  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S.  A run that
+fails (`metrics.success`) costs more than any that succeeds, the more the less of its path it drove. Every speed drives
+the same piece of the path. A worn valve among the cases is what a loss of margin costs. Differential evolution over the
+ranges that the law declares (`tunable`), begun with its defaults, so that the result is never worse on the training
+cases than these; test surfaces and seeds are never seen by the search. The result says how it came about.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -12,6 +12,7 @@ from functools import partial
 from itertools import product
 from math import degrees, exp, log
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,17 +20,22 @@ from scipy.optimize import differential_evolution
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.version import __version__
+from agrobot_mj.metrics.success import COMPLETED, error_of, failures
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.pieces import at_speed
 from agrobot_mj.studies.pool import pool
 
 XTE_M = 0.05
 """Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
-FAILED = 20.0
-"""Cost of a run that fails, and the most that any run costs [-]."""
+MOST = 20.0
+"""Most that a run costs which succeeds [-]."""
+FAILED = 25.0
+"""Least that a run costs which fails; one that drove nothing of its path costs MOST more [-]."""
 POPULATION = 8
 """Candidates in a generation."""
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
@@ -65,6 +71,15 @@ class TuningCase(NamedTuple):
     """Speed on the path [m/s]."""
     seed: int
     scenario: Scenario
+
+
+class Judgement(NamedTuple):
+    """What one run is worth."""
+
+    cost: float
+    """Its part of the objective [-]."""
+    row: dict[str, Any]
+    """Its metrics and whether it ended as expected, see `metrics.success`."""
 
 
 class Tuning(NamedTuple):
@@ -106,27 +121,31 @@ def tuning_cases(scenario: Scenario, part: str, seeds: int) -> list[TuningCase]:
     found = []
     for (surface, changes), speed in product(surfaces.items(), SPEEDS[part]):
         try:
-            changed = scenario.changed({**changes, "path.speed_m_s": speed})
+            changed = at_speed(scenario.changed(changes), speed)
         except ScenarioError:
             continue
         found += [TuningCase(surface, speed, s, changed.changed({"seed": s})) for s in range(first, first + seeds)]
     return found
 
 
-def cost(scenario: Scenario, gains: Overrides) -> float:
-    """Cost of one run under these gains [-]."""
+def judge(scenario: Scenario, gains: Overrides) -> Judgement:
+    """One run under these gains."""
     done = run(scenario.changed(gains))
-    steer = done.column("steer")
-    if not done.as_expected or done.metrics["xte_rms"] is None:
-        return FAILED
-    xte = float(done.metrics["xte_rms"])
-    travel = degrees(float(np.abs(np.diff(steer)).sum())) / float(done.column("t")[-1])
-    return min(xte / XTE_M + travel / TRAVEL_DEG_S, FAILED)
+    row = {**done.metrics, "outcome": done.outcome, "expected": done.as_expected}
+    return Judgement(_cost(row, done), row)
+
+
+def _cost(row: dict[str, Any], done: Log) -> float:
+    xte = error_of(row, "xte_rms")
+    if xte is None:
+        return FAILED + MOST * (1.0 - min(max(float(row.get("progress") or 0.0), 0.0), 1.0))
+    travel = degrees(float(np.abs(np.diff(done.column("steer"))).sum())) / float(done.column("t")[-1])
+    return min(xte / XTE_M + travel / TRAVEL_DEG_S, MOST)
 
 
 def mean_cost(cases: Sequence[TuningCase], gains: Overrides) -> float:
     """The objective [-]."""
-    return sum(cost(case.scenario, gains) for case in cases) / len(cases)
+    return fmean(judge(case.scenario, gains).cost for case in cases)
 
 
 def tune(
@@ -139,6 +158,11 @@ def tune(
     """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations."""
     ranges = tunable(scenario)
     check_size(budget, seeds)
+    if scenario.expected_outcome != COMPLETED:
+        raise ScenarioError(
+            f"{scenario.name}: expects {scenario.expected_outcome}, and only a run that completes has an error to make "
+            f"small; add --set expected_outcome={COMPLETED}"
+        )
     training, test = (tuning_cases(scenario, part, seeds) for part in ("training", "test"))
     if not training:
         raise ScenarioError(f"{scenario.name}: none of the surfaces of a tuning fits this scenario")
@@ -211,6 +235,8 @@ def _judged(cases: Sequence[TuningCase], gains: Overrides) -> dict[str, Any]:
         "seeds": sorted({case.seed for case in cases}),
     }
     for name, chosen in (("score", gains), ("score_of_defaults", {})):
-        scores = {s: mean_cost([case for case in cases if case.surface == s], chosen) for s in surfaces}
-        found[name] = {**scores, "mean": sum(scores.values()) / max(len(scores), 1)}
+        judged = {surface: [judge(c.scenario, chosen) for c in cases if c.surface == surface] for surface in surfaces}
+        scores = {surface: fmean(each.cost for each in some) for surface, some in judged.items()}
+        failed = failures([each.row for some in judged.values() for each in some])
+        found[name] = {**scores, "mean": sum(scores.values()) / max(len(scores), 1), "failed": failed}
     return found

@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import agrobot_mj
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.simulation.api import ScenarioWarning
 from agrobot_mj.simulation.outcomes import Watch
 from agrobot_mj.terrain.shapes import PolygonPatch
 
@@ -81,6 +83,39 @@ def test_the_command_tells_doubts_on_stderr(monkeypatch, capsys, tmp_path):
         cli.main()
     assert leaving.value.code == 0
     assert capsys.readouterr().err == "circle: fault[0].start_s: 60 s is not before the end of the run, 1 s\n"
+
+
+LATE = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle", "--set", "duration_s=1")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("compare", "circle", "--guidance", "lqr", "--seeds", 2, "--no-rrd", *LATE),
+        ("limit", "circle", "--key", "path.radius_m", "--range", "12:9", "--until", "xte_rms > 9", "--seeds", 2, *LATE),
+        ("tune", "circle", "--guidance", "stanley", "--budget", 8, "--seeds", 1, *LATE),
+        ("sweep", "late.toml", "--jobs", 1),
+        ("link", "circle", "--wait", 0.1, "--no-rrd", *LATE),
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_command_that_drives_tells_doubts_once(call, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    common = '"plant.kind" = "bicycle"\nduration_s = 1\nfault = [{ kind = "gnss_loss", start_s = 60 }]'
+    (tmp_path / "late.toml").write_text(f'base = "circle"\n[set]\n{common}\n[axes]\n"path.radius_m" = [9, 12]\n')
+    _, _, err = call(*command, "--out", "out")
+    told = [line for line in err.splitlines() if "fault[0].start_s: 60 s is not before the end of the run" in line]
+    assert told
+    assert len(set(told)) == len(told)
+    assert command[0] == "tune" or len(told) == 1
+    _, _, err = call(*command, "--out", "quiet", "-q")
+    assert "fault[0].start_s" not in err
+
+
+def test_a_run_from_python_warns_of_doubts():
+    fault = {"fault": [{"kind": "gnss_loss", "start_s": 60.0}], "plant.kind": "bicycle", "duration_s": 1.0}
+    with pytest.warns(ScenarioWarning, match=r"circle: fault\[0\]\.start_s: 60 s is not before the end"):
+        agrobot_mj.run(load_scenario("circle", fault))
 
 
 def test_a_tractor_behind_a_dead_pedal_is_stuck():

@@ -157,6 +157,63 @@ def test_a_gradual_limit_lies_in_its_interval_nearly_always():
     assert hits >= 32  # 80 %
 
 
+@pytest.mark.parametrize(
+    ("until", "numbers", "fails"),
+    [
+        ("xte_rms > 0.5", {"outcome": "rolled_over", "xte_rms": 0.1}, True),
+        ("steer_share > 0.5", {"outcome": "stopped", "steer_share": 0.0}, True),
+        (
+            "steer_share > 0.5",
+            {"outcome": "stopped", "expected": True, "steer_share": 0.0},
+            False,
+        ),
+        (
+            "steer_share > 0.5",
+            {"outcome": "completed", "expected": False, "steer_share": 0},
+            True,
+        ),
+        ("outcome == diverged", {"outcome": "stopped"}, False),
+        ("xte_rms > 0.5 or outcome == diverged", {"outcome": "rolled_over", "xte_rms": 0.1}, True),
+        ("xte_rms > 0.5", {"outcome": "completed", "xte_rms": 0.1}, False),
+        ("xte_rms > 0.5", {"outcome": "error"}, True),
+        ("outcome != error", {"outcome": "error"}, True),
+    ],
+)
+def test_a_run_that_ends_otherwise_than_expected_fails_unless_the_condition_names_outcomes(until, numbers, fails):
+    assert Condition(until, {*METRICS, "steer_share"}).fails(numbers) is fails
+
+
+def test_an_answer_says_what_ended_otherwise_than_expected():
+    """From 2 on every run rolls over, at a small error."""
+
+    def do(tasks):
+        rolled = [task.overrides[KEY] >= 2.0 for task in tasks]
+        return [Done({"outcome": "rolled_over" if r else "completed", "lateral_rms": 0.1}, {}) for r in rolled]
+
+    question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", tolerance=0.5)
+    told = []
+    found = find_limit("law", SCENARIO, question, Condition(question.until, METRICS), do, told.append)
+    assert found.verdict == "limit"
+    assert 1.0 < found.limit <= 2.0
+    assert (
+        "Not every run ended as expected: 2 rolled_over at 2; 2 rolled_over at 3; 2 rolled_over at 4" in found.statement
+    )
+    assert {t.ends for t in told if t.unexpected} == {"2 rolled_over"}
+
+
+def test_an_error_is_not_asked_of_a_scenario_that_expects_to_fail():
+    scenario = load_scenario("rollover", {"duration_s": 1.0})
+    for until, refused in (("xte_rms > 0.5", True), ("xte_rms > 0.5 or outcome != completed", False)):
+        question = Question("terrain.grade_deg", 5.0, 35.0, until)
+        if refused:
+            with pytest.raises(
+                ScenarioError, match=r"rollover expects rolled_over; add --set expected_outcome=completed"
+            ):
+                check(question, {"law": scenario})
+        else:
+            check(question, {"law": scenario})
+
+
 def test_a_law_that_never_or_always_fails_is_told_so():
     assert search(lambda v: 1.0).verdict == "never_fails"
     assert search(lambda v: 0.0).verdict == "always_fails"

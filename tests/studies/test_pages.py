@@ -7,6 +7,7 @@ import shlex
 import sys
 import tomllib
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -19,8 +20,9 @@ from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
+from agrobot_mj.studies.pages.drive import thinned
 from agrobot_mj.studies.pages.print import ranking
-from agrobot_mj.studies.pages.sweep import Again, Group, toml_value
+from agrobot_mj.studies.pages.sweep import Again, Group, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
@@ -121,6 +123,7 @@ def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
     text = page_of(folders["sweep"])
     for section in ("Ranking", "Maps", "Over one parameter", "The worst runs", "The sweep"):
         assert f"<h2>{section}</h2>" in text
+    assert "The runs cover different pieces of path" in text  # two speeds for two seconds
     assert text.count("<svg viewBox") == 6
     assert text.index("<td>paper") < text.index("<td>stanley")  # stanley never ends as it is expected to
     kinds = {trace["type"] for chart in charts_of(folders["sweep"]).values() for trace in chart["data"]}
@@ -210,3 +213,28 @@ def test_laws_without_a_success_have_a_rate_and_no_box():
     left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
     assert len(left.lines) > len(right.lines) == 0
+
+
+def test_a_thinned_curve_keeps_its_spikes_and_gaps():
+    t = np.arange(100_000) * 0.05
+    y = np.sin(t / 50)
+    y[77_777], y[12_345], y[50_000:60_000] = 9.0, -9.0, np.nan
+    x, kept = thinned(t, y)
+    assert len(x) < 4000
+    assert (np.nanmax(kept), np.nanmin(kept)) == (9.0, -9.0)
+    assert np.isnan(kept[(x > 2550) & (x < 2950)]).all()
+    assert np.all(np.diff(x) > 0)
+    assert (x[0], x[-1]) == (t[0], t[-1])
+    assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
+
+
+def test_an_error_of_zero_is_drawn_at_zero_and_failed_runs_on_top():
+    rows = [
+        {"run": k, "seed": 1, "v": k, "outcome": outcome, "expected": outcome == "completed", "xte_rms": error}
+        for k, (outcome, error) in enumerate([("completed", 0.0), ("completed", 0.02), ("stopped", 0.001)])
+    ]
+    points = curves([Group("all", rows)], "v", lambda row: "")["data"][0]
+    assert points["y"] == pytest.approx([0.0, 2.0, 2.2])
+    assert points["marker"]["symbol"] == ["circle", "circle", "x"]
+    chart = heat_map(Group("all", [{**row, "w": w} for row in rows for w in (0, 1)]), "v", "w", (0, 1), lambda row: "")
+    assert chart["data"][0]["z"] == [[0.0, 2.0, None]] * 2

@@ -9,7 +9,18 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
-from agrobot_mj.studies.tune import FAILED, POPULATION, cost, tunable, tune, tuning_cases, write_tuning
+from agrobot_mj.studies.pieces import pieces
+from agrobot_mj.studies.tune import (
+    FAILED,
+    MOST,
+    POPULATION,
+    Judgement,
+    judge,
+    tunable,
+    tune,
+    tuning_cases,
+    write_tuning,
+)
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
 
@@ -44,21 +55,42 @@ def test_the_bicycle_leaves_out_what_it_does_not_have() -> None:
     assert not {case.surface for case in tuning_cases(bicycle, "test", 1)} & {"rough D", "side slope 10 deg"}
 
 
-def test_a_run_that_fails_costs_the_most() -> None:
-    scenario = load_scenario("figure_eight", SHORT | {"expected_outcome": "stuck"})
-    assert cost(scenario, {}) == FAILED
+def cost(scenario, gains) -> float:
+    return judge(scenario, gains).cost
+
+
+def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_farther_it_came() -> None:
+    keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
+    scenario = load_scenario("lane_change", keys)
+    early, late = (judge(scenario, {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
+    assert {early.row["outcome"], late.row["outcome"]} == {"stopped"}
+    assert FAILED > MOST > cost(scenario, {})
+    assert early.cost > late.cost > FAILED
+
+
+def test_every_speed_covers_the_same_piece_of_the_path() -> None:
+    for scenario in (load_scenario("lane_change", {"duration_s": 9.0}), load_scenario("lane_change")):
+        cases = tuning_cases(scenario, "training", 1) + tuning_cases(scenario, "test", 1)
+        assert len({case.speed for case in cases}) == 3
+        assert set(pieces(case.scenario for case in cases)) == {1}
+
+
+def test_a_scenario_that_expects_no_error_is_refused() -> None:
+    scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
+    with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
+        tune(scenario)
 
 
 def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """On a cheap stand-in for the runs with its optimum at twice the default gain."""
     calls: list[float] = []
 
-    def stand_in(scenario, gains) -> float:
+    def stand_in(scenario, gains) -> Judgement:
         gain = scenario.changed(gains).guidance.gain_per_s
         calls.append(gain)
-        return abs(gain - 1.0)
+        return Judgement(abs(gain - 1.0), {"outcome": "completed"})
 
-    monkeypatch.setattr(study, "cost", stand_in)
+    monkeypatch.setattr(study, "judge", stand_in)
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
     found = tune(scenario, budget=3 * POPULATION, seeds=1)
     assert found.provenance["evaluations"] == 3 * POPULATION

@@ -2,7 +2,7 @@
 
 import json
 import re
-from math import inf, radians
+from math import inf, nan, radians
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +30,28 @@ def test_an_interval_is_that_of_students_test():
     found = estimate(values)
     wanted = ttest_1samp(values, 0.0).confidence_interval(0.95)
     assert found[:3] == pytest.approx((np.mean(values), wanted.low, wanted.high))
-    assert estimate([2.0])[1:] == (-inf, inf, 1)
+    assert estimate([2.0])[1:] == (-inf, inf, 1, 0)
     assert estimate([]).n == 0
 
 
-def test_a_ratio_pairs_seeds_and_leaves_out_runs_that_failed():
+def test_a_mean_of_survivors_is_marked_and_proves_nothing():
+    whole, survivors = estimate([1.0, 1.1, 0.9]), estimate([1.0, 1.1, 0.9, nan])
+    assert whole.below(2.0)
+    assert whole.above(0.5)
+    assert survivors.mean == whole.mean
+    assert not survivors.below(2.0)
+    assert not survivors.above(0.5)
+    assert survivors.short() == "1.00, 1 of 4 failed"
+    assert estimate([nan, nan]).text() == estimate([nan]).short() == "failed"
+
+
+def test_a_ratio_pairs_seeds_and_counts_runs_that_failed():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
     found = ratio(one, other, lambda r: r["v"])
-    assert found.n == 2
+    assert (found.n, found.failed) == (2, 1)
     assert found.mean == pytest.approx(1.0)  # geometric mean of 1/2 and 2
+    assert found.text().endswith(", 1 of 3 failed")
     assert ratio([], other, lambda r: r["v"]).n == 0
 
 
@@ -239,6 +251,27 @@ def test_ranks_follow_paired_differences_and_ties_share_one():
     assert ranking.ranks(first["soil", "slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
     same = {"a": {1: 0.1, 2: 0.2, 3: 0.15}, "b": {1: 0.2, 2: 0.1, 3: 0.16}, "c": {1: 0.9, 2: 0.9, 3: 0.91}}
     assert ranking.ranks(same) == {"a": 1, "b": 1, "c": 3}
+
+
+def test_who_fails_less_often_ranks_first_whatever_the_error():
+    laws = {
+        "sure": {1: 0.3, 2: 0.3, 3: 0.3},
+        "risky": {1: 0.01, 2: 0.01, 3: nan},
+        "lost": dict.fromkeys((1, 2, 3), nan),
+    }
+    assert ranking.ranks(laws) == {"sure": 1, "risky": 2, "lost": 3}
+    table = ranking.ranking_table({("soil",): laws}, {("soil",): laws})
+    assert "1.0, 1 of 3 failed (2)" in table
+    assert "failed (3)" in table
+
+
+def test_claims_that_rest_on_survivors_are_not_confirmed():
+    rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
+    one = next(row for row in rows if row["study"] == "paper" and row["law"] == claims.T2)
+    one |= {"outcome": "stopped"}
+    found = judgement.judged(rows)[0]
+    assert found.verdict == "qualified"
+    assert "1 of 4 failed" in found.network
 
 
 def test_a_second_set_of_seeds_confirms_contradicts_or_leaves_open():

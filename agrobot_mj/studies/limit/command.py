@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import claimed, write_json
-from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, check, find_limit, laws
+from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, at_value, check, find_limit, laws
 from agrobot_mj.studies.pool import cores, pool
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 from agrobot_mj.studies.sweep.work import perform
@@ -30,10 +30,15 @@ def limit(
     folder: Path,
     jobs: int | None = None,
     done: Callable[[str, Tried], object] = lambda law, tried: None,
+    begin: Callable[[list[Scenario]], object] = lambda ends: None,
 ) -> list[Found]:
-    """Search the limit of each kind of guidance and write the answers under `folder`. Raises `ScenarioError`."""
+    """Search the limit of each kind of guidance and write the answers under `folder`. Raises `ScenarioError`.
+
+    `begin` hears of the scenarios at both ends of the range before anything is driven.
+    """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
+    begin([at_value(each, question, end) for each in scenarios.values() for end in (question.start, question.stop)])
     found = []
     with claimed(folder, FILES):
         with _workers(jobs or cores()) as do:

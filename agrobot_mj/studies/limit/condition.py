@@ -14,6 +14,7 @@ from typing import Any, NoReturn, get_args
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.signals import Outcome
+from agrobot_mj.metrics.success import is_error, succeeded, without_errors
 from agrobot_mj.studies.sweep.work import ERROR
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
@@ -47,12 +48,36 @@ class Condition:
             self._refuse("cannot be read")
         self._check(self._tree)
 
+    @property
+    def names_outcome(self) -> bool:
+        """Whether it says itself which outcomes fail."""
+        return "outcome" in self._names
+
+    @property
+    def names_error(self) -> bool:
+        """Whether it compares a tracking error."""
+        return any(is_error(name) for name in self._names)
+
+    def fails(self, numbers: Mapping[str, Any]) -> bool:
+        """Whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says nothing.
+
+        The errors of a run that failed or did not complete do not count, and a metric without a value meets it.
+        """
+        unexpected = not self.names_outcome and not succeeded(numbers)
+        return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
+
     def met(self, numbers: Mapping[str, Any]) -> bool:
         """Whether the condition is met by a run; also if a metric that it compares has no value."""
         try:
             return self._holds(self._tree, numbers)
         except KeyError:
             return True
+
+    @property
+    def _names(self) -> set[str]:
+        """Names that stand in it, of metrics, outcomes and `outcome`."""
+        nodes = (node for node in ast.walk(self._tree) if isinstance(node, ast.Name | ast.Attribute))
+        return {name for node in nodes if (name := _name(node))}
 
     def _check(self, node: ast.expr) -> None:
         if isinstance(node, ast.BoolOp):

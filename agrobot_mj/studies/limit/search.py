@@ -15,12 +15,13 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.metrics.success import COMPLETED, succeeded
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.sweep.plan import base_text
-from agrobot_mj.studies.sweep.work import ERROR, WALL, Done, Task
+from agrobot_mj.studies.sweep.work import WALL, Done, Task
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""
@@ -66,7 +67,7 @@ class Tried(NamedTuple):
     runs: int
     """How many there are."""
     failed: int
-    """How many of them met the condition, or raised."""
+    """How many of them met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
     low: float
     """Lower end of the interval of the success rate [-]."""
     high: float
@@ -77,6 +78,13 @@ class Tried(NamedTuple):
     """Whether the interval says so, not only the rate."""
     outcomes: dict[str, int]
     """Number of runs by outcome."""
+    unexpected: int
+    """How many ended otherwise than their scenario expects."""
+
+    @property
+    def ends(self) -> str:
+        """How many runs ended how."""
+        return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
 class Found(NamedTuple):
@@ -120,8 +128,20 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
         )
     for scenario in scenarios.values():
         for value in (q.start, q.stop):
-            scenario.changed({q.key: _value(scenario, q, value)})
-    return Condition(q.until, metric_names(next(iter(scenarios.values()))))
+            at_value(scenario, q, value)
+    first = next(iter(scenarios.values()))
+    condition = Condition(q.until, metric_names(first))
+    if condition.names_error and not condition.names_outcome and first.expected_outcome != COMPLETED:
+        raise ScenarioError(
+            f"--until {q.until!r}: only a run that completes has an error, and {first.name} expects "
+            f'{first.expected_outcome}; add --set expected_outcome={COMPLETED}, or "or outcome == ..." to the condition'
+        )
+    return condition
+
+
+def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
+    """The scenario with the key at a value. Raises `ScenarioError`."""
+    return scenario.changed({q.key: _value(scenario, q, value)})
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
@@ -176,20 +196,21 @@ def find_limit(
 
 def _try(scenario: Scenario, q: Question, condition: Condition, value: float, do: RunTasks) -> Tried:
     """Runs at one value, until the interval of the success rate is clear of the reliability or no seed is left."""
-    base, failed, runs, outcomes = base_text(scenario), 0, 0, dict[str, int]()
+    base, failed, runs, unexpected, outcomes = base_text(scenario), 0, 0, 0, dict[str, int]()
     low, high = 0.0, 1.0
     for batch in _batches(q):
         seeds = range(scenario.seed + runs, scenario.seed + runs + batch)
         for result in do([Task(s, base, scenario.name, {q.key: value, "seed": s}, "table") for s in seeds]):
             outcome = str(result.numbers["outcome"])
             outcomes[outcome] = outcomes.get(outcome, 0) + 1
-            failed += outcome == ERROR or condition.met(result.numbers)
+            failed += condition.fails(result.numbers)
+            unexpected += not succeeded(result.numbers)
         runs += batch
         low, high = wilson(runs - failed, runs, q.confidence)
         if low >= q.reliability or high < q.reliability:
             break
     certain = low >= q.reliability or high < q.reliability
-    return Tried(value, runs, failed, low, high, 1 - failed / runs >= q.reliability, certain, outcomes)
+    return Tried(value, runs, failed, low, high, 1 - failed / runs >= q.reliability, certain, outcomes, unexpected)
 
 
 def _batches(q: Question) -> Iterator[int]:
@@ -205,14 +226,23 @@ def _batches(q: Question) -> Iterator[int]:
 
 
 def _answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """The verdict on what was tried, from the start of the range on."""
+    """The verdict on what was tried, from the start of the range on, with what ended otherwise than expected."""
+    found = _verdict(name, q, tried)
+    if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
+        return found._replace(statement=f"{found.statement}. Not every run ended as expected: {'; '.join(unexpected)}")
+    return found
+
+
+def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
+    """The verdict on what was tried."""
     answer = partial(Found, name, tried=tried)
     terms = f"{100 * q.reliability:g} % of runs at {100 * q.confidence:g} % confidence"
     if q.seeds < (needed := runs_needed(q.reliability, q.confidence)):
         terms = f"by the rates of {q.seeds} runs at a value; {terms} needs {needed}"
     works, fails = [t for t in tried if t.holds], [t for t in tried if not t.holds]
     if not fails:
-        text = f"{name} does not fail: {q.key} up to {tried[-1].value:g} ({terms})"
+        values = ", ".join(f"{t.value:g}" for t in tried)
+        text = f"{name} does not fail at the values tried, {q.key} = {values} ({terms})"
         return answer(verdict="never_fails", limit=None, interval=None, statement=text)
     if not works:
         text = f"{name} fails at all values tried, from {q.key} = {tried[0].value:g} on"

@@ -12,28 +12,57 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 
 MOST_POINTS = 2500
-"""Points of a curve; longer signals are thinned out."""
+"""Points of a curve; of longer signals the extremes of each stretch are drawn."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch")
 CENTIMETRES = 100.0
 Signals = dict[str, Array]
+Rows = Sequence[Mapping[str, Any]]
+RULE = (
+    "First by the share of successes (runs that ended as expected), then by the mean cross-track rms of these. "
+    "A run that failed has no error. Bars: mean over the seeds; points: runs."
+)
+APART = " The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
 
 
 def read_signals(folder: Path) -> Signals:
-    """Signals of a run as arrays of equal length, shape (n,), thinned out."""
+    """Signals of a run as arrays of equal length, shape (n,)."""
     file = (folder / "signals.parquet").absolute()
     there = set(pq.read_schema(file).names)
     table = pq.read_table(file, columns=[name for name in (*SIGNALS, *MORE) if name in there])
-    step = max(1, table.num_rows // MOST_POINTS)
-    return {name: np.asarray(table[name].to_numpy(), dtype=float)[::step] for name in table.column_names}
+    return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}
+
+
+def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
+    """About `most` rows of columns (n,): of each stretch those with the least and the greatest value of each column.
+
+    So no spike is lost, however short, and a stretch without values stays a gap.
+    """
+    n = len(columns[0])
+    if n <= most:
+        return list(columns)
+    stretches = np.array_split(np.arange(n), max(1, most // (2 * len(columns))))
+    kept = {0, n - 1}
+    for column in columns:
+        for rows in stretches:
+            values = column[rows]
+            finite = rows[np.isfinite(values)]
+            if len(finite):
+                kept |= {int(finite[column[finite].argmin()]), int(finite[column[finite].argmax()])}
+            if np.isnan(values[0]):
+                kept.add(int(rows[0]))
+    chosen = sorted(kept)
+    return [column[chosen] for column in columns]
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
     """A curve of a chart."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
+    x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
 
 
@@ -122,12 +151,10 @@ def comparison_page(folder: Path) -> Document:
     )
     facts_ = [f"scenario {scenario.get('name', folder.name)}", seen, f"agrobot_mj {scenario.get('version', '?')}"]
     page = Document(f"Comparison: {scenario.get('title') or folder.name}", facts_)
-    page.section("Ranking", "Cross-track error, rms over a run. Bars: mean over the seeds; points: runs.")
-    page.grid([("Cross-track rms", _ranking(places))])
-    head = ("case", "runs", "completed", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]")
-    page.table(head, [_summary(name, each) for name, each in places.items()])
+    _add_rankings(page, places)
     for plant in dict.fromkeys(row["plant"] for row in rows):
-        chosen = [(_law(row), folder / row["folder"]) for row in rows if _is_first(row, plant, seeds[0])]
+        first = [row for row in rows if _is_first(row, plant, seeds[0])]
+        chosen = [(_marked(_law(row), [row]), folder / row["folder"]) for row in first]
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
@@ -146,21 +173,48 @@ def _is_first(row: Mapping[str, Any], plant: str, seed: int) -> bool:
     return bool(row["plant"] == plant and row["seed"] == seed)
 
 
-def _numbers(rows: Sequence[Mapping[str, Any]], name: str) -> list[float]:
-    return [CENTIMETRES * row[name] for row in rows if row.get(name) is not None]
+def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
+    """Ranking of the cases, one for each piece of path that they cover: errors on others tell nothing."""
+    pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
+    for number, piece in enumerate(pieces, 1):
+        some = {name: rows for name, rows in places.items() if rows[0].get("piece") == piece}
+        order = sorted(some, key=lambda name: _rank(some[name]))
+        several = f" over piece {number} of the path" if len(pieces) > 1 else ""
+        page.section(f"Ranking{several}", RULE + (APART if several else ""))
+        if any(_numbers(rows, "xte_rms") for rows in some.values()):
+            page.grid([("Cross-track rms", _ranking(order, some))])
+        head = ("case", "runs", "successes", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]", "failed")
+        page.table(head, [_summary(name, some[name]) for name in order])
 
 
-def _summary(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[object, ...]:
+def _numbers(rows: Rows, name: str) -> list[float]:
+    """An error of the runs that have one [cm]."""
+    return [CENTIMETRES * value for row in rows if (value := error_of(row, name)) is not None]
+
+
+def _rank(rows: Rows) -> tuple[float, float]:
+    """Share of failed runs, then the mean error of the others; the less the better."""
+    values = _numbers(rows, "xte_rms")
+    return sum(not succeeded(row) for row in rows) / len(rows), fmean(values) if values else np.inf
+
+
+def _marked(name: str, rows: Rows) -> str:
+    """A name, with how many of its runs failed and how."""
+    text = failures(rows)
+    return f"{name} (failed {text})" if text else name
+
+
+def _summary(name: str, rows: Rows) -> tuple[object, ...]:
     means = [fmean(v) if (v := _numbers(rows, key)) else None for key in ("xte_rms", "xte_abs_p95", "lateral_rms")]
-    return (name, len(rows), sum(row["outcome"] == "completed" for row in rows), *means)
+    return name, len(rows), sum(map(succeeded, rows)), *means, failures(rows)
 
 
-def _ranking(places: Mapping[str, list[dict[str, Any]]]) -> Chart:
-    """Mean and single runs of each case, best first."""
-    values = {name: _numbers(rows, "xte_rms") for name, rows in places.items()}
-    order = sorted((name for name in values if values[name]), key=lambda name: fmean(values[name]))
-    bars = {"type": "bar", "orientation": "h", "y": order, "x": [fmean(values[name]) for name in order], "name": "mean"}
-    points = [(name, value) for name in order for value in values[name]]
+def _ranking(order: Sequence[str], places: Mapping[str, Rows]) -> Chart:
+    """Mean and single runs of each case that has successes, best first; who has failures is marked."""
+    values = {_marked(name, places[name]): v for name in order if (v := _numbers(places[name], "xte_rms"))}
+    means = [fmean(each) for each in values.values()]
+    bars = {"type": "bar", "orientation": "h", "y": list(values), "x": means, "name": "mean"}
+    points = [(name, value) for name, each in values.items() for value in each]
     dots = {
         "type": "scatter",
         "mode": "markers",
@@ -168,7 +222,7 @@ def _ranking(places: Mapping[str, list[dict[str, Any]]]) -> Chart:
         "x": [v for _, v in points],
         "name": "runs",
     }
-    own = layout("cross-track rms [cm]", "", yaxis=CATEGORIES, showlegend=False)
+    own = layout("cross-track rms of the successful runs [cm]", "", yaxis=CATEGORIES, showlegend=False)
     colours = {"marker": {"color": COLOURS[5]}}, {"marker": {"color": "#000000", "size": 5}}
     return {"data": [{**bars, **colours[0]}, {**dots, **colours[1]}], "layout": own}
 
@@ -183,8 +237,8 @@ def thumbnail(signals: Signals) -> str:
     scale, (width, height) = 200 / size, (high - low) * 200 / size
 
     def trace(xs: Array, ys: Array, colour: str, stroke: float) -> str:
-        step = max(1, len(xs) // 300)
-        pairs = zip((xs - low[0])[::step] * scale, (high[1] - ys)[::step] * scale, strict=True)
+        xs, ys = thinned(xs, ys, most=400)
+        pairs = zip((xs - low[0]) * scale, (high[1] - ys) * scale, strict=True)
         text = " ".join(f"{a:.1f},{b:.1f}" for a, b in pairs if np.isfinite(a) and np.isfinite(b))
         return f'<polyline points="{escape(text)}" fill="none" stroke="{colour}" stroke-width="{stroke}"/>'
 

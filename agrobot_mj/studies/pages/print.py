@@ -6,6 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from agrobot_mj.metrics.success import error_of
 from agrobot_mj.studies.limit.search import wilson
 from agrobot_mj.studies.pages.document import COLOURS
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, is_number, parameters_of
@@ -50,7 +51,7 @@ def over_parameters(groups: list[Group], numeric: list[str]) -> Figure:
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
     for axes, parameter in zip(grid, numeric, strict=False):
         for k, group in enumerate(groups):
-            good = [row for row in group.rows if row["expected"] and row.get(METRIC) is not None]
+            good = [row for row in group.rows if error_of(row, METRIC) is not None]
             x, y = np.array([row[parameter] for row in good]), group.values
             axes.plot(x, y, ".", color=COLOURS[k % len(COLOURS)], markersize=3, label=group.name)
         axes.set(xlabel=parameter, ylabel=LABEL)

@@ -16,11 +16,13 @@ import numpy as np
 import tomli_w
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.limit.search import wilson
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
+from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.sweep.plan import decides
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -33,6 +35,8 @@ MOST_VALUES = 40
 """Different values of a parameter up to which they count as an axis."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Most charts of each kind, and how many of the worst runs are shown."""
+MOST_PIECES = 50
+"""Runs whose pieces of path are compared."""
 MOST_RUNS_DRAWN = 4000
 """Points of a chart."""
 Row = dict[str, Any]
@@ -47,17 +51,17 @@ class Group(NamedTuple):
     @property
     def successes(self) -> int:
         """Number of runs that ended as expected."""
-        return sum(bool(row["expected"]) for row in self.rows)
+        return sum(map(succeeded, self.rows))
 
     @property
     def values(self) -> Array:
         """The metric of those runs [cm]."""
-        return centimetres(row for row in self.rows if row["expected"])
+        return centimetres(self.rows)
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """The metric of some rows, without those that have none [cm]."""
-    return np.array([CENTIMETRES * row[METRIC] for row in rows if row.get(METRIC) is not None])
+    """The error of those rows that have one [cm]."""
+    return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
 def sweep_page(folder: Path) -> Document:
@@ -72,7 +76,7 @@ def sweep_page(folder: Path) -> Document:
     about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
     page = Document(text.get("title") or f"Sweep: {folder.name}", about)
     again = Again(folder)
-    _add_ranking(page, groups)
+    _add_ranking(page, groups, _pieces(rows, again))
     _add_maps(page, groups, numeric, again)
     _add_curves(page, groups, numeric, again)
     _add_worst(page, rows, again)
@@ -121,6 +125,12 @@ class Again:
         every = {**self.variants.get(row.get("variant") or "", {}), **given, "seed": row["seed"]}
         return dict(sorted(every.items(), key=lambda item: not decides(*item)))
 
+    @property
+    def varied(self) -> set[str]:
+        """Keys of axes, draws and variants."""
+        own = {key for part in ("axes", "draws") for key in self.sweep.get(part, {})}
+        return own.union(*self.variants.values())
+
     def __call__(self, row: Row) -> str:
         """The command that runs a row again, with a recording."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
@@ -144,8 +154,23 @@ def toml_value(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
-def _add_ranking(page: Document, groups: Sequence[Group]) -> None:
-    page.section("Ranking", "Success is to end as the scenario expects; the error is that of the successful runs.")
+def _pieces(rows: Sequence[Row], again: Again) -> int:
+    """How many different pieces of path some runs cover, evenly over the sweep."""
+    if not any(key.startswith("path") or key == "duration_s" for key in again.varied):
+        return 1
+    base = load_scenario(again.folder / "base.toml")
+    some = rows[:: max(1, len(rows) // MOST_PIECES)]
+    return max(pieces(base.changed(again.overrides(row)) for row in some))
+
+
+def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
+    text = "Success is to end as the scenario expects; the error is that of the successful runs that completed."
+    if covered > 1:
+        text += (
+            " The runs cover different pieces of path: an error on one is not comparable with that on another. "
+            "Without duration_s every run drives its path to the end."
+        )
+    page.section("Ranking", text)
     rates = [100 * g.successes / len(g.rows) for g in groups]
     limits: list[tuple[float, float]] = [wilson(g.successes, len(g.rows), CONFIDENCE) for g in groups]
     names = [g.name for g in groups]
@@ -169,15 +194,14 @@ def _add_ranking(page: Document, groups: Sequence[Group]) -> None:
     if boxes:
         charts.append(("Error", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)}))
     page.grid(charts)
-    outcomes = sorted({row["outcome"] for g in groups for row in g.rows})
-    head = ("group", "runs", "success [%]", "median [cm]", "10 % [cm]", "90 % [cm]", *outcomes)
-    page.table(head, [_ranked(group, outcomes) for group in groups])
+    head = ("group", "runs", "success [%]", "median [cm]", "10 % [cm]", "90 % [cm]", "failed")
+    page.table(head, [_ranked(group) for group in groups])
 
 
-def _ranked(group: Group, outcomes: Sequence[str]) -> tuple[object, ...]:
+def _ranked(group: Group) -> tuple[object, ...]:
     values = [float(v) for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
-    counts = [sum(row["outcome"] == outcome for row in group.rows) for outcome in outcomes]
-    return (group.name, len(group.rows), 100.0 * group.successes / len(group.rows), *values, *counts)
+    share = 100.0 * group.successes / len(group.rows)
+    return (group.name, len(group.rows), share, *values, failures(group.rows))
 
 
 def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
@@ -192,7 +216,8 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
         if _fills(group.rows, x, y)
     ]
     if charts:
-        text = f"Median {LABEL}. Black: the boundary at which {SUCCESS:.0%} of runs succeed. Crosses: a run failed."
+        text = f"Median {LABEL} of the successful runs; white: none. Crosses: a run failed."
+        text += f" Black: the boundary at which {SUCCESS:.0%} of runs succeed."
         page.section("Maps", text + " Click for the command of a run.")
         page.grid(charts[:MOST_MAPS])
 
@@ -211,7 +236,7 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Ag
     for row in group.rows:
         cells.setdefault((row[x], row[y]), []).append(row)
     medians = [[float(np.median(v)) if len(v := centimetres(cells[a, b])) else None for a in xs] for b in ys]
-    rates = [[sum(bool(r["expected"]) for r in cells[a, b]) / len(cells[a, b]) for a in xs] for b in ys]
+    rates = [[sum(map(succeeded, cells[a, b])) / len(cells[a, b]) for a in xs] for b in ys]
     worst = [[again(max(cells[a, b], key=_badness)) for a in xs] for b in ys]
     bar = {"title": {"text": "cm"}, "thickness": 12}
     data: list[Chart] = [
@@ -231,16 +256,14 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Ag
 
 
 def _badness(row: Row) -> tuple[bool, float]:
-    value = row.get(METRIC)
-    return not row["expected"], np.inf if value is None else float(value)
+    value = error_of(row, METRIC)
+    return not succeeded(row), np.inf if value is None else value
 
 
 def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
     if not numeric:
         return
-    text = (
-        "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses: failed ones at their error."
-    )
+    text = "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses on top: failed ones."
     page.section("Over one parameter", text + " Click a point for its command.")
     page.grid([(p, curves(groups, p, again)) for p in numeric[:MOST_CURVES]])
 
@@ -252,10 +275,10 @@ def curves(groups: Sequence[Group], parameter: str, again: Again) -> Chart:
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
     for k, group in enumerate(groups):
         colour = COLOURS[k % len(COLOURS)]
-        rows = [row for row in group.rows[::share] if row.get(METRIC) is not None or not row["expected"]]
-        # A failed run may have an error of many metres, which would flatten all others.
-        heights = [min(CENTIMETRES * (row.get(METRIC) or np.inf), 1.1 * top) for row in rows]
-        symbols = ["circle" if row["expected"] else "x" for row in rows]
+        rows = [row for row in _extremes(group.rows, share) if error_of(row, METRIC) is not None or not succeeded(row)]
+        errors = [error_of(row, METRIC) for row in rows]
+        heights = [1.1 * top if error is None else CENTIMETRES * error for error in errors]
+        symbols = ["circle" if succeeded(row) else "x" for row in rows]
         data.append(
             {"type": "scatter", "mode": "markers", "x": [r[parameter] for r in rows], "y": heights, "name": group.name,
              "legendgroup": group.name, "customdata": [again(r) for r in rows], "showlegend": False,
@@ -267,9 +290,17 @@ def curves(groups: Sequence[Group], parameter: str, again: Again) -> Chart:
     return {"data": data, "layout": layout(parameter, LABEL)}
 
 
+def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
+    """About one in `share` rows: the best and the worst of each stretch of twice as many."""
+    if share == 1:
+        return list(rows)
+    stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))
+    return [end(stretch, key=_badness) for stretch in stretches for end in (min, max)]
+
+
 def _median_curve(group: Group, parameter: str, colour: str) -> Chart:
     """Median and 10 to 90 % of the successful runs at each value, or in six classes of as many runs."""
-    rows = sorted((r for r in group.rows if r["expected"] and r.get(METRIC) is not None), key=lambda r: r[parameter])
+    rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     if len({row[parameter] for row in rows}) <= MOST_VALUES / 2:
         classes = [[r for r in rows if r[parameter] == value] for value in dict.fromkeys(r[parameter] for r in rows)]
     else:
@@ -290,7 +321,7 @@ def _add_worst(page: Document, rows: list[Row], again: Again) -> None:
     """The worst runs with a picture of their track."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
-        value = row.get(METRIC)
+        value = error_of(row, METRIC)
         title = f"run {row['run']}: {row['outcome']}" + ("" if value is None else f", {CENTIMETRES * value:.3g} cm")
         cards.append((title, thumbnail(again.signals(row)), again(row)))
     if cards:

@@ -20,12 +20,16 @@ from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.palette import BLUE, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
+from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.store import read_rows
+from agrobot_mj.studies.sweep.work import WALL
 
+OF_EVERY_RUN = ("expected", "progress")
+"""Columns that mean the same for runs that failed."""
 RESAMPLES = 1000
 """Resamples of the bootstrap [-]."""
 Rows = Sequence[dict[str, Any]]
@@ -57,7 +61,7 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     """The indices of a sweep's folder; writes `importance.json` and `importance.png` there.
 
     A metric is averaged over the seeds first. Raises `ScenarioError` where the folder has no finished sweep of
-    `method = "saltelli"`, or the metric no value in some runs.
+    `method = "saltelli"`, or the metric no value in some runs: that of a run that failed does not count.
     """
     analyze = _analyzer()
     with intact(folder / "sweep.parquet", "read"):
@@ -109,8 +113,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
     total = prod(sizes) * points * seeds
     if len(rows) < total:
         raise ScenarioError(f"{folder}: {total - len(rows):,} of {total:,} runs are missing; run the sweep to its end")
-    if metric not in rows[0]:
-        raise ScenarioError(f"--metric {metric}: no such column{suggestion(metric, list(rows[0]))}")
+    _check_metric(metric, rows)
     values = [row[metric] for row in rows]
     if lacking := sum(not isinstance(value, int | float) or not np.isfinite(value) for value in values):
         raise ScenarioError(f"--metric {metric}: has no number in {lacking:,} of {total:,} runs; narrow the draws")
@@ -119,6 +122,21 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
     if flat := next((name for name, each in zip(names, table, strict=True) if np.ptp(each) == 0.0), None):
         raise ScenarioError(f"--metric {metric}: does not vary in {flat}")
     return dict(zip(names, table, strict=True))
+
+
+def _check_metric(metric: str, rows: Rows) -> None:
+    """Raises `ScenarioError` unless the column is a result that all runs have, failed ones too if there are any."""
+    names = list(rows[0])
+    known = [name for name in names[names.index("outcome") + 1 :] if name not in ("error", *WALL, "version")]
+    if metric not in known or metric not in names:
+        what = "is no result of a run" if metric in names else "no such column"
+        raise ScenarioError(f"--metric {metric}: {what}{suggestion(metric, known)}")
+    without = [row for row in rows if not has_errors(row)]
+    if without and metric not in OF_EVERY_RUN:
+        raise ScenarioError(
+            f"--metric {metric}: {len(without):,} of {len(rows):,} runs have none ({reasons(without)}), and the design "
+            "can spare no point; narrow the draws, or ask for --metric expected, the share of successes"
+        )
 
 
 def _name(row: dict[str, Any], file: dict[str, Any]) -> str:

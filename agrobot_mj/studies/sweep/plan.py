@@ -6,6 +6,7 @@ the draws is kept per run, so that a plan of a million combinations takes no mor
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cached_property, partial
 from math import prod
 from typing import Any, NamedTuple
@@ -109,6 +110,13 @@ class SweepPlan:
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
         """Every `step`-th run from `first` on."""
         return (self.run(number) for number in range(first, self.total, step))
+
+    def some(self, most: int) -> Iterator[Scenario]:
+        """At most so many scenarios, evenly over the plan, of different combinations; invalid ones are left out."""
+        step = self._stride * max(1, -(-self.checks // most))
+        for run in self.runs(step=step):
+            with suppress(ScenarioError):
+                yield self.sweep.base.changed(run.overrides, files=False)
 
     @cached_property
     def _draws(self) -> dict[str, list[Any]]:

@@ -1,12 +1,13 @@
 """A sweep from file to table: check the plan, do what is missing, write each row as it comes, the table at the end."""
 
 import errno
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.progress import tally, task
 from agrobot_mj.simulation.storage import claimed
@@ -18,6 +19,10 @@ from agrobot_mj.studies.sweep.store import TABLE, Store, merge
 from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
+MOST_HEARD = 100
+"""Scenarios, evenly over the plan, of which doubts are told."""
+Begin = Callable[[Iterator[Scenario]], object]
+"""Hears of scenarios before they are driven."""
 Shard = tuple[int, int]
 """Number of this part, from 1, and how many parts there are."""
 
@@ -59,13 +64,18 @@ class SweepSummary(NamedTuple):
     """Runs done now that raised an error."""
 
 
-def sweep(source: str | Path, folder: Path, options: SweepOptions = DEFAULTS) -> SweepSummary:
-    """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs."""
+def sweep(
+    source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
+) -> SweepSummary:
+    """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs.
+
+    `begin` hears of some of its scenarios before that.
+    """
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
     with claimed(folder, store.names(plan)) if _is_whole(options) else nullcontext():
         if _is_whole(options):
             store.sweep_up()
-        return _complete(plan, store, options)
+        return _complete(plan, store, options, begin)
 
 
 def _is_whole(options: SweepOptions) -> bool:
@@ -73,10 +83,11 @@ def _is_whole(options: SweepOptions) -> bool:
     return options.shard == (1, 1)
 
 
-def _complete(plan: SweepPlan, store: Store, options: SweepOptions) -> SweepSummary:
+def _complete(plan: SweepPlan, store: Store, options: SweepOptions, begin: Begin) -> SweepSummary:
     """Do what is missing of a sweep in its folder."""
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(plan, store, options, part)
+    begin(plan.some(MOST_HEARD))
     done = bytearray(plan.total)
     for number in store.finished():
         if number < plan.total:

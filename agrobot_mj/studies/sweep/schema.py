@@ -4,7 +4,8 @@ Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for 
 """
 
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -82,12 +83,25 @@ class SweepFile(Spec):
             raise ValueError("\n".join(errors))
         return self
 
+    def _copies(self) -> Iterator[str]:
+        """Values that are named twice: their runs are copies, which would count as independent ones."""
+        lists = {f"axes.{key}": axis.values for key, axis in self.axes.items() if isinstance(axis, Listed)}
+        if isinstance(self.seeds, tuple):
+            lists["seeds"] = self.seeds
+        for name, values in lists.items():
+            if twice := [text for text, count in Counter(map(_text, values)).items() if count > 1]:
+                yield f"{name}: has {', '.join(twice[:3])} more than once; name each value once"
+        for variant in self.variant:
+            if "seed" in variant.set:
+                yield f"variant {variant.name!r}: seed: has no effect; write seeds = [...] beside base"
+
     def _clashes(self) -> list[str]:
-        """Keys that are named twice, and draws that nothing is drawn from."""
+        """Keys and values that are named twice, and draws that nothing is drawn from."""
         names = [variant.name for variant in self.variant]
         found = [
             f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
         ]
+        found += self._copies()
         for part, keys in (("axes", self.axes), ("draws", self.draws)):
             others = {"draws": self.draws} if part == "axes" else {}
             others |= {f"variant {variant.name!r}": variant.set for variant in self.variant}
@@ -104,6 +118,12 @@ class SweepFile(Spec):
         if not self.draws and "samples" in self.model_fields_set and self.samples > 1:
             found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
         return found
+
+
+def _text(value: Any) -> str:
+    """A value as text that is the same for equal values, 1 and 1.0 among them."""
+    whole = isinstance(value, float) and value.is_integer()
+    return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
 
 class Sweep(NamedTuple):

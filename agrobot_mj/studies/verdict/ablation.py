@@ -23,10 +23,8 @@ def ablation_table(rows: Sequence[ResultRow]) -> str:
 def _cells(rows: Sequence[ResultRow], variant: str) -> list[str]:
     """Both turns and the ratio of a variant on one plant."""
     runs, printed = select(rows, variant=variant), select(rows, variant=PRINTED)
-    if not by_seed(runs, _mse):
-        return ["failed"] * 3
     turns = [estimate(by_seed(runs, _of_turn(k)).values()) for k in (0, 1)]
-    return [*(f"{turn.mean:.4f}" for turn in turns), ratio(runs, printed, _mse).text() if variant != PRINTED else "1"]
+    return [*(turn.short(4) for turn in turns), ratio(runs, printed, _mse).text() if variant != PRINTED else "1"]
 
 
 def _mse(row: ResultRow) -> float:

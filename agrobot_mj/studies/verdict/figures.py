@@ -64,11 +64,12 @@ def write_claim_figures(rows: Rows, folder: Path) -> list[Path]:
 
 
 def mark(axes: Axes, x: float, found: MeanWithInterval, colour: str, plant: str, label: str | None = None) -> None:
-    """An estimate with its interval, upright; without one where a single seed gives none."""
+    """An estimate with its interval, upright, that a single seed does not give; a cross where seeds failed."""
     if np.isfinite(found.low):
         axes.plot([x, x], [found.low, found.high], color=colour, linewidth=1.2)
     face = colour if plant == "mujoco" else "white"
-    axes.plot([x], [found.mean], MARKS[plant], markersize=4, color=colour, markerfacecolor=face, label=label)
+    shape = "X" if found.failed else MARKS[plant]
+    axes.plot([x], [found.mean], shape, markersize=4, color=colour, markerfacecolor=face, label=label)
 
 
 def better(rows: Rows) -> Figure:

@@ -106,8 +106,8 @@ def _verdict(holds: Sequence[bool], null_too: bool) -> str:
 
 
 def _better(rows: Rows) -> Judged:
-    holds = [over_pd(rows, plant, T2).high < PAPER_RATIO for plant in PLANTS]
-    null = all(over_pd(rows, plant, ISGN).high < PAPER_RATIO for plant in PLANTS)
+    holds = [over_pd(rows, plant, T2).below(PAPER_RATIO) for plant in PLANTS]
+    null = all(over_pd(rows, plant, ISGN).below(PAPER_RATIO) for plant in PLANTS)
     network = f"MSE over that of PD: {both(lambda p: over_pd(rows, p, T2))}"
     others = ", ".join(f"{law} {over_pd(rows, PLANTS[1], law).text()}" for law in (ISGN, T1, PI))
     return Judged("30 % better than PD", _verdict(holds, null), network, f"MuJoCo: {others}")
@@ -115,13 +115,13 @@ def _better(rows: Rows) -> Judged:
 
 def _takes_over(rows: Rows) -> Judged:
     """The paper: PD dominates in the first turn, the network leads after it."""
-    leads = [share(rows, plant, T2, 2).low > 0.5 for plant in PLANTS]
-    later = [share(rows, plant, T2, 1).high < 0.5 for plant in PLANTS]
-    null = all(share(rows, plant, ISGN, 2).low > 0.5 for plant in PLANTS)
+    leads = [share(rows, plant, T2, 2).above(0.5) for plant in PLANTS]
+    later = [share(rows, plant, T2, 1).below(0.5) for plant in PLANTS]
+    null = all(share(rows, plant, ISGN, 2).above(0.5) for plant in PLANTS)
 
     def text(law: str) -> str:
         return "; ".join(
-            f"{p} {share(rows, p, law, 1).mean:.3f}, then {share(rows, p, law, 2).mean:.3f}" for p in PLANTS
+            f"{p} {share(rows, p, law, 1).short(3)}, then {share(rows, p, law, 2).short(3)}" for p in PLANTS
         )
 
     return Judged(
@@ -135,8 +135,8 @@ def _takes_over(rows: Rows) -> Judged:
 def _second_turn(rows: Rows) -> Judged:
     cases = [(plant, "paper", 0.0) for plant in PLANTS]
     cases += [(plant, study, x) for plant in PLANTS for study, xs in (("radius", RADII), ("speed", SPEEDS)) for x in xs]
-    holds = [second_turn(rows, plant, T2, study, x).high < 1.0 for plant, study, x in cases]
-    null = all(second_turn(rows, plant, ISGN).high < 1.0 for plant in PLANTS)
+    holds = [second_turn(rows, plant, T2, study, x).below(1.0) for plant, study, x in cases]
+    null = all(second_turn(rows, plant, ISGN).below(1.0) for plant in PLANTS)
     worse = sum(second_turn(rows, plant, T2, study, x).mean > 1.0 for plant, study, x in cases)
     text = f"MSE of turn 2 over turn 1: {both(lambda p: second_turn(rows, p, T2))}"
     text += f"; above 1 in {worse} of {len(cases)} cases"
@@ -149,11 +149,11 @@ def _second_turn(rows: Rows) -> Judged:
 
 
 def _settles(rows: Rows) -> Judged:
-    holds = [second_turn(rows, plant, T2, name="q_travel").high < 0.5 for plant in PLANTS]
+    holds = [second_turn(rows, plant, T2, name="q_travel").below(0.5) for plant in PLANTS]
     last = [estimate(by_seed(select(rows, study="settling", plant=p), turn("q_travel", 8)).values()) for p in PLANTS]
-    rests = all(found.high < 1.0 for found in last)
+    rests = all(found.below(1.0) for found in last)
     text = f"travel of q, turn 2 over turn 1: {both(lambda p: second_turn(rows, p, T2, name='q_travel'))}"
-    text += "; in turn 8 still " + ", ".join(f"{found.mean:.1f}" for found in last)
+    text += "; in turn 8 still " + ", ".join(found.short(1) for found in last)
     return Judged(
         "q settles",
         _verdict([*holds, rests], False),
@@ -166,7 +166,7 @@ def _type_2(rows: Rows) -> Judged:
     """Holds where type 2 is better under strong noise, and by more than under weak noise."""
     low, high = SIGMAS[0], SIGMAS[-1]
     found = {(p, s): against_type_1(rows, p, s, T1) for p in PLANTS for s in (low, high)}
-    holds = [found[p, high].high < 1.0 and found[p, high].high < found[p, low].low for p in PLANTS]
+    holds = [found[p, high].below(1.0) and found[p, high].below(found[p, low].low) for p in PLANTS]
     text = "; ".join(f"{p} {found[p, low].text()} at {low:g} m, {found[p, high].text()} at {high:g} m" for p in PLANTS)
     faster = "; ".join(f"{p} {against_type_1(rows, p, high, FASTER).text()}" for p in PLANTS)
     return Judged(
@@ -179,8 +179,8 @@ def _type_2(rows: Rows) -> Judged:
 
 def _soil(rows: Rows) -> Judged:
     """Robust if the softest soil costs less than half as much again as the firmest; the null models are asked, too."""
-    holds = [softest_over_firmest(rows, plant, T2).high < ROBUST for plant in PLANTS]
-    null_too = all(softest_over_firmest(rows, plant, law).high < ROBUST for plant in PLANTS for law in (PD, ISGN))
+    holds = [softest_over_firmest(rows, plant, T2).below(ROBUST) for plant in PLANTS]
+    null_too = all(softest_over_firmest(rows, plant, law).below(ROBUST) for plant in PLANTS for law in (PD, ISGN))
     null = ", ".join(f"{law} {softest_over_firmest(rows, PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))
     text = f"cross-track rms, softest over firmest: {both(lambda p: softest_over_firmest(rows, p, T2))}"
     return Judged("robust without knowing the soil", _verdict(holds, null_too), text, f"MuJoCo: {null}")

@@ -1,20 +1,22 @@
 """Rank of each law on each ground, from two sets of seeds: what a second set confirms, and what it does not.
 
-A law ranks behind those that are better by more than chance: the 95 % interval of the paired difference of the
-cross-track rms, seed by seed, excludes 0. So laws that no number of these runs tells apart share a rank. Two sets of
-seeds contradict each other on a pair of laws if each tells them apart, the other way round.
+A law ranks behind those that fail less often, and of as many failures behind those that are better by more than chance:
+the 95 % interval of the paired difference of the cross-track rms, seed by seed, excludes 0. So laws that no number of
+these runs tells apart share a rank. Two sets of seeds contradict each other on a pair of laws if each tells them apart,
+the other way round.
 """
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
+from math import isfinite
 from typing import NamedTuple
 
 from agrobot_mj.studies.verdict.rows import ResultRow
 from agrobot_mj.studies.verdict.statistics import by_seed, estimate
 
 ByLaw = Mapping[str, Mapping[int, float]]
-"""Cross-track rms [m] by law and seed."""
+"""Cross-track rms [m] by law and seed, NaN of a run that failed."""
 
 
 class Compared(NamedTuple):
@@ -31,7 +33,7 @@ class Compared(NamedTuple):
 
 
 def by_ground(rows: Sequence[ResultRow]) -> dict[tuple[str, ...], dict[str, dict[int, float]]]:
-    """Cross-track rms [m] of the completed runs of `controllers` by ground (tyre, terrain), law (variant) and seed."""
+    """Cross-track rms [m] of the runs of `controllers` by ground (tyre, terrain), law (variant) and seed."""
     found: dict[tuple[str, ...], dict[str, list[ResultRow]]] = {}
     for row in rows:
         terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
@@ -43,8 +45,12 @@ def by_ground(rows: Sequence[ResultRow]) -> dict[tuple[str, ...], dict[str, dict
 
 
 def better(one: Mapping[int, float], other: Mapping[int, float]) -> bool:
-    """Whether `one` is less than `other` by more than chance, on the seeds that both have."""
-    return estimate(one[seed] - other[seed] for seed in one.keys() & other.keys()).high < 0.0
+    """Whether `one` fails less often than `other`, or as often and is less by more than chance, on common seeds."""
+    seeds = one.keys() & other.keys()
+    failed, others = (sum(not isfinite(values[seed]) for seed in seeds) for values in (one, other))
+    if failed != others:
+        return failed < others
+    return estimate(one[seed] - other[seed] for seed in seeds).high < 0.0
 
 
 def ranks(laws: ByLaw) -> dict[str, int]:
@@ -77,15 +83,17 @@ def ranking_table(first: Mapping[tuple[str, ...], ByLaw], again: Mapping[tuple[s
     ranked = {ground: (ranks(first[ground]), ranks(again[ground])) for ground in first}
     lines = ["| law | " + " | ".join(", ".join(ground) for ground in first) + " |", "|---|" + "---|" * len(first)]
     for law in laws:
-        cells = (
-            " / ".join(
-                f"{100 * estimate(found[ground][law].values()).mean:.1f} ({rank[law]})" if law in rank else "failed"
-                for found, rank in zip((first, again), ranked[ground], strict=True)
-            )
-            for ground in first
-        )
+        cells = []
+        for ground in first:
+            sets = zip((first, again), ranked[ground], strict=True)
+            cells.append(" / ".join(_cell(found[ground], rank, law) for found, rank in sets))
         lines.append(f"| {law} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _cell(laws: ByLaw, rank: Mapping[str, int], law: str) -> str:
+    """Mean error [cm] and rank of a law."""
+    return f"{estimate(100 * v for v in laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
 
 
 def _pairs(first: ByLaw, again: ByLaw) -> Iterator[tuple[str, str]]:

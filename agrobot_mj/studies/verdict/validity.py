@@ -157,8 +157,8 @@ def closed_loop_table(rows: Sequence[ResultRow], estimator: str = "ekf") -> str:
         of = {"estimator": estimator, "law": law}
         both = [select(rows, surface=surface, **of) for surface in ("level, bicycle", "level")]
         if all(both):
-            means = [estimate(100 * v for v in by_seed(runs, _xte).values()).mean for runs in both]
-            cells = [*(f"{mean:.1f}" for mean in means), ratio(both[1], both[0], _xte).text()]
+            means = [estimate(100 * v for v in by_seed(runs, _xte).values()) for runs in both]
+            cells = [*(mean.short(1) for mean in means), ratio(both[1], both[0], _xte).text()]
             lines.append(f"| {law} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -100,13 +100,32 @@ def test_what_cannot_be_judged_is_told(plan, tmp_path, monkeypatch):
     whole = written(plan(4), tmp_path / "whole")
     with pytest.raises(ScenarioError, match="--metric xte_rmss: no such column; did you mean 'xte_rms'"):
         importance(whole, "xte_rmss")
-    with pytest.raises(ScenarioError, match="--metric outcome: has no number in 40 of 40 runs"):
-        importance(whole, "outcome")
-    with pytest.raises(ScenarioError, match="--metric seed: does not vary"):
-        importance(whole, "seed")
+    for name in ("outcome", "seed", "run", *KEYS):
+        with pytest.raises(ScenarioError, match=f"--metric {name}: is no result of a run"):
+            importance(whole, name)
     monkeypatch.setitem(sys.modules, "SALib.analyze", None)
     with pytest.raises(ScenarioError, match=r"pip install 'agrobot-mj\[studies\]'"):
         importance(whole)
+
+
+def test_errors_of_runs_that_failed_are_no_data(plan, tmp_path):
+    pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
+    folder = written(plan(64), tmp_path / "out")
+    rows = pq.read_table(folder / "sweep.parquet").to_pylist()
+    for row in rows:  # rolls over where the first number is large, with an error that is a number
+        lost = row[KEYS[0]] > 2.0
+        row |= {"outcome": "rolled_over" if lost else "completed", "expected": not lost, "error": None, "wall_s": 1.0}
+    pq.write_table(pa.Table.from_pylist(rows), folder / "sweep.parquet")
+    lost = sum(not row["expected"] for row in rows)
+    with pytest.raises(ScenarioError, match=rf"{lost} of 640 runs have none \({lost} rolled_over\).*--metric expected"):
+        importance(folder)
+    assert not (folder / "importance.json").exists()
+    with pytest.raises(ScenarioError, match="--metric wall_s: is no result of a run"):
+        importance(folder, "wall_s")
+    found = importance(folder, "expected")[0]
+    assert found.mean == pytest.approx(1 - lost / len(rows), abs=0.02)
+    assert found.indices[0].key == KEYS[0]
+    assert found.indices[0].first > 0.8
 
 
 def test_a_design_of_another_kind_and_an_odd_number_of_samples_are_refused(plan, tmp_path):

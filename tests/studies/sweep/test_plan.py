@@ -168,6 +168,21 @@ def test_a_key_in_two_places_is_refused(plan):
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seeds = [1, 7, 1, 1]\n", "seeds: has 1 more than once; name each value once"),
+        ('[axes]\n"guidance.kind" = ["lqr", "stanley", "lqr"]\n', 'axes.guidance.kind: has "lqr" more than once'),
+        ('[axes]\n"path.speed_m_s" = [1, 1.0]\n', "axes.path.speed_m_s: has 1 more than once"),
+        ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; write seeds"),
+    ],
+)
+def test_copies_of_a_run_are_refused(plan, text, message):
+    with pytest.raises(ScenarioError) as caught:
+        plan(f'base = "circle"\n{text}')
+    assert message in str(caught.value)
+
+
 def test_a_thousand_million_runs_are_counted_and_refused(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")

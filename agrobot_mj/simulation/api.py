@@ -1,0 +1,29 @@
+"""The run of the Python API: as `simulation.run.run`, with a warning for what the scenario hardly means."""
+
+import warnings
+from collections.abc import Callable
+
+from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation import run as simulation
+from agrobot_mj.simulation.log import Log
+
+
+class ScenarioWarning(UserWarning):
+    """A key of a scenario that is legal, but has no effect, or hardly the one that is meant."""
+
+
+def run(
+    scenario: Scenario,
+    watchers: tuple[simulation.Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario to its end; writes nothing by itself. Doubts about it are issued as `ScenarioWarning`.
+
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
+    returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
+    for a guidance law that is an external program.
+    """
+    for line in doubts(scenario):
+        warnings.warn(f"{scenario.name}: {line}", ScenarioWarning, stacklevel=2)
+    return simulation.run(scenario, watchers, should_stop)

@@ -1,0 +1,68 @@
+"""Which runs cover the same piece of path: only their errors can be compared."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.paths import Path, sample
+from agrobot_mj.scenario.schema import LONGEST_S, Scenario
+
+SAMPLES, STATIONS = 400, 50
+"""Points along a piece, by time, and places at equal distances at which two pieces are compared."""
+APART = 0.01
+"""Distance between two equal pieces at the same station, as a share of their length [-]. Estimate: rounding to ticks,
+and bends that the samples cut."""
+
+
+def pieces(scenarios: Iterable[Scenario]) -> list[int]:
+    """For each scenario the number of the piece of path that its reference covers, from 1; equal pieces share one.
+
+    A slow and a fast run to the end of a path cover the same piece; in the same time they do not.
+    """
+    known: dict[object, int] = {}
+    different: list[Array] = []
+    found = []
+    for scenario in scenarios:
+        key = (scenario.path, scenario.ticks)
+        if key not in known:
+            stations = _stations(scenario)
+            same = (k for k, other in enumerate(different, 1) if _close(stations, other))
+            known[key] = next(same, len(different) + 1)
+            if known[key] > len(different):
+                different.append(stations)
+        found.append(known[key])
+    return found
+
+
+def at_speed(scenario: Scenario, speed: float) -> Scenario:
+    """The scenario at another speed [m/s]; a duration of its own becomes that in which it covers the same piece."""
+    changed = scenario.changed({"path.speed_m_s": speed})
+    if scenario.duration_s is None:
+        return changed
+    length, end = _walked(scenario.path, scenario.duration_s)[2][-1], scenario.duration_s
+    if not length:
+        return changed
+    while (walked := _walked(changed.path, end))[2][-1] < length and end < LONGEST_S:
+        end *= 1.5
+    return changed.changed({"duration_s": float(np.interp(length, walked[2], walked[0]))})
+
+
+def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
+    """Times (n,) [s], points (n, 2) and way to them (n,) [m] of a path's reference until `end` [s]."""
+    times = np.linspace(0.0, end, SAMPLES)
+    points = sample(path, times)
+    return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+
+
+def _stations(scenario: Scenario) -> Array:
+    """Points at equal distances along the piece, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
+    _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
+    places = np.linspace(0.0, way[-1], STATIONS)
+    along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)
+    return np.vstack([along, [way[-1], way[-1]]])
+
+
+def _close(one: Array, other: Array) -> bool:
+    length = max(one[-1, 0], other[-1, 0])
+    return bool(np.abs(one - other).max() <= APART * length)

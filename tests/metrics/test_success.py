@@ -1,0 +1,56 @@
+"""The rule on failed runs: what a success is, which numbers are errors, how failures are told."""
+
+from math import inf, nan
+
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.metrics.success import error_of, failures, has_errors, is_error, reasons, succeeded, without_errors
+
+NO_ERRORS = {
+    "outcome", "stop_reason", "progress", "nn_share", "position_nees", "position_nis", "steer_saturated_fraction",
+    "hitch_angle_abs_p95", "hitch_pull_mean", "physics_warnings", "real_time_factor", "wall_s",
+}  # fmt: skip
+"""Metrics that say something of failed runs, too."""
+
+
+@pytest.mark.parametrize(
+    ("row", "success", "counts"),
+    [
+        ({"outcome": "completed"}, True, True),
+        ({"outcome": "stopped"}, False, False),
+        ({"outcome": "completed", "expected": True}, True, True),
+        ({"outcome": "completed", "expected": False}, False, False),
+        ({"outcome": "stopped", "expected": True}, True, False),
+        ({"outcome": "unfinished", "expected": False}, False, False),
+    ],
+)
+def test_an_error_is_that_of_a_success_that_completed(row, success, counts):
+    assert (succeeded(row), has_errors(row)) == (success, counts)
+    assert error_of({**row, "xte_rms": 0.0}, "xte_rms") == (0.0 if counts else None)
+    kept = without_errors({**row, "xte_rms": 0.0, "per_turn": [], "position_nees": 2.0})
+    assert (kept["xte_rms"], kept["per_turn"]) == ((0.0, []) if counts else (None, None))
+    assert kept["position_nees"] == 2.0
+
+
+@pytest.mark.parametrize("value", [None, nan, inf])
+def test_a_value_that_is_no_number_is_no_error(value):
+    assert error_of({"outcome": "completed", "xte_rms": value}, "xte_rms") is None
+    assert error_of({"outcome": "completed"}, "xte_rms") is None
+
+
+def test_every_metric_is_an_error_or_known_to_be_none():
+    log = run(load_scenario("plough", {"duration_s": 1.0}))
+    swaths = run(load_scenario("clothoid_swaths", {"plant.kind": "bicycle", "duration_s": 1.0}))
+    names = {*log.metrics, *swaths.metrics}
+    assert {name for name in names if not is_error(name)} <= NO_ERRORS
+    assert {"xte_rms", "lateral_mse", "per_turn", "implement_xte_rms"} <= {name for name in names if is_error(name)}
+
+
+def test_failures_are_counted_with_their_reasons():
+    rows = [{"outcome": "completed"}, {"outcome": "diverged"}]
+    rows += [{"outcome": "stopped", "stop_reason": f"no GNSS fix for {k}.0 s"} for k in (8, 9)]
+    assert failures(rows) == "3 of 4: 2 stopped (no GNSS fix for 8.0 s), 1 diverged"
+    assert failures(rows[:1]) == failures([]) == ""
+    many = [{"outcome": outcome} for outcome in ("stuck", "diverged", "stopped", "aborted")]
+    assert reasons(many) == "1 stuck, 1 diverged, 1 stopped, ..."

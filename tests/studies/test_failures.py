@@ -1,0 +1,160 @@
+"""A run that failed has no error in any study: laws that stand still, stop early or drive, under each verb."""
+
+import json
+import re
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.studies.tune import FAILED, MOST, judge
+
+LAWS = '''
+"""Laws that do not drive their path."""
+
+from typing import Literal
+
+from agrobot_mj.control import GuidanceLaw, Situation
+from agrobot_mj.core.signals import Command
+
+
+class Still(GuidanceLaw):
+    """Never moves."""
+
+    kind: Literal["{name}"] = "{name}"
+
+    def update(self, state: None, situation: Situation, dt: float) -> tuple[None, Command]:
+        """No speed."""
+        return None, Command(steer=0.0, speed=0.0)
+'''
+AWAY = ("--set", "plant.kind=bicycle", "--set", "duration_s=9", "--set", "path.speed_m_s=1")
+
+
+@pytest.fixture
+def plugin(tmp_path, request):
+    """A file with a law that stands still, and its kind, one for each test: kinds are registered once."""
+    name = f"still_{abs(hash(request.node.name)) % 10**8}"
+    (tmp_path / "laws.py").write_text(LAWS.replace("{name}", name))
+    return tmp_path / "laws.py", name
+
+
+def compared(call, plugin, *more):
+    file, still = plugin
+    laws = ("--plugin", file, "--guidance", f"{still},stanley,lqr", "--plants", "bicycle")
+    return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
+
+
+def test_a_comparison_ranks_who_drove_before_who_stood(call, plugin, tmp_path):
+    status, out, err = compared(call, plugin, "--seeds", 2)
+    still = plugin[1]
+    assert (status, err) == (1, "")
+    lines = [line for line in out.splitlines() if f"| {still} " in line]
+    assert len(lines) == 2
+    assert {cell.strip() for line in lines for cell in line.split("|")[-8:-1]} == {"-"}
+    assert f"bicycle-{still}: failed 2 of 2: 2 unfinished (drove 0.0 of " in out
+    rows = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    for row in rows:
+        failed = row["guidance"] == still
+        assert row["expected"] is not failed
+        assert (row["xte_rms"] is None) is (row["lateral_mse"] is None) is (row["per_turn"] is None) is failed
+        measured = json.loads((tmp_path / "out" / row["folder"] / "metrics.json").read_text())
+        assert measured["xte_rms"] is not None
+    status, _, _ = call("report", "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert status == 0
+    ranked = re.findall(r"<tr><td>(bicycle: [^<]*)</td><td class=\"number\">2</td><td class=\"number\">(\d)</td>", page)
+    assert ranked[-1] == (f"bicycle: {still}", "0")
+    assert {successes for _, successes in ranked[:-1]} == {"2"}
+    (charts,) = re.findall(r"const CHARTS = (\{.*?\});\n", page)
+    bars = json.loads(charts.replace("<\\/", "</"))["chart0"]["data"][0]
+    assert not any(still in name for name in bars["y"])
+
+
+def test_a_run_that_the_supervisor_stops_is_not_the_best(call, tmp_path):
+    """In the first metre of a lane change nothing is off the path."""
+    variants = ("--variant", "free: title=free", "--variant", "tight: supervisor.max_cross_track_m=0.02")
+    status, out, _ = call(
+        "compare",
+        "lane_change",
+        *AWAY,
+        "--guidance",
+        "lqr",
+        *variants,
+        "--plants",
+        "bicycle",
+        "--no-rrd",
+        "--out",
+        "out",
+    )
+    assert status == 1
+    free, tight = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert tight["outcome"] == "stopped"
+    measured = json.loads((tmp_path / "out" / tight["folder"] / "metrics.json").read_text())
+    assert measured["xte_rms"] < free["xte_rms"]  # what would have been ranked first
+    assert re.search(r"bicycle-tight_lqr: failed 1 of 1: 1 stopped \(.* off the path\); no errors of these", out)
+    call("report", "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("<td>bicycle: free") < page.index("<td>bicycle: tight")
+
+
+def test_errors_over_different_pieces_of_path_are_kept_apart(call, tmp_path):
+    variants = ("--variant", "slow: path.speed_m_s=0.6", "--variant", "long: duration_s=12")
+    same = ("--variant", "as it is: title=x", "--variant", "noisy: sensors.gnss.sigma_m=0.03")
+    common = ("--guidance", "lqr", "--plants", "bicycle", "--no-rrd", "--out", "out")
+    status, out, err = call("compare", "lane_change", *AWAY, *common, *same, *variants)
+    assert (status, err) == (0, "")
+    rows = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert {row["variant"]: row["piece"] for row in rows} == {"as it is": 1, "noisy": 1, "slow": 2, "long": 3}
+    assert "the runs cover different pieces of path (column piece)" in out
+    call("report", "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("<h2>Ranking over piece") == 3
+
+
+def test_a_limit_is_not_found_by_standing_still(call, plugin, tmp_path):
+    file, still = plugin
+    where = ("--key", "path.radius_m", "--range", "12:6", "--seeds", 2, "--until", "xte_rms > 0.5")
+    status, out, _ = call(
+        "limit", "circle", "--plugin", file, "--guidance", still, *where, *AWAY, "--jobs", 1, "--out", "out"
+    )
+    assert status == 0
+    (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
+    assert law["verdict"] == "always_fails"
+    assert "0 of 2 succeed (2 unfinished)" in out
+    assert "Not every run ended as expected: 2 unfinished at 12" in out
+
+
+def test_a_sweep_shows_no_error_of_who_stood(call, plugin, tmp_path):
+    file, still = plugin
+    (tmp_path / "mine.toml").write_text(
+        f'base = "lane_change"\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n[axes]\n'
+        f'"guidance.kind" = ["{still}", "lqr"]\n"steering.valve.dead_band_v" = [0.2, 0.4]\n'
+        '"sensors.gnss.sigma_m" = [0.01, 0.02]\n'
+    )
+    status, _, _ = call("sweep", "mine.toml", "--plugin", file, "--jobs", 1, "--out", "out", "-q")
+    assert status == 0
+    rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
+    assert {row["outcome"] for row in rows if row["guidance.kind"] == still} == {"unfinished"}
+    status, _, err = call("report", "out", "--plugin", file)
+    assert (status, err) == (0, "")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("<td>lqr") < page.index(f"<td>{still}")
+    assert "<td>4 of 4: 4 unfinished (drove 0.0 of " in page
+    (charts,) = re.findall(r"const CHARTS = (\{.*?\});\n", page)
+    maps = [
+        c["data"][0] for c in json.loads(charts.replace("<\\/", "</")).values() if c["data"][0]["type"] == "heatmap"
+    ]
+    lowest = min(value for chart in maps for row in chart["z"] for value in row if value is not None)
+    assert lowest == pytest.approx(100 * min(row["xte_rms"] for row in rows if row["expected"]), rel=1e-4)
+    assert any(
+        np.array(chart["z"], dtype=float).size == np.isnan(np.array(chart["z"], dtype=float)).sum() for chart in maps
+    )
+
+
+def test_tuning_prefers_any_drive_to_standing():
+    keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
+    drives = judge(load_scenario("lane_change", keys), {"guidance.gain_per_s": 0.1})
+    stands = judge(load_scenario("lane_change", keys), {"driveline.pedal_rate_per_v_s": 1e-9})
+    assert stands.row["xte_rms"] < drives.row["xte_rms"]
+    assert drives.cost <= MOST < FAILED < stands.cost
