@@ -21,7 +21,7 @@ Scale = Annotated[float, Field(ge=1e-3, le=10)]
 Spread = Annotated[float, Field(ge=0, le=10)]
 """Standard deviation over the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
-CarcassShare = Annotated[float, Field(ge=0, le=2)]
+CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 """Stiffness of a tyre's carcass over its vertical one [-]."""
 
 

@@ -20,7 +20,7 @@ MOST_PLACES = 16_000_000
 """Largest number of tiles that the field may have places for: 64 MB."""
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
 """Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], sinkage of untouched soil at that
-pressure [m], present pressure over it [-]."""
+pressure [m], pressure over it up to which the cell is elastic [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 

@@ -128,10 +128,11 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 class Structure(NamedTuple):
     """Carcass and contact patch around a law."""
 
-    relaxation_radii: float
-    """Relaxation length over free radius [-]."""
-    bristle_damping_s: float
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]."""
+    relaxation_radii: float = 1.5
+    """Relaxation length over free radius at the static load, where `carcass_share` is 0 [-]."""
+    bristle_damping_s: float = 0.02
+    """Damping of the carcass over its stiffness; without `carcass_share` at 1.5 radii of relaxation, shorter in
+    proportion [s]."""
     rolling_resistance: float = 0.0
     """Rolling resistance moment over load and rolling radius [-]."""
     patch_half_length_m: float | None = 0.0
@@ -142,7 +143,7 @@ class Structure(NamedTuple):
     cone_index_pa: float = 0.0
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral stiffness of the carcass over the vertical; 0 for that of the relaxation length [-]."""
+    """Longitudinal and lateral stiffness of the carcass over the vertical; 0 for the one of `relaxation_radii` [-]."""
     bearing: Bearing = FIRM
     """Soil that sinks below the wheels and remembers it; firm ground by default."""
 

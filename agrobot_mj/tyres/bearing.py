@@ -13,7 +13,9 @@ stiffness per area, K_e the soil's rebound and z its plastic sinkage,
     dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on soil that is loaded again, z_q = (q / k)^(1/n).
 
 The last line makes the sinkage of N equal passes z_1 N^(1/a), the multipass law of [Abebe1989]; without it soil that
-was loaded once would be elastic ever after. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2)
+was loaded once would be elastic ever after. It holds where p / q passes its level: the highest value since the soil was
+last unloaded, and at most `REVERSAL` times the lowest one since. So soil is elastic under a load that trembles, and a
+pass that ends in the air counts as a whole one. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2)
 [Lyasko2010]. The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the way and
 p dA l / r_c away from its side. So the work that the wheel does along its way is the soil's plastic work exactly, and
 the walls of a rut hold the wheel.
@@ -31,6 +33,9 @@ ITERATIONS = 8
 NEAR = 0.05
 """Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next step
 of the physics) and a cubic stands for the power (within 2e-6) [-]."""
+REVERSAL = 2.0
+"""Pressure up to which soil that is loaded again is elastic, over the least pressure since its level was reached [-].
+Estimate: a load that is not halved makes no pass of its own."""
 MOST_SLIP = 0.8
 """Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
 there."""
@@ -87,7 +92,7 @@ class SoilCell(NamedTuple):
     hardened: float
     """Sinkage z_q that untouched soil would have at this yield pressure [m]."""
     level: float
-    """Pressure over yield pressure [-]."""
+    """Pressure over yield pressure up to which the cell is elastic [-]."""
 
 
 class Pressed(NamedTuple):
@@ -118,7 +123,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
     if trial <= 0.0:
         return SoilCell(0.0, z, q, z_q, 0.0)
     if trial <= level * q:
-        return SoilCell(trial, z, q, z_q, trial / q)
+        return SoilCell(trial, z, q, z_q, min(level, REVERSAL * trial / q))
     if level < 1.0 and q > 0.0:
         c = factor * z_q / soil.multipass
         if z > z_q:
@@ -160,9 +165,11 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
     if tile < 0:
         return -1.0
     trial, q = E * (D - cells[tile, y, x, SINKAGE]), cells[tile, y, x, YIELD]
-    if trial > cells[tile, y, x, LEVEL] * q:
+    elastic = cells[tile, y, x, LEVEL] * q
+    if trial > elastic:
         return -1.0
-    cells[tile, y, x, LEVEL] = trial / q if trial > 0.0 else 0.0
+    if REVERSAL * trial < elastic:
+        cells[tile, y, x, LEVEL] = REVERSAL * trial / q if trial > 0.0 else 0.0
     return float(max(trial, 0.0))
 
 

@@ -12,7 +12,7 @@ from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.terrain.memory import virgin
-from agrobot_mj.tyres.base import Footing, Slip, Structure, TyreBase, TyreLaw, slip_of_faster
+from agrobot_mj.tyres.base import Footing, Slip, Structure, TyreBase, TyreForce, TyreLaw, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing, Pressed, Tread, press
 from agrobot_mj.tyres.patch import (
     FORCE_X,
@@ -34,7 +34,7 @@ from agrobot_mj.tyres.patch import (
 )
 
 SLIDE = 0.1
-"""Twist at which all of the patch slides [rad]. Estimate."""
+"""Twist at which all of the patch slides under the static load [rad]. Estimate."""
 GRIP = DRY_GRIP
 """Friction under a scrubbing patch [-]."""
 TRAIL_SLIP = 0.1
@@ -43,8 +43,8 @@ ROLLING = 0.2
 """Speed over which the carcass' own damping fades: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
 LEAST_SHARE = 0.1
 """Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
-SMALL, SHORTEST = 1e-4, 0.05
-"""Slip at which a law shows its stiffness [-], and the shortest relaxation length, stable at any step [m]."""
+SMALL, SHORTEST = 1e-6, 1e-3
+"""Slip at which a law shows its stiffness [-], and least relaxation length: that of a tyre that hardly touches [m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the deflection of the bristle over its relaxation length [m/s]."""
@@ -60,19 +60,35 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     front, rear = pair(
         tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", kind, "coefficients"
     )
-    relaxation = structure.relaxation_radii * radius
+    stiffness = np.array([tractor.front_tyre_stiffness] * 2 + [tractor.rear_tyre_stiffness] * 2)
+    loads, patches = (
+        np.array([tractor.front_wheel_load] * 2 + [tractor.rear_wheel_load] * 2),
+        patch_half_lengths(structure, tractor),
+    )
+    footing = Footing(1.0, structure.cone_index_pa)
+    wheels = zip((front, front, rear, rear), loads, loads / stiffness, strict=True)
+    K = np.array([slip_stiffness(law, load, sunk, footing, 0.0, 0.0) for law, load, sunk in wheels])
+    # at least 1 N/m: a law without a force in one direction has no spring either
+    springs = np.stack(
+        [
+            share * stiffness if share > 0.0 else np.maximum(K[:, axis] / (structure.relaxation_radii * radius), 1.0)
+            for axis, share in enumerate(structure.carcass_share)
+        ],
+        axis=1,
+    )
     return TyreSet(
         front=front,
         rear=rear,
         radius=radius,
-        stiffness=np.array([tractor.front_tyre_stiffness] * 2 + [tractor.rear_tyre_stiffness] * 2),
+        stiffness=stiffness,
         damping=np.array([tractor.front_tyre_damping] * 2 + [tractor.rear_tyre_damping] * 2),
-        relaxation=np.stack([relaxation, relaxation], axis=1),
-        carcass_share=structure.carcass_share,
+        relaxation=np.maximum(K / springs, SHORTEST),
+        springs=springs,
+        twist_stiffness=2.0 / 3.0 * GRIP * loads * patches / SLIDE,
         bristle_damping=structure.bristle_damping_s
         * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
         rolling_resistance=structure.rolling_resistance,
-        patch_half_length=patch_half_lengths(structure, tractor),
+        patch_half_length=patches,
         trail=structure.trail_m,
         cone_index=structure.cone_index_pa,
         bearing=structure.bearing,
@@ -126,17 +142,20 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 
 @kernel
-def scrub(a: float, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
+def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
-    The patch twists until its rim slides, over a bristle deflection of `SLIDE` times its half length, and then holds
-    two thirds of grip times load times half length `a` [m]; rolling wipes the twist out over the patch's length.
+    The patch twists until its rim slides, under the static load over a bristle deflection of `SLIDE` times its half
+    length, and then holds two thirds of grip times load times half length; rolling wipes the twist out over the patch's
+    length.
     """
-    if a <= 0.0:
+    a, stiffness = float(tyres.patch_half_length[i]), float(tyres.twist_stiffness[i])
+    if stiffness <= 0.0:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
-    bristle[2] = min(max(twist, -SLIDE), SLIDE)
-    return float(-2.0 / 3.0 * GRIP * grip * load * a * bristle[2] / SLIDE)
+    limit = 2.0 / 3.0 * GRIP * grip * load * a / stiffness
+    bristle[2] = min(max(twist, -limit), limit)
+    return float(-stiffness * bristle[2])
 
 
 @kernel
@@ -148,20 +167,18 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 
 @kernel
-def relaxation_lengths(tyres: TyreSet, i: int, law: TyreLaw, load: float, deflection: float, footing: Footing) -> Pair:
-    """Longitudinal and lateral relaxation length [m]: as given, or slip stiffness over carcass stiffness."""
-    sigma_x, sigma_y = tyres.relaxation[i, 0], tyres.relaxation[i, 1]
-    share_x, share_y = tyres.carcass_share
-    if share_x <= 0.0 and share_y <= 0.0:
-        return sigma_x, sigma_y
-    # both stiffnesses of the law at once: at so small a slip the directions do not mix
-    slip = SMALL * tyres.carcass[i, 0]
-    force = law.force(Slip(-slip, -slip, load, deflection, 1.0, footing, 1.0, 0.0, 0.0))
-    if share_x > 0.0:
-        sigma_x = max(force.x / SMALL / (share_x * tyres.stiffness[i]), SHORTEST)
-    if share_y > 0.0:
-        sigma_y = max(force.y / SMALL / (share_y * tyres.stiffness[i]), SHORTEST)
-    return sigma_x, sigma_y
+def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
+    """Longitudinal and lateral force over slip at small slip [N]."""
+    # both at once: at so small a slip the directions do not mix
+    force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
+    return force.x / SMALL, force.y / SMALL
+
+
+@kernel
+def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
+    """Share of the bristle's deflection that is the carcass', the rest being slid tread: secant over slip stiffness."""
+    full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
+    return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
@@ -206,7 +223,8 @@ def wheel_step(
     """Advance wheel `i` by one step: updates its bristle (3,) in place, writes the wrench (6,) about its centre and its
     report (6,)."""
     patch = find_patch(ground, tyres.radius[i], wheel)
-    soil = carry(tyres, i, ground, patch, wheel.centre, min(abs(bristle[0]) / tyres.relaxation[i, 0], 1.0))
+    slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
+    soil = carry(tyres, i, ground, patch, wheel.centre, slipped)
     load = soil.load + tyres.damping[i] * patch.rate
     # the ground pushes and never pulls: a wheel that rebounds faster than its damper allows has left the ground
     if soil.load <= 0.0 or load <= 0.0:
@@ -219,23 +237,32 @@ def wheel_step(
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
     law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
-    sigma_x, sigma_y = relaxation_lengths(tyres, i, law, load, deflection, footing)
+    way, A, L = soft_sign(patch.v_x, STILL), soil.area, soil.length
+    K = slip_stiffness(law, load, deflection, footing, A, L)
+    sigma_x, sigma_y = max(K[0] / tyres.springs[i, 0], SHORTEST), max(K[1] / tyres.springs[i, 1], SHORTEST)
+    tyres.relaxation[i, 0], tyres.relaxation[i, 1] = sigma_x, sigma_y
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
     # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
     slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
-    way, A, L = soft_sign(patch.v_x, STILL), soil.area, soil.length
     slip = Slip(slip_x, slip_y, load, deflection, v_roll, footing, way, A, L)
-    force = law.force(Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L))
+    softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
+    force = law.force(softened)
     push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
-    # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up
-    bristle[0], bristle[1] = force.held * z_x, force.held * z_y
+    # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up; where the load
+    # has risen, slid tread adheres where it lies: kept deflected it would push harder, and give more than it took
+    kept = force.held
+    if load > report[LOAD]:
+        kept *= 1.0 - (1.0 - adhering(softened, force, K)) * (1.0 - report[LOAD] / load)
+    # sliding shortens both as rolling does, so that a tyre that slides on has the slip of its sliding
+    slid = (1.0 - kept) * max(sigma_x, sigma_y)
+    bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y)
-    moment += scrub(tyres.patch_half_length[i], patch, load, footing.grip, dt, bristle)
+    moment += scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
     add_wrench(
         wrench,

@@ -23,7 +23,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.roots import root
 from agrobot_mj.core.spec import CarcassShare, Fraction, NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction
 
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
@@ -169,18 +169,15 @@ class MagicFormula(TyreBase):
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
     direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
-    relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
-    carcass_lateral: CarcassShare = 0.0
-    """Lateral over vertical stiffness of the carcass, which then sets the relaxation length; 0 for `relaxation_radii`
-    [-]. Estimate: 0.3-0.6 for pneumatic tyres."""
-    carcass_longitudinal: CarcassShare = 0.0
+    carcass_lateral: CarcassShare = 0.45
+    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
+    Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.6
     """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
-    Estimate."""
+    """Damping of the carcass over its stiffness [s]. Estimate."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
     the static deflection of each axle's tyres."""
@@ -190,11 +187,10 @@ class MagicFormula(TyreBase):
     def structure(self) -> Structure:
         """Carcass and contact patch."""
         return Structure(
-            self.relaxation_radii,
-            self.bristle_damping_s,
-            self.rolling_resistance,
-            self.patch_half_length_m,
-            self.trail_m,
+            bristle_damping_s=self.bristle_damping_s,
+            rolling_resistance=self.rolling_resistance,
+            patch_half_length_m=self.patch_half_length_m,
+            trail_m=self.trail_m,
             carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
         )
 

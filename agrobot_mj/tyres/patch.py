@@ -9,8 +9,9 @@ whose steady state is the slip ratio and tan(slip angle), whose response is firs
 sigma, and which holds like a spring at rest. A law turns slip and load into force; what exceeds its grip scales z
 back. The bristle is integrated exactly over a step, so that it is stable at any speed.
 
-The stiffness of the carcass is that of the law over sigma. Where it is given instead, sigma is the slip stiffness at
-the present load over it, so that a lightly loaded tyre relaxes sooner.
+The carcass is a spring whose stiffness c does not know the load; sigma is the slip stiffness at the present load over
+it, so that a lightly loaded tyre relaxes sooner. With slip stiffness K and force F the bristle is part spring, F / c,
+and part slid tread, z - F / c: what had slid before the load rose adheres again, and does not push.
 
 A driven wheel's force acts with the effective rolling radius r_e as its lever (the arm that makes its power balance);
 r_e lies a third of the deflection below the free radius [Pacejka2012].
@@ -47,9 +48,12 @@ class TyreSet(NamedTuple):
     damping: Array
     """Vertical damping, shape (4,) [N s/m]."""
     relaxation: Array
-    """Longitudinal and lateral relaxation length, shape (4, 2) [m]."""
-    carcass_share: tuple[float, float]
-    """Longitudinal and lateral stiffness over the vertical, which then set the relaxation lengths; 0 for none [-]."""
+    """Longitudinal and lateral relaxation length, at first that at the static load, then as the last step has found it,
+    shape (4, 2) [m]."""
+    springs: Array
+    """Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]."""
+    twist_stiffness: Array
+    """Stiffness of the patch against turning, shape (4,) [N m/rad]."""
     bristle_damping: float
     """Damping time tau of the bristle, see above [s]."""
     rolling_resistance: float

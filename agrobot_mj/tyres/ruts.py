@@ -17,9 +17,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import HUGE, Fraction, NonNegative, Positive
+from agrobot_mj.core.spec import HUGE, CarcassShare, Fraction, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
@@ -111,10 +111,13 @@ class Ruts(TyreBase):
     """Side of the cells of soil [m]. Estimate: four across a front tyre."""
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force, as for `soil` [-]. Estimate: the soil's strength."""
-    relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
+    carcass_lateral: CarcassShare = 0.45
+    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
+    Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.6
+    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    """Damping of the carcass over its stiffness [s]. Estimate."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
     the static deflection of each axle's tyres."""
@@ -150,7 +153,11 @@ class Ruts(TyreBase):
             cell=self.cell_m,
         )
         return Structure(
-            self.relaxation_radii, self.bristle_damping_s, OWN_LOSS, self.patch_half_length_m, bearing=bearing
+            bristle_damping_s=self.bristle_damping_s,
+            rolling_resistance=OWN_LOSS,
+            patch_half_length_m=self.patch_half_length_m,
+            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
+            bearing=bearing,
         )
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import CarcassShare, ConeIndex, Fraction, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
+from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
 
 SATURATED = 3.0
 """Normalised slip rho at which the bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
@@ -113,16 +113,13 @@ class Soil(TyreBase):
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
     direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
-    relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
-    carcass_lateral: CarcassShare = 0.0
-    """Lateral over vertical stiffness of the carcass, which then sets the relaxation length; 0 for `relaxation_radii`
-    [-]. Estimate: 0.3-0.6 for pneumatic tyres."""
-    carcass_longitudinal: CarcassShare = 0.0
+    carcass_lateral: CarcassShare = 0.45
+    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
+    Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.6
     """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness; without `carcass_*` in proportion to `relaxation_radii` over 1.5 [s].
-    Estimate."""
+    """Damping of the carcass over its stiffness [s]. Estimate."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
     the static deflection of each axle's tyres."""
@@ -143,10 +140,9 @@ class Soil(TyreBase):
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
         return Structure(
-            self.relaxation_radii,
-            self.bristle_damping_s,
-            OWN_LOSS,
-            self.patch_half_length_m,
+            bristle_damping_s=self.bristle_damping_s,
+            rolling_resistance=OWN_LOSS,
+            patch_half_length_m=self.patch_half_length_m,
             cone_index_pa=1e3 * self.cone_index_kpa,
             carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
         )

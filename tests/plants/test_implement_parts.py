@@ -17,6 +17,7 @@ from agrobot_mj.plants.mujoco.model import DIAMETER_GYRATION_2, SPIN_GYRATION_2
 from agrobot_mj.plants.mujoco.tools import (
     AHEAD,
     LEFT,
+    MEMORIES,
     TRAVELLED,
     WHEEL_LOAD,
     apply_tools,
@@ -340,7 +341,7 @@ def test_the_unevenness_lies_between_its_entries_and_begins_again_at_its_end():
 
 
 def test_the_way_worked_counts_forward_and_back_and_only_in_the_soil():
-    law, memory = Tool(depth_m=0.1).law(), np.zeros(3)
+    law, memory = Tool(depth_m=0.1).law(), np.zeros(MEMORIES)
     for v_x, depth in ((1.0, 0.1), (-2.0, 0.05), (3.0, 0.0), (3.0, -0.1)):
         soil_on_tool(law, 1.0, v_x, 0.1, depth, 0.01, memory)
     assert memory[TRAVELLED] == pytest.approx(0.03)
@@ -357,7 +358,7 @@ def test_a_tool_without_grip_to_the_side_has_no_lateral_force():
 def test_however_little_grip_a_tool_has_it_is_in_proportion():
     """Lateral force over slip angle after many relaxation lengths, from a ploughshare down to a wire."""
     for stiffness in (150.0, 1e-2, 1e-5):
-        law, memory = Tool(depth_m=0.1, cornering_stiffness_n_deg=stiffness).law(), np.zeros(3)
+        law, memory = Tool(depth_m=0.1, cornering_stiffness_n_deg=stiffness).law(), np.zeros(MEMORIES)
         for _ in range(400):
             _, f_y, _ = soil_on_tool(law, 1.0, 1.0, 0.01, 0.1, 0.02, memory)
         assert f_y == pytest.approx(-degrees(stiffness) * 0.01, rel=1e-3)

@@ -17,7 +17,7 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.implement import COLUMNS, uneven_ground
 from agrobot_mj.plants.mujoco.loads import SIDE
-from agrobot_mj.plants.mujoco.tools import GIVE, soil_on_tool
+from agrobot_mj.plants.mujoco.tools import GIVE, MEMORIES, soil_on_tool
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.validation import implements
@@ -113,7 +113,7 @@ def test_the_draught_is_that_of_the_standard(kind, texture):
 
 def worked(law, v_x, v_y, seconds=5.0, depth=0.1, dt=0.002):
     """Force on a tool at the end of a steady motion."""
-    memory, force = np.zeros(3), (0.0, 0.0, 0.0)
+    memory, force = np.zeros(MEMORIES), (0.0, 0.0, 0.0)
     for _ in range(round(seconds / dt)):
         force = soil_on_tool(law, 1.0, v_x, v_y, depth, dt, memory)
     return force, memory
@@ -152,7 +152,7 @@ def test_the_soil_gives_way_at_the_limit_and_a_lifted_tool_forgets():
 
 
 def test_a_tool_at_rest_holds_like_a_spring_and_never_more_than_its_draught():
-    memory, k = np.zeros(3), LAW.cornering / LAW.relaxation
+    memory, k = np.zeros(MEMORIES), LAW.cornering / LAW.relaxation
     for _ in range(100):
         _, f_y, _ = soil_on_tool(LAW, 1.0, 0.0, 0.01, 0.1, 0.002, memory)
     assert f_y == pytest.approx(-k * 0.01 * 0.2)

@@ -36,14 +36,29 @@ def test_soil_that_has_yielded_is_elastic_below_its_yield_pressure_and_holds_not
     cells = np.zeros((3, TILE, TILE, VALUES))
     cells[1, 2, 3, [SINKAGE, YIELD, HARDENING, LEVEL]] = 0.02, 5e4, 0.02, 1.0
     at = (1, 2, 3)
-    for share in (0.9, 0.4):
+    for share, level in ((0.9, 1.0), (0.6, 1.0), (0.4, 0.8), (0.7, 0.8)):
         assert hold_cell(E, 0.02 + share * 5e4 / E, cells, at) == pytest.approx(share * 5e4)
-        assert cells[1, 2, 3, LEVEL] == pytest.approx(share)
-    assert hold_cell(E, 0.02 + 0.5 * 5e4 / E, cells, at) == -1.0  # above what it held before: it yields
+        assert cells[1, 2, 3, LEVEL] == pytest.approx(level)
+    assert hold_cell(E, 0.02 + 0.85 * 5e4 / E, cells, at) == -1.0  # above twice what it was unloaded to: it yields
     assert hold_cell(E, 0.015, cells, at) == 0.0
     assert cells[1, 2, 3, LEVEL] == 0.0
     assert hold_cell(E, 0.03, cells, (-1, 2, 3)) == -1.0
     assert np.count_nonzero(cells) == 3
+
+
+@pytest.mark.parametrize(("least", "more"), [(0.9, False), (0.6, False), (0.3, True), (0.0, True)])
+def test_a_load_that_is_not_halved_makes_no_pass_of_its_own(least, more):
+    """A hundred swings between the yield pressure and a share of it; whole ones sink N^(1/a) times as deep."""
+    cell = load_cell(SOIL, K, E, 1.0, 0.02, FRESH)
+    first = cell.sinkage
+    for _ in range(100):
+        for share in (least, 1.0):
+            cell = load_cell(SOIL, K, E, 1.0, cell.sinkage + share * cell.yielded / E, cell)
+            while share == 1.0 and cell.pressure < 0.999 * cell.yielded:
+                cell = load_cell(SOIL, K, E, 1.0, cell.sinkage + cell.yielded / E, cell)
+    assert cell.sinkage == pytest.approx(first, rel=1e-3) if not more else cell.sinkage > 2.0 * first
+    if least == 0.0:
+        assert cell.sinkage / first == pytest.approx(101 ** (1 / SOIL.multipass), rel=0.02)
 
 
 def test_a_cell_of_the_store_yields_as_one_alone_and_remembers():

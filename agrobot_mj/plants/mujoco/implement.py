@@ -14,7 +14,7 @@ from agrobot_mj.machine.implements.base import Axle, DepthWheel, HitchedBody, Un
 from agrobot_mj.machine.implements.draught import ToolLaw
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.implement_model import IMPLEMENT_WHEELS
-from agrobot_mj.plants.mujoco.tools import DEPTH, DRAUGHT, SIDE, WHEEL_LOAD, Attached
+from agrobot_mj.plants.mujoco.tools import DEPTH, DRAUGHT, MEMORIES, SIDE, WHEEL_LOAD, Attached
 from agrobot_mj.plants.mujoco.views import CHASSIS, IMPLEMENT
 from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.laws import tyre_set
@@ -101,7 +101,7 @@ def attached(
         tyres=wheels_of(axle, tyre, tractor),
         bristles=np.zeros((len(names), 3)),
         wheel_report=np.zeros((len(names), 6)),
-        memory=np.zeros(3),
+        memory=np.zeros(MEMORIES),
         report=np.zeros(4),
     )
 
@@ -166,7 +166,7 @@ class RunningImplement:
     def arrays(self) -> tuple[Array, ...]:
         """What a tick writes in place, outside of MjData."""
         parts = self.parts
-        return parts.bristles, parts.wheel_report, parts.memory, parts.report, self.pull
+        return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
         """Forget all forces and the way worked, as where it is set down."""

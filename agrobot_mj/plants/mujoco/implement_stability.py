@@ -8,9 +8,8 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
 from agrobot_mj.machine.implements.draught import DEEPEST, draught
-from agrobot_mj.plants.mujoco.stability import LIMIT, SMALL_SLIP, largest
+from agrobot_mj.plants.mujoco.stability import LIMIT, largest
 from agrobot_mj.plants.mujoco.tools import GIVE, Attached
-from agrobot_mj.tyres.base import Footing, Slip
 
 FASTEST_M_S = 3.0
 """Speed at which the draught of the check is taken [m/s]: that of field work."""
@@ -86,13 +85,12 @@ def _soil(hitched: HitchedBody, parts: Attached) -> list[Sprung]:
 
 
 def _wheels(hitched: HitchedBody, parts: Attached) -> list[Sprung]:
-    """Its own tyres: vertical, and the slip stiffness over the relaxation length to the side."""
+    """Its own tyres: vertical, and the carcass to the side."""
     axle, tyres = hitched.axle, parts.tyres
     if axle is None or parts.native:
         return []
     bodies, at = tuple(parts.wheels.tolist()), np.array([[0.0, 0.0, -axle.radius]] * 2)
-    slip = Slip(0.0, SMALL_SLIP, axle.load, axle.load / axle.stiffness, 0.0, Footing(1.0, tyres.cone_index))
-    lateral = -tyres.rear.force(slip).y / SMALL_SLIP / tyres.relaxation[0, 1] * axle.slip_stiffness
+    lateral = float(tyres.springs[0, 1]) * axle.slip_stiffness
     return [
         Sprung("tyre_stiffness_n_m", True, 2, bodies, at, axle.stiffness, 0.0),
         Sprung("tyre_damping_n_s_m", True, 2, bodies, at, axle.stiffness, axle.damping),

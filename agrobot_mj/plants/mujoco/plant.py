@@ -225,7 +225,7 @@ class MujocoPlant:
         """What a tick writes in place, outside of MjData."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
-        own = tyred.bristles, tyred.report, self.loads, self.samples, self.motion, self.cylinder
+        own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.motion, self.cylinder
         return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:

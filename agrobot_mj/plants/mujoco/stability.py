@@ -13,14 +13,11 @@ import numpy as np
 
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.mujoco.model import static_deflections
-from agrobot_mj.tyres.base import Footing, Slip, TyreBase
+from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
 """Stable below, see above [-]."""
-SMALL_SLIP = 1e-6
-"""Slip at which the slip stiffness is taken [-]."""
 
 
 class Carried(NamedTuple):
@@ -43,7 +40,7 @@ def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParam
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     dt = float(model.opt.timestep)
-    for carried in _directions(tyres, tractor):
+    for carried in _directions(tyres, tyre):
         motion = _patch_motion(model, data, tyres, carried.axis)
         mobility = motion @ np.linalg.solve(inertia, motion.T)
         parts = dt * dt * carried.stiffness, 2.0 * dt * carried.damping
@@ -72,29 +69,17 @@ def _refusal(key: str, value: float | None, share: float, dt: float) -> str:
     return f"{key}: {limit}, to be stable with this tractor and tyre at physics_dt_s = {dt:g}"
 
 
-def _directions(tyres: TyreSet, tractor: TractorParameters) -> list[Carried]:
+def _directions(tyres: TyreSet, tyre: TyreBase) -> list[Carried]:
     vertical = (
         ("tractor.front_tyre_stiffness_n_m", "tractor.rear_tyre_stiffness_n_m"),
         ("tractor.front_tyre_damping_n_s_m", "tractor.rear_tyre_damping_n_s_m"),
     )
-    slip = ("plant.tyre.relaxation_radii", "plant.tyre.relaxation_radii")
-    damping = ("plant.tyre.bristle_damping_s", "plant.tyre.bristle_damping_s")
+    damping = ("plant.tyre.bristle_damping_s",) * 2
     found = [Carried(2, tyres.stiffness, tyres.damping, vertical)]
-    for axis in (0, 1):
-        K = slip_stiffness(tyres, tractor)[:, axis] / tyres.relaxation[:, axis]
-        found.append(Carried(axis, K, tyres.bristle_damping * K, (slip, damping)))
-    return found
-
-
-def slip_stiffness(tyres: TyreSet, tractor: TractorParameters) -> Array:
-    """Force over slip of each tyre at rest under its static load, forward and to the left, shape (4, 2) [N]."""
-    found, sinks = np.zeros((4, 2)), static_deflections(tractor)
-    loads = tractor.front_axle_load / 2, tractor.rear_axle_load / 2
-    for i in range(4):
-        law, load, sink = (tyres.front, loads[0], sinks[0]) if i < 2 else (tyres.rear, loads[1], sinks[1])
-        footing = Footing(1.0, tyres.cone_index)
-        found[i, 0] = -law.force(Slip(SMALL_SLIP, 0.0, load, sink, 0.0, footing)).x / SMALL_SLIP
-        found[i, 1] = -law.force(Slip(0.0, SMALL_SLIP, load, sink, 0.0, footing)).y / SMALL_SLIP
+    for axis, share in ((0, "carcass_longitudinal"), (1, "carcass_lateral")):
+        carcass = (f"plant.tyre.{share if hasattr(tyre, share) else 'relaxation_radii'}",) * 2
+        k = tyres.springs[:, axis]
+        found.append(Carried(axis, k, tyres.bristle_damping * k, (carcass, damping)))
     return found
 
 

@@ -6,7 +6,9 @@ A tool of the depth T has forces of the soil along its frame and across it, each
     dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
 
 so that F_y = -C tan(alpha) in steady travel, and a spring at rest. Stiffness and limit are proportional to T over the
-intended depth. The suction pulls down with a share of the forward draught. All of it acts at half depth.
+intended depth. Soil that a tool newly meets, deeper or harder, is not deflected yet: the force stays as it is, and the
+mean deflection falls, so that no motion of a tool gains energy. The suction pulls down with a share of the forward
+draught. All of it acts at half depth.
 """
 
 from math import floor
@@ -23,8 +25,9 @@ from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 GIVE = 0.03
 """Way over which the soil before a tool builds up its resistance [m]. Estimate."""
-AHEAD, LEFT, TRAVELLED = range(3)
-"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]."""
+AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
+"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]; draught [N] and share of the
+intended depth [-] in the step before."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Report of an implement: draught and lateral force of the soil [N], depth [m], load of the depth wheel [N]."""
 
@@ -55,7 +58,7 @@ class Attached(NamedTuple):
     wheel_report: Array
     """Report of the tyres, shape (2, 6)."""
     memory: Array
-    """Shape (3,)."""
+    """Shape (5,)."""
     report: Array
     """Shape (4,)."""
 
@@ -70,16 +73,24 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 
 @kernel
+def spread(z: float, before: float, now: float) -> float:
+    """Deflection `z` of a spring after its stiffness has changed: what is new of it is not deflected yet."""
+    return z * before / now if now > before else z
+
+
+@kernel
 def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
     """Force on a tool ahead, to the left and up [N], at velocities ahead and to the left [m/s] and a depth [m]."""
     if depth <= 0.0:
-        memory[AHEAD], memory[LEFT] = 0.0, 0.0
+        memory[AHEAD], memory[LEFT], memory[RESISTED], memory[ENGAGED] = 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, 0.0
     speed = abs(v_x)
     memory[TRAVELLED] += speed * dt
     D, share = uneven * draught(law, speed, depth), engaged(law, depth)
-    memory[AHEAD] = min(max(relax(memory[AHEAD], v_x, speed, GIVE, dt), -GIVE), GIVE)
-    z, limit = relax(memory[LEFT], v_y, speed, law.relaxation, dt), 0.0
+    ahead, left = spread(memory[AHEAD], memory[RESISTED], D), spread(memory[LEFT], memory[ENGAGED], share)
+    memory[RESISTED], memory[ENGAGED] = D, share
+    memory[AHEAD] = min(max(relax(ahead, v_x, speed, GIVE, dt), -GIVE), GIVE)
+    z, limit = relax(left, v_y, speed, law.relaxation, dt), 0.0
     if law.cornering > 0.0:
         limit = law.side_limit * law.relaxation / law.cornering
     memory[LEFT] = min(max(z, -limit), limit)

@@ -14,7 +14,8 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres import TyreBase
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.base import Footing
+from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002
@@ -105,4 +106,11 @@ class Rig:
 
     def steady(self, setting: Setting) -> Reading:
         """Reading in steady state."""
-        return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation)[-1].tolist())
+        return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
+
+    def relaxation_at(self, load: float) -> float:
+        """Longer of the two relaxation lengths under a load [N], in metres."""
+        t, i = self.tyres, self.wheel
+        law = t.front if i < 2 else t.rear
+        K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)
+        return float(max(K / t.springs[i]))

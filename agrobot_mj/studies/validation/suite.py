@@ -11,6 +11,7 @@ from agrobot_mj.simulation.storage import atomic, claimed, write_json
 from agrobot_mj.studies.validation import (
     antenna_lean,
     braking,
+    closed_motions,
     coasting,
     convergence,
     cornering,
@@ -18,6 +19,7 @@ from agrobot_mj.studies.validation import (
     implements,
     kingpins,
     loads,
+    parked_across,
     parking,
     ruts,
     side_slope,
@@ -27,6 +29,7 @@ from agrobot_mj.studies.validation import (
     steering,
     step_steer,
     tipping,
+    vibration,
 )
 from agrobot_mj.studies.validation.base import About, Check, Findings
 from agrobot_mj.studies.validation.figures import write_figures
@@ -35,6 +38,7 @@ from agrobot_mj.studies.validation.tables import page
 MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
     "parking": parking.run,
     "brake": braking.run,
+    "parked across": parked_across.run,
     "loads": loads.run,
     "tipping": tipping.run,
     "coasting": coasting.run,
@@ -47,7 +51,9 @@ MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
     "kingpins": kingpins.run,
     "sliding": sliding.run,
     "ruts": ruts.run,
+    "vibration": vibration.run,
     "implements": implements.run,
+    "closed motions": closed_motions.run,
     "energy": energy.run,
     "convergence": convergence.run,
     "soak": soak.run,
