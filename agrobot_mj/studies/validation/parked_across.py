@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.plants.mujoco.plant import REST_M_S
+from agrobot_mj.plants.mujoco.settling import REST_M_S
 from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_plant, warnings
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula, Ruts, Soil

@@ -12,6 +12,8 @@ SOME_TYRES = {
     "tipping": {"linear", "magic_formula"},
     "implements": {"linear", "magic_formula"},
     "ruts": {"ruts"},
+    "parked across": {"magic_formula", "soil", "ruts"},
+    "vibration": {"ruts"},
 }
 """Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes; the law of
 one tyre has a reference load."""

@@ -1,0 +1,94 @@
+"""Closed motions of slip, speed and load: no tyre, patch or tool gives more energy than it took, by any phase."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.machine.implements.tool import Tool
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.tools import MEMORIES, soil_on_tool
+from agrobot_mj.studies.validation.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
+from agrobot_mj.terrain import Flat
+from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
+from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.patch import WheelMotion
+
+TYRES = [Linear, MagicFormula, Soil, Ruts]
+ANISOTROPIC = {"sliding_anisotropy": 1.0, "bristle_damping_s": 0.0}
+
+
+def drawn(count, seed):
+    rng = np.random.default_rng(seed)
+    return [cycle(rng) for _ in range(count)]
+
+
+def wave(mean, size=0.0, phase=0.0, harmonic=1):
+    found = np.zeros(1 + 2 * HARMONICS)
+    found[0], found[2 * harmonic - 1], found[2 * harmonic] = mean, size, phase
+    return found
+
+
+@pytest.mark.parametrize("kind", TYRES)
+@pytest.mark.parametrize("damping_s", [0.0, 0.02])
+def test_no_motion_of_a_wheel_gains_energy(kind, damping_s):
+    found = gains(kind(bristle_damping_s=damping_s), drawn(150, 5))
+    assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
+    assert found[:, 1].max() > 1.0
+
+
+@pytest.mark.parametrize(
+    "tyre", [MagicFormula(**ANISOTROPIC), Soil(**ANISOTROPIC), Ruts(**ANISOTROPIC)], ids=lambda t: t.kind
+)
+def test_nor_does_one_that_slides_more_easily_to_one_side(tyre):
+    found = gains(tyre, drawn(60, 6))
+    assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", TYRES)
+@pytest.mark.parametrize("damping_s", [0.0, 0.02])
+def test_a_thousand_motions_of_a_wheel_gain_no_energy(kind, damping_s):
+    found = gains(kind(bristle_damping_s=damping_s), drawn(1000, 8))
+    assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
+
+
+@pytest.mark.parametrize("kind", [MagicFormula, Soil, Ruts])
+@pytest.mark.parametrize("speed", [0.0, 0.7])
+@pytest.mark.parametrize("hertz", [0.9, 2.3])
+def test_a_load_that_swings_twice_as_fast_as_the_wheel_slides_pumps_nothing(kind, speed, hertz):
+    """The worst phase of a spring that follows the load; 9 mm to each side, the load down to a quarter."""
+    sideways = wave(0.0, 0.009 * 2 * np.pi * hertz)
+    motions = [
+        Cycle(2, 1 / hertz, wave(speed), sideways, wave(0.0), wave(0.0144, 0.75 * 0.0144, phase, harmonic=2))
+        for phase in np.linspace(0.0, 2 * np.pi, 13)
+    ]
+    found = gains(kind(bristle_damping_s=0.0), motions)
+    assert (found[:, 0] < 0.0).all()
+
+
+def test_no_motion_of_a_tool_gains_energy():
+    found = tool_gains(drawn(80, 7))
+    assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
+
+
+def test_a_tool_that_goes_ahead_shallow_and_back_deep_gains_nothing():
+    law, memory, work = Tool(depth_m=0.12, suction_share=0.0).law(), np.zeros(MEMORIES), []
+    for _ in range(4):
+        work.append(0.0)
+        for v, depth in ((0.1, 0.03), (-0.1, 0.14)):
+            for _ in range(100):
+                work[-1] += soil_on_tool(law, 1.0, v, 0.0, depth, 0.002, memory)[0] * v * 0.002
+    assert max(work) < 0.0
+
+
+@pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 9)[:-1])
+def test_a_standing_wheel_that_is_turned_under_a_swinging_load_gains_nothing(phase):
+    tyres, dt, n = tyre_set(MagicFormula(), TractorParameters()), 0.001, 1000
+    tyres.damping[:] = 0.0
+    bristle, wrench, report, work = np.zeros(3), np.zeros(6), np.zeros(6), 0.0
+    for k in range(3 * n):
+        t, moment = k / n, wrench[5]
+        sunk, turn = 0.0117 * (1 + 0.7 * np.sin(4 * np.pi * t + phase)), 0.2 * np.cos(2 * np.pi * t)
+        motion = WheelMotion((0.0, 0.0, 0.28 - sunk), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, turn))
+        wheel_step(tyres, 0, Flat().ground(), motion, dt, bristle, wrench, report)
+        work += 0.5 * (moment + wrench[5]) * turn * dt if k >= 2 * n else 0.0
+    assert work <= 1e-9
