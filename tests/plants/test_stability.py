@@ -31,7 +31,7 @@ def limited(**overrides):
         ("tractor.front_tyre_damping_n_s_m", 1.2e5, {}),
         ("tractor.rear_tyre_damping_n_s_m", 1e9, {}),
         ("tractor.rear_tyre_stiffness_n_m", 1e9, {}),
-        ("plant.tyre.relaxation_radii", 1e-6, {}),
+        ("plant.tyre.relaxation_radii", 1e-6, LINEAR),
     ],
 )
 def test_a_tyre_that_would_blow_up_is_refused_with_its_limit(key, value, more):
