@@ -243,7 +243,8 @@ def test_the_tyres_of_a_trailer_have_its_size_and_the_law_of_the_rear_tyres():
     assert two.stiffness == pytest.approx([1.8e5 * heavier] * 2)
     assert two.damping == pytest.approx([1800.0 * heavier] * 2)
     assert two.carcass.tolist() == [[0.7, 1.4]] * 2
-    assert two.relaxation == pytest.approx(four.relaxation[2:] * 0.3 / TRACTOR.rear_wheel_radius_m)
+    assert two.springs == pytest.approx(np.array([[0.6, 0.45]] * 2) * two.stiffness[0])
+    assert four.springs[2:] == pytest.approx(np.array([[0.6, 0.45]] * 2) * four.stiffness[2])
     assert two.front == two.rear == four.rear._replace(F_z0=pytest.approx(load))
     assert two.treads[0] == two.treads[1] != four.treads[1]
 
@@ -276,7 +277,7 @@ def test_the_soil_pushes_on_the_tool_at_half_depth_in_the_implements_own_directi
     a, body = plant.attached, plant.attached.body
     tip = np.array(a.tip)
     sink_in(plant, tip, depth)
-    a.memory[:] = 0.01, -0.005, 3.3
+    a.memory[:] = 0.01, -0.005, 3.3, 100.0, 0.5
     memory, R = a.memory.copy(), plant.data.xmat[body].reshape(3, 3)
     v_x, v_y, _ = R.T @ velocity_of(plant, tip)
     force = soil_on_tool(a.tool, unevenness(a.uneven, a.uneven_step, 3.3), v_x, v_y, depth, 0.002, memory)
@@ -294,11 +295,11 @@ def test_a_tool_above_the_ground_is_free():
     plant = placed(TRAILER)
     a = plant.attached
     sink_in(plant, np.array(a.tip), -0.05)
-    a.memory[:] = 0.01, -0.005, 3.3
+    a.memory[:] = 0.01, -0.005, 3.3, 100.0, 0.5
     apply_tools(plant.views, a, plant.ground, 0.002)
     assert not plant.data.xfrc_applied[a.body].any()
     assert not a.report[:3].any()
-    assert a.memory.tolist() == [0.0, 0.0, 3.3]
+    assert a.memory.tolist() == [0.0, 0.0, 3.3, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("rising", [0.0, -1.0, 20.0])
