@@ -349,7 +349,8 @@ def test_the_way_worked_counts_forward_and_back_and_only_in_the_soil():
 
 
 def test_a_tool_without_grip_to_the_side_has_no_lateral_force():
-    memory = np.array([0.0, 0.01, 0.0])
+    memory = np.zeros(MEMORIES)
+    memory[LEFT] = 0.01
     free = Tool(cornering_stiffness_n_deg=0.0).law()
     assert soil_on_tool(free, 1.0, 1.0, 0.3, 0.1, 0.002, memory)[1] == 0.0
     assert memory[LEFT] == 0.0
