@@ -64,7 +64,7 @@ def sources(tmp_path_factory):
     (mine / "small.toml").write_text(SWEEP)
     (mine / "way.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
     (mine / "way.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
-    (mine / "run.rrd").write_bytes(b"RRF2")
+    (mine / "run.rrd").write_bytes(b"RRF2" + b"RRF2FOOT" + bytes(8))
     write_log(run(load_scenario("circle", {"duration_s": 1.0, "plant.kind": "bicycle"})), mine / "driven")
     from agrobot_mj.studies.sweep import SweepOptions, sweep
 

@@ -246,9 +246,10 @@ def json_schema() -> dict[str, Any]:
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(field.get_default()) for owner in _owners() for field in owner.model_fields.values()}
-    for kinds in families().values():
-        for part in set(kinds.values()) - implied:
-            schema["$defs"][part.__name__].setdefault("required", []).append("kind")
+    names = {part.__name__ for part in implied}
+    for name, part in schema["$defs"].items():  # two parts of one name carry their modules in front
+        if "const" in part.get("properties", {}).get("kind", {}) and name.rpartition("__")[2] not in names:
+            part.setdefault("required", []).append("kind")
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}
 
 

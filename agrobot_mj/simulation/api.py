@@ -2,8 +2,10 @@
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation import run as simulation
 from agrobot_mj.simulation.log import Log
@@ -14,16 +16,20 @@ class ScenarioWarning(UserWarning):
 
 
 def run(
-    scenario: Scenario,
+    scenario: str | Path | Scenario,
     watchers: tuple[simulation.Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario to its end; writes nothing by itself. Doubts about it are issued as `ScenarioWarning`.
+    """Run a scenario, by name, path or object, to its end; writes nothing by itself.
+
+    Doubts about it are issued as `ScenarioWarning`.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
     returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
     for a guidance law that is an external program.
     """
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario)
     for line in doubts(scenario):
         warnings.warn(f"{scenario.name}: {line}", ScenarioWarning, stacklevel=2)
     return simulation.run(scenario, watchers, should_stop)

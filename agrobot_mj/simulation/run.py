@@ -2,13 +2,11 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Protocol
 
 from agrobot_mj.core.answers import unending
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
@@ -37,18 +35,16 @@ class Watcher(Protocol):
 
 
 def run(
-    scenario: str | Path | Scenario,
+    scenario: Scenario,
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario, by name, path or object, to its end; writes nothing by itself.
+    """Run a scenario to its end; writes nothing by itself.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
     returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
     for a guidance law that is an external program.
     """
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario)
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
         raise ScenarioError(f'guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')

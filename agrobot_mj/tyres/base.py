@@ -185,7 +185,7 @@ class TyreBase(Spec):
         yield from ()
 
     def of_implement(self) -> Self:
-        """The same law for the wheels of an implement: without what was measured on the tractor's own loads."""
+        """Return the law for the wheels of an implement: without what was measured on the tractor's own loads."""
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:

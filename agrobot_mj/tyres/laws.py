@@ -217,6 +217,25 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 
 @kernel
+def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
+    """Share of the bristle's deflection that is held; the rest slides, so that a locked wheel winds nothing up [-].
+
+    Where the load has risen, slid tread adheres where it lies: kept deflected it would push harder, and give more than
+    it took.
+    """
+    if slip.load <= last_load:
+        return force.held
+    return force.held * (1.0 - (1.0 - adhering(slip, force, K)) * (1.0 - last_load / slip.load))
+
+
+@kernel
+def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
+    """Slip ratio over the speed of the ground, driving positive in either direction, from that over `v_roll` [-]."""
+    over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
+    return -direction_of_travel(v_x, rim) * slip * over
+
+
+@kernel
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
@@ -251,13 +270,8 @@ def wheel_step(
     softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
     force = law.force(softened)
     push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
-    # what the grip cannot hold slides, so that a locked or spinning wheel does not wind its bristle up; where the load
-    # has risen, slid tread adheres where it lies: kept deflected it would push harder, and give more than it took
-    kept = force.held
-    if load > report[LOAD]:
-        kept *= 1.0 - (1.0 - adhering(softened, force, K)) * (1.0 - report[LOAD] / load)
     # sliding shortens both as rolling does, so that a tyre that slides on has the slip of its sliding
-    slid = (1.0 - kept) * max(sigma_x, sigma_y)
+    slid = (1.0 - held_share(softened, force, K, report[LOAD])) * max(sigma_x, sigma_y)
     bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
@@ -271,8 +285,6 @@ def wheel_step(
         (force.x, f_y, load),
         (push, axle_torque, moment),
     )
-    report[LOAD], report[FORCE_X], report[FORCE_Y] = load, force.x + push, f_y
+    report[LOAD], report[FORCE_X], report[FORCE_Y], report[FRICTION_USE] = load, force.x + push, f_y, force.used
     report[SLIP_ANGLE] = atan(z_y / sigma_y)
-    over = (v_roll + RESTING) / (max(abs(patch.v_x), LEAST_SHARE * v_roll) + RESTING)
-    report[SLIP_RATIO] = -direction_of_travel(patch.v_x, rim) * z_x / sigma_x * over
-    report[FRICTION_USE] = force.used
+    report[SLIP_RATIO] = slip_ratio(patch.v_x, rim, v_roll, z_x / sigma_x)

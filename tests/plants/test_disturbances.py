@@ -15,7 +15,7 @@ from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, GIVE
 from agrobot_mj.studies.validation.driver import Driver, track_course
 from agrobot_mj.terrain import Flat, Slope
-from agrobot_mj.tyres import Linear, MagicFormula, Soil, Tyre
+from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil, Tyre
 from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, LOAD, SLIP_RATIO
@@ -80,8 +80,11 @@ def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
     extra = sum(m.kg for m in payload)
     front = TRACTOR.front_axle_load + GRAVITY * sum(m.kg * m.ahead for m in payload) / L
     assert load.sum() == pytest.approx((TRACTOR.mass_kg + extra) * GRAVITY, rel=1e-3)
-    assert load[:2].sum() == pytest.approx(front, rel=0.01)
-    assert load[2:].sum() == pytest.approx((TRACTOR.mass_kg + extra) * GRAVITY - front, rel=0.01)
+    # soil that remembers bears a wheel off its middle, by the millimetres that it rolled while it sank
+    off = 0.006 * load.sum() / L if tyre is Ruts else 0.0
+    assert load[:2].sum() == pytest.approx(front, abs=0.01 * front + off)
+    rear = (TRACTOR.mass_kg + extra) * GRAVITY - front
+    assert load[2:].sum() == pytest.approx(rear, abs=0.01 * rear + off)
     assert under.plant.model.body_subtreemass[1] == pytest.approx(TRACTOR.mass_kg + extra)
     assert under.plant.weigh(payload, "") == pytest.approx(TRACTOR.mass_kg + extra)
 

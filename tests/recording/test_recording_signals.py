@@ -8,7 +8,7 @@ from recorded import Recorded, replay
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS, blueprint
-from agrobot_mj.recording.info import summary, unfinished
+from agrobot_mj.recording.info import running, summary
 from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
@@ -204,7 +204,7 @@ def test_the_text_names_the_law_that_drove_and_what_came_over_a_link(tmp_path):
     text = Recorded(tmp_path / "run.rrd").static("/info", "TextDocument:text")[0]
     assert "guidance **lqr**" in text
     assert "pd_t2fnn" not in text
-    assert "guidance **kinematic with pd_t2fnn**" in unfinished(load_scenario("straight_line"))
+    assert "guidance **kinematic with pd_t2fnn**" in running(load_scenario("straight_line"))
     driven = replace(
         log,
         scenario=load_scenario("straight_line", {"guidance.kind": "agopengps"}),

@@ -126,7 +126,7 @@ def test_what_was_drawn_before_a_viewer_broke_off_is_not_drawn_again(eight, tmp_
 
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
     monkeypatch.setattr(snapshot, "_connected", lambda process, port, seconds: Client())
-    monkeypatch.setattr(snapshot, "_opened", lambda viewer, file, patience: layout)
+    monkeypatch.setattr(snapshot, "_opened", lambda viewer, file, readable, patience: layout)
     monkeypatch.setattr(snapshot, "_tabs", lambda file, layout: ("root", {"Drive": "a"}))
     monkeypatch.setattr(snapshot, "_picture", picture)
     assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]

@@ -53,7 +53,7 @@ TICK = Tick(
     command=Command(radians(12), 1.24),
     steer_ref=radians(11.5),
     pedal_ref=0.28,
-    drive=Drive(7.1, 6.4),
+    drive=Drive(7.1, 6.4, 1.0),
     saturated=False,
     faults=2,
     actuation=(3.1e-5, 2.4e6, 410.0),
@@ -70,7 +70,7 @@ EXPECTED = {
     **{"gnss_x": 99.9, "gnss_y": 48.8, "gnss_quality": 1.0, "faults_active": 2.0},
     **{"speed_ref": 1.24, "steer_ref": 11.5 * DEG, "steer": 11 * DEG, "steer_measured": 10.4 * DEG},
     **{"steer_saturated": 0.0, "valve_voltage": 7.1, "pedal_ref": 0.28, "pedal": 0.26, "pedal_measured": 0.27},
-    **{"pedal_voltage": 6.4, "valve_flow": 3.1e-5, "steer_pressure": 2.4e6, "drive_torque": 410.0},
+    **{"pedal_voltage": 6.4, "valve_flow": 3.1e-5, "steer_pressure": 2.4e6, "drive_torque": 410.0, "brake": 1.0},
     # the reference, which heads north, lies 2 m west and 3 m north of the CG: 3 m ahead, 2 m to the left
     **{"e_longitudinal": 3.0, "e_lateral": 2.0},
 }

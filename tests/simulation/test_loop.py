@@ -279,7 +279,7 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
     if change_estimate:
         situation = situation._replace(estimate=situation.estimate._replace(**change_estimate(situation.estimate)))
     tick = loop.act(measured, situation, Command(0.1, 1.2))
-    return tick.pedal_ref, *tick.drive
+    return tick.pedal_ref, tick.drive.steer_voltage, tick.drive.pedal_voltage
 
 
 def test_no_loop_looks_at_the_truth():

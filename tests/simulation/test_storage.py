@@ -3,7 +3,6 @@
 import json
 import stat
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -65,4 +64,4 @@ def test_the_metrics_of_any_run_are_valid_json(tmp_path):
         write_log(log, tmp_path)
         text = (tmp_path / "metrics.json").read_text()
         json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in metrics.json"))
-        assert np.isfinite(json.loads(text)["lateral_mse"])
+        assert json.loads(text)["lateral_mse"] is None  # too few ticks to judge

@@ -206,7 +206,7 @@ T = np.arange(1000) * 0.05
         ("t", pa.array(1000 * T), "'t' steps by 50 s, which looks like milliseconds"),
         ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1; is it in s?"),
         ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "'t': rows must be evenly spaced"),
-        ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left')"),
+        ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left' in row 1)"),
         ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' holds list<"),
         ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
         ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),

@@ -155,6 +155,7 @@ def test_a_folder_without_results_is_told(tmp_path):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
         write_report(tmp_path / "nowhere")
+    reserve(tmp_path, ["comparison.json"])
     (tmp_path / "comparison.json").write_text("[{}]")
     with pytest.raises(
         ScenarioError, match=r"comparison\.json: cannot be reported: it, or a file beside it, is damaged"
@@ -167,6 +168,7 @@ def test_a_folder_without_results_is_told(tmp_path):
 def test_a_damaged_file_is_told(tmp_path, name, content):
     if name == "validation.json" and content in ("[]", "{}"):
         pytest.skip("a validation of nothing")
+    reserve(tmp_path, [name])
     (tmp_path / name).write_text(content)
     with pytest.raises(ScenarioError, match="cannot be reported"):
         write_report(tmp_path)

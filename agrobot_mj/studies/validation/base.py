@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Reference, Truth
 from agrobot_mj.core.spec import every, members
-from agrobot_mj.machine import Machine
+from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
 from agrobot_mj.terrain import Flat, Ground, Terrain
 from agrobot_mj.tyres import Linear, Tyre, TyreBase
@@ -20,6 +20,16 @@ from agrobot_mj.tyres.bearing import FIRM
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BICYCLE = "bicycle"
 """Name of the bicycle in checks; a MuJoCo tractor has the kind of its tyre."""
+
+
+def tractor_of(mass_kg: float) -> TractorParameters:
+    """The default tractor in proportion, of a mass [kg], with nothing given for its tyres."""
+    p = TractorParameters()
+    size = (mass_kg / p.mass_kg) ** (1 / 3)
+    powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
+    given = {key: value for key, value in p.model_dump().items() if value is not None}
+    power = {key: next((n for end, n in powers.items() if key.endswith(end)), 0) for key in given}
+    return p.model_copy(update={key: given[key] * size**n for key, n in power.items() if n and "_tyre_" not in key})
 
 
 class Check(NamedTuple):

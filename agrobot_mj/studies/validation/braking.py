@@ -24,7 +24,7 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import MujocoPlant
-from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyres, mujoco_plant, warnings
+from agrobot_mj.studies.validation.base import About, Check, Findings, force_tyres, mujoco_plant, tractor_of, warnings
 from agrobot_mj.studies.validation.coasting import spin_inertia
 from agrobot_mj.studies.validation.theory import Tractor
 from agrobot_mj.terrain import Slope
@@ -77,25 +77,12 @@ def deceleration(plant: MujocoPlant) -> float:
     return -float(np.polyfit(t, v, 1)[0])
 
 
-def of_mass(mass_kg: float) -> TractorParameters:
-    """A tractor of this mass and of the shape of the default one [kg]."""
-    stock = TractorParameters()
-    length = (mass_kg / stock.mass_kg) ** (1 / 3)
-    powers = {"_kg_m2": 5.0, "_kg": 3.0, "stiffness_n_m": 2.0, "damping_n_s_m": 2.5, "_m": 1.0}
-    grown = {
-        key: value * length ** next(power for ending, power in powers.items() if key.endswith(ending))
-        for key, value in stock.model_dump().items()
-        if key.endswith(tuple(powers))
-    }
-    return TractorParameters(**stock.model_dump() | grown)
-
-
 def parked(mass_kg: float) -> tuple[float, int]:
     """How far a tractor of this mass moves in ten seconds on the slope, for its mass' tyres [mm], and warnings."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
-    plant, start = mujoco_plant(Linear(**grown), slope, Machine(tractor=of_mass(mass_kg)))
+    plant, start = mujoco_plant(Linear(**grown), slope, Machine(tractor=tractor_of(mass_kg)))
     away = hypot(start.x, start.y)
     for _ in range(round(10.0 / TICK_S)):
         end = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, 1.0))

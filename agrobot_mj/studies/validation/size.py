@@ -19,7 +19,7 @@ from agrobot_mj.machine.implements import Drawn
 from agrobot_mj.machine.linkage import UPRIGHT
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.studies.rig.wheel import FRONT, REAR, Rig, Setting
-from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_plant, warnings
+from agrobot_mj.studies.validation.base import About, Check, Findings, mujoco_plant, tractor_of, warnings
 from agrobot_mj.studies.validation.driver import Driver, track_course
 from agrobot_mj.studies.validation.theory import crab_of_any_mass
 from agrobot_mj.terrain import Slope
@@ -36,13 +36,7 @@ PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
 
 def grown(mass_kg: float) -> Machine:
     """The default machine in proportion, with nothing given for tyres, steering and drive."""
-    p, s = TractorParameters(), mass_kg / TractorParameters().mass_kg
-    lengths = [key for key in TractorParameters.model_fields if key.endswith("_m") and "_tyre_" not in key]
-    masses = ["mass_kg", "front_wheel_mass_kg", "rear_wheel_mass_kg"]
-    inertias = ["yaw_inertia_kg_m2", "roll_inertia_kg_m2", "pitch_inertia_kg_m2"]
-    exponents = {**dict.fromkeys(lengths, 1 / 3), **dict.fromkeys(masses, 1.0), **dict.fromkeys(inertias, 5 / 3)}
-    tractor = {key: getattr(p, key) * s**exponent for key, exponent in exponents.items()}
-    return Machine(tractor=p.model_copy(update=tractor))
+    return Machine(tractor=tractor_of(mass_kg))
 
 
 def trailer(mass_kg: float) -> Drawn:
