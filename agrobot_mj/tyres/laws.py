@@ -264,8 +264,7 @@ def wheel_step(
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
     # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
-    slip_x = (z_x + tau * (z_x - bristle[0])) / sigma_x
-    slip_y = (z_y + tau * (z_y - bristle[1])) / sigma_y
+    slip_x, slip_y = (z_x + tau * (z_x - bristle[0])) / sigma_x, (z_y + tau * (z_y - bristle[1])) / sigma_y
     slip = Slip(slip_x, slip_y, load, deflection, v_roll, footing, way, A, L)
     softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
     force = law.force(softened)
@@ -275,8 +274,7 @@ def wheel_step(
     bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
-    moment = way * aligning(tyres, slip_y, force.y)
-    moment += scrub(tyres, i, patch, load, footing.grip, dt, bristle)
+    moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
     add_wrench(
         wrench,

@@ -123,7 +123,7 @@ class MujocoPlant:
     def _place(self, start: Reference) -> None:
         """Put the tractor without motion and memory on the ground."""
         mujoco.mj_resetData(self.model, self.data)
-        self.tyred.bristles[:] = 0.0
+        self.tyred.bristles[:], self.tyred.report[:] = 0.0, 0.0
         forget(self.ground.memory)
         self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
         if self.implement:

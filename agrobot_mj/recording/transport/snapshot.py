@@ -78,7 +78,7 @@ def _draw(
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
     shown = {name: place for name, place in named.items() if not asked or name.lower() in asked}
-    check_names(folder, [_file(tab, t) for tab in shown for t in times])
+    check_names(folder, {_file(tab, t) for tab in shown for t in times} - {path.name for path in drawn})
     for name, place in shown.items():
         layout[root]["ContainerBlueprint"]["active_tab"] = place
         viewer.set_blueprint(layout, "recording")
