@@ -195,7 +195,7 @@ def test_an_empty_mark_hands_a_folder_over(call, place):
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
     assert status == 2
-    command = err.strip().rpartition("hand them over: ")[2]
+    command = err.strip().rpartition("hand it over: ")[2]
     assert command == "touch old/.agrobot-mj"
     (place / "old" / MARK).touch()
     assert call(*arguments)[0] == 0

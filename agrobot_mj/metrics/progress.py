@@ -22,7 +22,7 @@ CORRIDOR_M = 5.0
 ENOUGH = 0.9
 """Least share of the path that must be driven [-]. Estimate."""
 LATE_S = 2.0
-"""Delay behind the reference that every run is granted at its end [s]. Estimate: the tractor starts from rest."""
+"""Delay behind the reference that a tractor that drives is granted at the end [s]. Estimate: it starts from rest."""
 STEP_M = 0.25
 """Spacing of the points of the path, and of the places of the tractor, that are looked at [m]."""
 ASTRAY_M = 1.0
@@ -68,7 +68,8 @@ def progress_of(view: RunView) -> PathProgress:
     walk = _Walk(stations)
     for t, x, y in _places(view):
         walk.go(t, x, y)
-    return PathProgress(walk.driven, stations.s[-1], stations.s[stations.at(planned - LATE_S)])
+    granted = 0.0 if walk.stood(stations.at(planned)) else LATE_S
+    return PathProgress(walk.driven, stations.s[-1], stations.s[stations.at(planned - granted)])
 
 
 class _Stations:
@@ -122,6 +123,8 @@ class _Walk:
         self.stations, self.place, self.within = stations, 0, False
         self.pieces = bytearray(len(stations.times))
         """1 for each piece, from a point to the next, that has been driven."""
+        self.t = self.driven_t = 0.0
+        """Time of the last place, and of the last one up to which a piece was driven [s]."""
 
     def go(self, t: float, x: float, y: float) -> None:
         """Next place of the tractor, (x, y) [m] at the time `t` [s]."""
@@ -133,7 +136,13 @@ class _Walk:
         within = squared <= CORRIDOR_M**2
         if within and self.within and k > last and stations.s[k] - stations.s[last] <= LEAP_M:
             self.pieces[last:k] = b"\1" * (k - last)
-        self.place, self.within = k, within
+            self.driven_t = t
+        self.t, self.place, self.within = t, k, within
+
+    def stood(self, end: int) -> bool:
+        """Whether it drove nothing at last, while the reference drove on towards point `end`."""
+        s, waited = self.stations.s, self.t - self.driven_t
+        return waited > LATE_S and s[end] - s[self.stations.at(self.driven_t)] > 2 * STEP_M
 
     @property
     def driven(self) -> float:

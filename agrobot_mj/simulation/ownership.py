@@ -37,7 +37,8 @@ def check_folder(folder: Path) -> None:
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: holds files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
-            f"folder, or, for results of version 0.2, hand them over: touch {shlex.quote(str(folder / MARK))}"
+            f"folder; if all that is in it may be replaced, as old results of agrobot-mj may, hand it over: "
+            f"touch {shlex.quote(str(folder / MARK))}"
         )
 
 

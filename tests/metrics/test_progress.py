@@ -86,6 +86,14 @@ def test_who_stops_has_driven_what_it_drove(path):
     assert not found.enough
 
 
+def test_who_stands_at_the_end_of_a_short_path_is_granted_no_delay():
+    path = Line(length_m=6.0, speed_m_s=1.0)
+    t = ticks(path)
+    driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
+    assert progress_of(view(path, driving)).enough
+    assert not progress_of(view(path, stopped)).enough
+
+
 def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
     path = FigureEight()
     t = ticks(path)
