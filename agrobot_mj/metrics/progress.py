@@ -14,8 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.base import RunView
 from agrobot_mj.paths import Path
+
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 CORRIDOR_M = 5.0
 """Distance from the path within which it is driven [m]. Estimate: two swaths; errors tell the rest."""
@@ -30,6 +33,8 @@ ASTRAY_M = 1.0
 LEAP_M = 1.5
 """Longest piece of the path that is driven between two places: in a bend, the tractor inside, more than STEP_M [m]."""
 
+PIECE = 5_000
+"""Rows and points that are looked at together, for the sake of memory."""
 FARTHEST_M = 1e7
 """Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
 
@@ -77,19 +82,20 @@ class _Stations:
 
     def __init__(self, path: Path, end: float) -> None:
         times = np.append(np.arange(0.0, end, STEP_M / path.speed_m_s), end)
-        points = np.fromiter((path.at(time)[:5] for time in times.tolist()), dtype=(float, 5), count=len(times))
-        dx, dy = np.diff(points[:, :2], axis=0).T
-        way = np.concatenate(([0.0], np.cumsum(np.hypot(dx, dy))))
-        moved = np.flatnonzero(np.diff(way) > 1e-6)
-        forward = (dx * np.cos(points[:-1, 4]) + dy * np.sin(points[:-1, 4]))[moved] > 0
-        cusps = moved[1:][np.diff(forward)]
-        marks = np.flatnonzero(np.diff(np.floor(way / (0.99 * STEP_M)), prepend=-1.0))
-        kept = np.unique(np.concatenate((marks, cusps, [len(times) - 1])))
+        pieces: list[Array] = []
+        self.cusp_times: list[float] = []
+        way = 0.0
+        forward: Mask = np.empty(0, dtype=bool)
+        for first in range(0, len(times), PIECE):
+            piece = times[max(first - 1, 0) : first + PIECE]
+            points, cusps, forward = _piece(path, piece, way, forward[-1:])
+            pieces.append(points[1 if first else 0 :])  # each piece begins with the end of the one before
+            self.cusp_times += cusps
+            way = float(points[-1, 3])
         self.times, self.x, self.y, self.s = (
-            np.ascontiguousarray(column[kept]).data for column in (times, *points[:, :2].T, way)
+            np.concatenate([points[:, column] for points in pieces]).data for column in range(4)
         )
-        self.cusps = np.searchsorted(kept, cusps).tolist()
-        self.cusp_times = times[cusps].tolist()
+        self.cusps = np.searchsorted(self.times, self.cusp_times).tolist()
 
     def at(self, t: float) -> int:
         """The last point that the reference has passed at `t` [s]."""
@@ -114,6 +120,23 @@ class _Stations:
     def _squared(self, k: int, x: float, y: float) -> float:
         dx, dy = self.x[k] - x, self.y[k] - y
         return dx * dx + dy * dy
+
+
+def _piece(path: Path, times: Array, way: float, forward: Mask) -> tuple[Array, list[float], Mask]:
+    """Points (n, 4) of a path at some of these times: time [s], x, y and distance along it [m]; times of reversals [s].
+
+    The first point is `way` [m] along the path; it and the last are always there. `forward` says whether the last move
+    before, if any, was one forward; returned is that of all moves.
+    """
+    points = np.fromiter((path.at(time)[:5] for time in times.tolist()), dtype=(float, 5), count=len(times))
+    dx, dy = np.diff(points[:, :2], axis=0).T
+    s = way + np.concatenate(([0.0], np.cumsum(np.hypot(dx, dy))))
+    moved = np.flatnonzero(np.diff(s) > 1e-6)
+    ahead = np.concatenate((forward, (dx * np.cos(points[:-1, 4]) + dy * np.sin(points[:-1, 4]))[moved] > 0))
+    cusps = moved[len(moved) + 1 - len(ahead) :][np.diff(ahead)]
+    marks = np.flatnonzero(np.diff(np.floor(s / (0.99 * STEP_M)), prepend=-1.0))
+    kept = np.unique(np.concatenate((marks, cusps, [len(times) - 1])))
+    return np.column_stack((times, points[:, :2], s))[kept], times[cusps].tolist(), ahead
 
 
 class _Walk:
@@ -153,8 +176,8 @@ class _Walk:
 def _places(view: RunView) -> Iterator[tuple[float, float, float]]:
     """Time [s] and position [m] of the true CG about every STEP_M that it drives, and at the end."""
     columns = [view.chunked(name) for name in ("t", "x", "y")]
-    for chunk in zip(*columns, strict=True):
-        rows = np.column_stack(chunk)
+    for first in range(0, len(columns[0]), PIECE):
+        rows = np.column_stack([column[first : first + PIECE].whole() for column in columns])
         rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
         way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
         kept = np.diff(np.floor(way / STEP_M), prepend=-1.0) > 0

@@ -13,7 +13,6 @@ from agrobot_mj import Simulation
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics import base, metrics
 from agrobot_mj.metrics.crosstrack import BesidePath
-from agrobot_mj.metrics.progress import STEP_M
 from agrobot_mj.simulation.log import PIECE, Log
 from agrobot_mj.simulation.storage import write_log
 
@@ -48,12 +47,9 @@ def at_most(most):
 
 
 def test_metrics_take_less_memory_than_three_columns_of_the_log(log, monkeypatch):
-    """The search for the nearest point of the path, which goes by pieces of its own, is left out.
-
-    Beside the columns there are the points of the path that progress looks at, with twenty numbers for each.
-    """
+    """The search for the nearest point of the path, which goes by pieces of its own, is left out."""
     monkeypatch.setattr(base, "track", lambda path, t, x, y: BesidePath(np.hypot(x, y), t))
-    with at_most(3 * 8 * ROWS + 20 * 8 * int(ROWS * TICK_S * 1.2 / STEP_M)):
+    with at_most(3 * 8 * ROWS):
         found = metrics(log)
     assert len(found["per_turn"]) > 200
 
