@@ -11,7 +11,7 @@ heading per metre along the heading, so that delta has the sign of kappa in reve
 """
 
 from collections.abc import Sequence
-from math import asin, atan, cos, isnan, log, nan, radians, sin, tan, tanh
+from math import asin, atan, cos, inf, isnan, log, nan, pi, radians, sin, sqrt, tan, tanh
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
@@ -28,6 +28,8 @@ LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
 ASTRAY_M, ASTRAY = 0.3, radians(20.0)
 """Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
+TURNING_S = 1.0
+"""Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 
@@ -39,8 +41,6 @@ class Following(Guidance):
     """Largest speed spent on catching up with the time-based reference [m/s]. Estimate, that of the kinematic law."""
     gain_per_m: Positive = 0.4
     """Slope of this correction relative to its saturation [1/m]. Estimate, that of the kinematic law."""
-    steer_rate_deg_s: Positive = 25.0
-    """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Largest lateral acceleration that a command may ask for [m/s2]. Estimate: a third of what tips the tractor."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
@@ -64,7 +64,7 @@ class Following(Guidance):
         """Place beside the path, steering law, limits."""
         beside = self._beside(state, situation, dt)
         memory, wanted = self.steering(state.memory, beside, situation, dt)
-        steer = clip(wanted + beside.bias, beside.low, beside.high)
+        steer = clip(wanted + beside.bias, -beside.limit, beside.limit)
         state = FollowingState(
             memory,
             beside.place.s,
@@ -102,7 +102,6 @@ class Following(Guidance):
         bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
         u, m = max(abs(estimate.speed), SLOWEST_M_S), situation.machine
         limit = min(m.steer_limit, atan(m.wheelbase_m * self.lateral_acceleration_m_s2 / u**2))
-        last, reach = situation.steer if state.steer is None else state.steer, radians(self.steer_rate_deg_s) * dt
         return Beside(
             place=place,
             leg=leg,
@@ -114,8 +113,7 @@ class Following(Guidance):
             steer_here=atan(L * tan(beta) / l_r),
             steer_ahead=atan(L * tan(later) / l_r),
             bias=clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
-            low=max(-limit, min(last, limit) - reach),
-            high=min(limit, max(last, -limit) + reach),
+            limit=limit,
         )
 
     def _speed(self, beside: "Beside", situation: Situation) -> float:
@@ -128,7 +126,20 @@ class Following(Guidance):
         astray = max(abs(beside.cross_track) / ASTRAY_M, abs(beside.heading) / ASTRAY)
         ahead = k_s * tanh(k_e * lead) * beside.direction
         pace = beside.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
-        return beside.direction * max(pace, 0.0)
+        return beside.direction * clip(pace, 0.0, self._approach_speed(beside, situation))
+
+    def _approach_speed(self, beside: "Beside", situation: Situation) -> float:
+        """Largest speed [m/s] at which it can still turn onto a path that it heads for at a steep angle theta.
+
+        The arc that the lateral acceleration a allows, and the way until the wheels have turned, then fit into the
+        distance e from the path:  u^2 / a (1 - cos theta) + u T sin theta = e;  never less than full lock allows.
+        """
+        theta, e, a = abs(beside.heading), abs(beside.cross_track), self.lateral_acceleration_m_s2
+        if theta < ASTRAY or beside.cross_track * beside.heading * beside.direction > 0.0:
+            return inf
+        bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
+        tightest = situation.machine.wheelbase_m / tan(situation.machine.steer_limit)
+        return max((sqrt(straight**2 + 4.0 * bend * e) - straight) / (2.0 * bend), sqrt(a * tightest))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -189,10 +200,8 @@ class Beside(NamedTuple):
     """Steering angle that it asks for `preview_s` later [rad]."""
     bias: float
     """Estimated steering bias, which the command has to contain [rad]."""
-    low: float
-    """Smallest steering command within reach in this tick [rad]."""
-    high: float
-    """Largest steering command within reach in this tick [rad]."""
+    limit: float
+    """Largest steering command either way [rad]."""
 
     def offset_of(self, ahead: float, direction: float, situation: Situation) -> float:
         """Offset of the tractor's point `ahead` [m] of the CG from where it would be without errors [m].

@@ -6,8 +6,12 @@ with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and a = l_r - m l_f 
 from the point that has no sideslip [Snider2009], [Rajamani2012]. Sampled every tick, the commands under way are
 states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
-Gains come from the discrete Riccati equation on a grid of speeds, once a process, and are interpolated. The integral
-is kept as an angle and rests while the command is at a limit or the tractor stands.
+Gains come from the discrete Riccati equation on a grid of speeds, once a process, and are interpolated.
+
+The integral q is kept as the part of it that no transient explains:  v = q + P_qx x / P_qq,  with P the solution of
+the Riccati equation and x the other states. The cost is x' P x + P_qq v^2 without a product of the two, so that v = 0
+is the best start from any x: a line is acquired without winding up on the way. v is kept as an angle and rests while
+the command is at a limit or the tractor stands.
 
 Forward and in reverse, at any speed of the grid. It leaves no offset behind steady disturbances (slope, steering
 bias, payload); a disturbance that changes faster than the integral - each arc, where the estimated heading is biased
@@ -43,6 +47,8 @@ class LqrState(NamedTuple):
     """Angle that stands for the integral of the cross-track error [rad]."""
     under_way: tuple[float, ...] = ()
     """Feedback part of the commands that the steering has not answered yet, oldest first [rad]."""
+    errors: tuple[float, ...] = ()
+    """The states x of the last tick; none before the first."""
 
 
 class Lqr(Following):
@@ -85,26 +91,33 @@ class Lqr(Following):
 
     def steering(self, memory: LqrState, beside: Beside, situation: Situation, dt: float) -> tuple[LqrState, float]:
         """Feed-forward and state feedback."""
-        gains = self.gains(situation.machine, beside.speed)
+        gains, transient = self._scheduled(situation.machine, beside.speed)
+        direct = [k - gains[-1] * t for k, t in zip(gains, transient, strict=False)]
         delta = situation.steer - beside.bias - beside.steer_here
-        far = radians(self.approach_deg) * gains[1] / gains[0]
-        offset = clip(beside.cross_track, -abs(far), abs(far))
+        far = abs(radians(self.approach_deg) * direct[1] / direct[0])
+        offset = clip(beside.cross_track, -far, far)
         errors = (offset, beside.heading, delta, *memory.under_way)
-        feedback = memory.integral - sum(k * x for k, x in zip(gains, errors, strict=False))
-        wanted = beside.steer_ahead + feedback
-        possible = clip(wanted, beside.low - beside.bias, beside.high - beside.bias)
-        step = -gains[-1] * beside.cross_track * dt if offset == beside.cross_track else 0.0
+        wanted = beside.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
+        possible = clip(wanted, -beside.limit - beside.bias, beside.limit - beside.bias)
+        moved = sum(t * (x - last) for t, x, last in zip(transient, errors, memory.errors or errors, strict=True))
+        step = -gains[-1] * (offset * dt + moved) if offset == beside.cross_track else 0.0
         integral = self._integral(memory, situation, step, wanted - possible)
         under_way = (*memory.under_way, possible - beside.steer_ahead)[1:]
-        return LqrState(integral, under_way), wanted
+        return LqrState(integral, under_way, errors), wanted
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
         """Gains on e_y, e_psi, delta, the commands under way (oldest first), and on the integral of e_y."""
+        return self._scheduled(machine, speed)[0]
+
+    def _scheduled(self, machine: TractorParameters, speed: float) -> tuple[list[float], list[float]]:
+        """The gains at a speed [m/s], negative in reverse, and P_qx / P_qq there."""
         speeds, table = _table(self, machine, speed < 0)
         u = clip(abs(speed), speeds[0], speeds[-1])
         k = min(int(np.searchsorted(speeds, u, "right")), len(speeds) - 1)
         share = (u - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
-        return [a + share * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
+        row = [a + share * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
+        n = (len(row) + 1) // 2
+        return row[:n], row[n:]
 
     def slip_length(self, situation: Situation) -> float:
         """a, at least a tenth of l_r [m]."""
@@ -116,7 +129,7 @@ class Lqr(Following):
 
     def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
         """The integral after this tick's `step`, unless the command is `excess` beyond its limits [rad]."""
-        if excess * step > 0 or abs(situation.estimate.speed) < STANDING_M_S:
+        if excess or abs(situation.estimate.speed) < STANDING_M_S:
             return memory.integral
         limit = radians(self.integral_limit_deg)
         return clip(memory.integral + step, -limit, limit)
@@ -141,12 +154,18 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """The grid of speeds [m/s], absolute, and the gains at each."""
-    return list(SPEEDS), [_gains(law, machine, -u if reverse else u).tolist() for u in SPEEDS]
+    """The grid of speeds [m/s], absolute, and at each the gains, and P_qx / P_qq behind them."""
+    speeds = [-u if reverse else u for u in SPEEDS]
+    return list(SPEEDS), [np.concatenate(_gains_and_transient(law, machine, u)).tolist() for u in speeds]
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> Array:
     """Gains at the speed `u` [m/s]; the last one, on the integral, is 0 without."""
+    return _gains_and_transient(law, machine, u)[0]
+
+
+def _gains_and_transient(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
+    """Gains at the speed `u` [m/s], the last one on the integral, and P_qx / P_qq, shapes (4 + n,) and (3 + n,)."""
     a, wheelbase = _slip(law, machine, u)
     n = round(law.steering_delay_s / TICK_S)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
@@ -164,7 +183,7 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> Array:
     A, B, Q = A[:size, :size], B[:size], Q[:size, :size]
     P = solve_discrete_are(A, B, Q, R)
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
-    return K if law.integral_m_s else np.append(K, 0.0)
+    return (K, P[-1, :-1] / P[-1, -1]) if law.integral_m_s else (np.append(K, 0.0), np.zeros(3 + n))
 
 
 def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:

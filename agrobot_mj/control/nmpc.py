@@ -67,6 +67,8 @@ class Nmpc(Following):
     """Course error that costs 1 [deg]. Estimate."""
     rate_deg_s: Positive = 15.0
     """Steering rate that costs 1 [deg/s]. Estimate."""
+    steer_rate_deg_s: Positive = 25.0
+    """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
     offset_noise_m: Positive = 0.03
     """Noise of the estimated cross-track error [m]. Estimate."""
     heading_noise_deg: Positive = 1.0
@@ -93,7 +95,7 @@ class Nmpc(Following):
         mean, covariance = self._observed(memory, beside, situation, delta, dt)
         rates = self._plan(memory, mean, beside, situation, delta)
         wanted = memory.under_way[-1] + float(rates[0]) * dt
-        possible = clip(wanted, beside.low - beside.bias, beside.high - beside.bias)
+        possible = clip(wanted, -beside.limit - beside.bias, beside.limit - beside.bias)
         later = np.append(rates[1:], 0.0)
         rates = rates + dt / STEP_S * (later - rates)
         return NmpcState(rates, (memory.under_way[-1], possible), mean, covariance, True), wanted
