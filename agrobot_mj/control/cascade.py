@@ -37,6 +37,10 @@ class OuterLaw(Protocol):
         """Steering angle that the path asks for by itself [rad]."""
         ...
 
+    def gain_scale(self, situation: Situation) -> float:
+        """Factor on the yaw-rate error, so that the loop has the same gain at any speed and wheelbase [-]."""
+        ...
+
     @property
     def columns(self) -> tuple[Column, ...]:
         """Signals of the law itself."""
@@ -85,7 +89,8 @@ class Cascade(Guidance):
                 f"speed {speed_ref} m/s and yaw rate {yaw_rate_ref} rad/s, made by the guidance law ({self.law.kind})"
             )
         e_yaw_rate, limit = yaw_rate_ref - situation.estimate.yaw_rate, situation.machine.steer_limit
-        controller, command = self.controller.update(state.controller, situation.t, e_yaw_rate, dt, limit)
+        scaled = self.law.gain_scale(situation) * e_yaw_rate
+        controller, command = self.controller.update(state.controller, situation.t, scaled, dt, limit)
         if not isfinite(command.steer + command.tau_c + command.tau_n):
             steer, tau_c, tau_n, _ = command
             maker = f"made by the controller ({self.controller.kind})"

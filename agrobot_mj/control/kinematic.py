@@ -20,6 +20,10 @@ from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
+
+WHEELBASE_M = TractorParameters().wheelbase_m
+"""Wheelbase for which the gains of yaw controllers are given [m]."""
 
 
 class CascadeLaw(Guidance):
@@ -29,6 +33,9 @@ class CascadeLaw(Guidance):
     """Saturation k_s, the largest velocity spent on closing an error, per axis [m/s]. Estimate."""
     gain_per_m: Positive = 0.4
     """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate."""
+    scheduled_above_m_s: Positive | None = 1.5
+    """Speed up to which the gains of the yaw controller hold; beyond it they fall as its inverse, since the yaw rate
+    answers the steering by u / L. Null: the same at any speed, as in the paper [m/s]. Estimate: above the paper's."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
 
@@ -44,6 +51,11 @@ class CascadeLaw(Guidance):
     def setpoints(self, situation: Situation) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references."""
         return self.references(situation.estimate, situation.reference, situation.machine.cg_to_rear_axle)
+
+    def gain_scale(self, situation: Situation) -> float:
+        """Wheelbase over that of the paper's tractor, and less beyond `scheduled_above_m_s` [-]."""
+        above, u = self.scheduled_above_m_s, abs(situation.estimate.speed)
+        return situation.machine.wheelbase_m / WHEELBASE_M * (1.0 if above is None else above / max(u, above))
 
     def feedforward(self, situation: Situation) -> float:
         """Always 0: the paper's law learns the angle by feedback [rad]."""
