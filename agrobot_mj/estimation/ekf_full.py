@@ -1,14 +1,14 @@
 """Estimator for guidance: one EKF over pose, motion and all slow errors, fed by GNSS, gyro, wheel speed and steering.
 
-`full_model` holds the ten states and the measurements, `full_filter` a tick with gates and alignment, `horizon` the use
-of late fixes. The start heading is not trusted: the yaw counts as found once the tractor has moved a metre or two, and
+`full_model` holds the states and the measurements, `full_filter` a tick with gates and alignment, `horizon` the use of
+late fixes. The start heading is not trusted: the yaw counts as found once the tractor has moved a metre or two, and
 `Estimate.aligned` says so. `Estimate.yaw` is the course of R, which a path follower steers; less `sideslip` it is the
 heading. The two differ by the slip of the rear tyres, modelled from the side force, whose part from gravity on a
 side slope needs the IMU (`terrain_compensation`). Without it the heading takes up the crab, unless two antennas measure
 it (`sensors.gnss.dual_antenna`): then the sideslip beyond the model is estimated too. Not in the paper.
 """
 
-from math import cos, nan, radians, sqrt
+from math import nan, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,8 +18,9 @@ from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quali
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, Core, FullFilter, Gates, Inputs
-from agrobot_mj.estimation.full_model import B_G, B_S, FixNoise, FullLevels, K, N
+from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import Horizon, Present, present
+from agrobot_mj.estimation.levelling import Tilt
 from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -45,12 +46,14 @@ class FullState(NamedTuple):
     """Beliefs, and the readings newer than they."""
     health: Health
     """Diagnostics without the truth."""
+    tilt: Tilt | None = None
+    """Roll and pitch of the last tick, None before the first."""
     estimate: Estimate | None = None
     """Estimate of the last tick, None before the first."""
 
 
 class EkfFull(StateEstimator):
-    """Ten states, gates, alignment and late fixes; `[estimator] kind = "ekf_full"`."""
+    """Thirteen states, gates, alignment and late fixes; `[estimator] kind = "ekf_full"`."""
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
@@ -83,7 +86,7 @@ class EkfFull(StateEstimator):
     """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
     steer_sigma_deg_s: Positive = 1.0
     """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate: tyres lag in a bend."""
-    rear_compliance_deg_s2_m: NonNegative = 0.7
+    rear_compliance_deg_s2_m: NonNegative = 0.8
     """Sideslip of R per specific side force [deg s2/m]. Estimate: rear mass over cornering stiffness, firm ground."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate: sway."""
@@ -102,6 +105,26 @@ class EkfFull(StateEstimator):
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate: slip changes with the ground."""
+    compliance_walk_deg_s2_m_rt_s: Positive = 0.01
+    """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
+    turn_offset_walk_m_rt_s: Positive = 0.003
+    """Random walk of the offset of the turn [m/sqrt(s)]. Estimate: a field's firm and tilled parts."""
+    turn_offset_m: float = -0.015
+    """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate, firm ground:
+    the rear tyres' own resistance to turning."""
+    lean_slip_walk_s2_m_rt_s: NonNegative = 0.001
+    """Random walk of the wheel speed's relative error per specific force of gravity along the ground [s2/m/sqrt(s)].
+    Estimate: slip that climb alone does not explain."""
+    slip_s2_m: NonNegative = 0.0175
+    """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate, firm ground."""
+    slip_walk_s2_m_rt_s: Positive = 0.0005
+    """Random walk of that slip [s2/m/sqrt(s)]. Estimate: changes with soil and load."""
+    initial_compliance_sigma_deg_s2_m: Positive = 0.15
+    """Standard deviation of the compliance at the start [deg s2/m]. Estimate: firm ground to tilled soil."""
+    initial_turn_offset_sigma_m: Positive = 0.05
+    """Standard deviation of the offset of the turn at the start [m]. Estimate: firm ground; deep ruts have 0.4."""
+    initial_slip_sigma_s2_m: Positive = 0.005
+    """Standard deviation of the slip on a climb at the start [s2/m]. Estimate: firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the position given to `init` [m]. Estimate."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
@@ -140,8 +163,11 @@ class EkfFull(StateEstimator):
         sigmas = (
             *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
             *(radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0, self.initial_wheel_scale_sigma),
+            *(radians(self.initial_compliance_sigma_deg_s2_m), self.initial_turn_offset_sigma_m),
+            self.initial_slip_sigma_s2_m,
         )
         mean = np.zeros(N)
+        mean[[C, D, S]] = radians(self.rear_compliance_deg_s2_m), self.turn_offset_m, self.slip_s2_m
         mean[:3] = x, y, yaw + radians(self.initial_yaw_error_deg)
         patience = max(1, round(self.gate_patience_s / TICK_S))
         gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, patience)
@@ -162,13 +188,14 @@ class EkfFull(StateEstimator):
         """Noise in SI units."""
         return FullLevels(
             wheelbase=tractor.wheelbase_m,
-            compliance=radians(self.rear_compliance_deg_s2_m),
             walks=(
                 *(self.position_walk_m_rt_s, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)),
                 *(self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)),
                 *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
-                self.wheel_scale_walk_rt_s,
+                *(self.wheel_scale_walk_rt_s, radians(self.compliance_walk_deg_s2_m_rt_s)),
+                *(self.turn_offset_walk_m_rt_s, self.slip_walk_s2_m_rt_s),
             ),
+            lean_slip_walk=self.lean_slip_walk_s2_m_rt_s,
             gyro_sigma=radians(self.gyro_sigma_deg_s),
             wheel_sigma=self.wheel_sigma_m_s,
             steer_sigma=radians(self.steer_sigma_deg_s),
@@ -192,14 +219,14 @@ class EkfFull(StateEstimator):
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         m, tilt = measurement, self.terrain_compensation
         roll, pitch = (m.roll, m.pitch) if tilt else (0.0, 0.0)
-        # the rate of the yaw is (q sin(roll) + r cos(roll)) / cos(pitch); the rate q about the axle averages out
-        gyro = m.gyro * cos(roll) / cos(pitch) if self.gyro_axes == "body" else m.gyro
+        leans = state.tilt.after(roll, pitch, dt) if state.tilt else Tilt(roll, pitch)
+        gyro = leans.heading_rate(m.gyro, self.gyro_axes == "body")
         inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, roll, pitch)
         horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)
         health = state.health.after(horizon.core.nis, horizon.core.accepted_t, dt)
         now = present(horizon, state.filter.levels, inputs.side, dt)
         estimate = self._estimate(state.cg, inputs, horizon.core, health, now)
-        return FullState(state.filter, state.cg, horizon, health, estimate), estimate
+        return FullState(state.filter, state.cg, horizon, health, leans, estimate), estimate
 
     def _estimate(
         self, cg: tuple[float, float, float], inputs: Inputs, core: Core, health: Health, now: Present

@@ -31,6 +31,7 @@ from agrobot_mj.estimation.full_model import (
     PSI,
     FixNoise,
     FullLevels,
+    K,
     MeasurementRow,
     N,
     X,
@@ -47,10 +48,12 @@ from agrobot_mj.estimation.full_model import (
     transition,
     velocity_rows,
     wheel_row,
+    wheel_scale,
     with_sideslip,
 )
 from agrobot_mj.estimation.kalman import CompiledEkf
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
 ALIGNMENT_SIGMA = radians(0.3)
@@ -61,6 +64,8 @@ UNALIGNED_SIGMA = radians(104.0)
 """Uncertainty of a yaw of which nothing is known: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
 """Wheel speed from which on velocities tell the yaw [m/s]. Estimate: three times their noise."""
+SLIPPING_SPEED = 0.3
+"""Speed from which on a fix tells the slip of the wheels [m/s]. Estimate: ten times the noise of its velocity."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
 
@@ -113,7 +118,7 @@ class Core(NamedTuple):
     """All that the filter believes and remembers at the time of its last tick."""
 
     mean: Array
-    """States, shape (10,), or (11,) once a heading has been heard."""
+    """States, shape (13,), or (14,) once a heading has been heard."""
     covariance: Array
     """Covariance of `mean`."""
     search: Search | None = Search()
@@ -138,6 +143,8 @@ class Core(NamedTuple):
     """Time of the last fix [s]."""
     accepted_t: float = 0.0
     """Time of the last accepted fix, the start before the first [s]."""
+    slip: WheelSlip = WheelSlip()
+    """How much the slip of the wheels changes."""
     nis: float = float("nan")
     """NIS of the position of the last tick, NaN without a fix."""
 
@@ -153,13 +160,16 @@ class FullFilter(Workspace, CompiledEkf):
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
 
-    def predict_x(self, u: tuple[float, float, float, bool]) -> None:
-        """Prior mean, and the matching F and Q, for (side, dt, correlation time, whether aligned); filterpy's hook."""
-        side, dt, correlation_time, aligned = u
-        decay, self.Q = _process_noise(self.levels, dt, correlation_time, len(self.x))
-        self.F = transition(self.x, self.levels, side, dt, decay)
+    def predict_x(self, u: tuple[float, float, float, bool, float]) -> None:
+        """Prior mean, and the matching F and Q, for (side, dt, correlation time, whether aligned, walk of the slip);
+        filterpy's hook."""
+        side, dt, correlation_time, aligned, slip_walk = u
+        decay, Q = _process_noise(self.levels, dt, correlation_time, len(self.x))
+        self.Q = Q.copy()
+        self.Q[K, K] += dt * slip_walk**2
+        self.F = transition(self.x, side, dt, decay)
         place = self.x[:2]
-        self.x = propagate_mean(self.x, self.levels, side, dt, decay)
+        self.x = propagate_mean(self.x, side, dt, decay)
         if not aligned:  # a displacement in an unknown direction says nothing
             self.F[:2] = np.eye(2, len(self.x))
             self.x[:2] = place
@@ -173,7 +183,7 @@ class FullFilter(Workspace, CompiledEkf):
             core = core._replace(mean=mean, covariance=covariance)
         self.x, self.P = core.mean, core.covariance
         noise = self.noises[core.quality]
-        self.predict((inputs.side, dt, noise.correlation_time, core.search is None))
+        self.predict((inputs.side, dt, noise.correlation_time, core.search is None, self._slip_walk(core, inputs)))
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
         core = core._replace(
             mean=self.x,
@@ -186,6 +196,7 @@ class FullFilter(Workspace, CompiledEkf):
             fix = fix if core.lever is None else at_foot(fix, core.lever)
             if abs(hypot(fix.vx, fix.vy) - abs(inputs.wheel)) > self.gates.velocity:
                 inputs = inputs._replace(wheel=float("nan"))
+        core = core._replace(slip=self._slip(core, inputs, fix, dt))
         rows = self._motion_rows(core, inputs)
         if fix is not None:
             core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
@@ -198,6 +209,19 @@ class FullFilter(Workspace, CompiledEkf):
             return None
         now = offset(self.antenna, inputs.roll, inputs.pitch, float(self.x[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
+
+    def _slip_walk(self, core: Core, inputs: Inputs) -> float:
+        """Walk of the slip beyond that of firm level ground [1/sqrt(s)]."""
+        return hypot(core.slip.walk, self.levels.lean_slip_walk * hypot(inputs.side, GRAVITY * sin(inputs.pitch)))
+
+    def _slip(self, core: Core, inputs: Inputs, fix: Fix | None, dt: float) -> WheelSlip:
+        """What the wheels and the fix of R say of the slip."""
+        speed = hypot(fix.vx, fix.vy) if fix is not None else 0.0
+        if speed < SLIPPING_SPEED or core.search is not None or not isfinite(inputs.wheel):
+            return core.slip.unseen()
+        scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
+        variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2
+        return core.slip.after(abs(inputs.wheel) / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
 
     def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
         """What gyro, wheels and steering tell, as far as they do."""
@@ -252,7 +276,7 @@ class FullFilter(Workspace, CompiledEkf):
             return _turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
-            chi = course(core.mean, self.levels, inputs.side)
+            chi = course(core.mean, inputs.side)
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search), []

@@ -1,20 +1,23 @@
-"""Model of the estimator `ekf_full`: ten states, how they move, and what the sensors see of them.
+"""Model of the estimator `ekf_full`: thirteen states, how they move, and what the sensors see of them.
 
     x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
     psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
     v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
     omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
+    c         compliance of the rear tyres [rad s2/m]       d    offset of the turn [m]
+    s         slip of the driven wheels per pull [s2/m]
 
-    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta,    beta = -c (v omega + a)
+    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta,    beta = -c (v omega + a) - d kappa
 
 chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
-side slope [m/s2], known with an IMU only; c is the compliance of the rear tyres [rad s2/m]. Without a the heading takes
-up the crab of a slope. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the
-biases and k are random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a
-tick too late. Once a heading from two antennas has been heard there is an eleventh state, the sideslip b beyond the
-modelled one, a random walk: beta = b - c (v omega + a). Measurements, each a row of innovation, Jacobian and variance:
+side slope [m/s2], known with an IMU only, and from the curvature kappa = v omega / (v^2 + v_0^2): what resists the turn
+of the rear wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope.
+g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, d and s are
+random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a tick too late.
+Once a heading from two antennas has been heard there is a fourteenth state, the sideslip b beyond the modelled one, a
+random walk: beta is larger by b. Measurements, each a row of innovation, Jacobian and variance:
 
-    gyro = omega + b_g,    wheel speed = (1 + k) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
+    gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
     fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    its heading = psi
     at a standstill 0 = v, 0 = omega
 """
@@ -26,11 +29,12 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.machine.tractor import GRAVITY
 
-N = 10
-X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K = range(N)
+N = 13
+X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S = range(N)
 BETA = N
-"""Index of the sideslip beyond the modelled one, where the mean has this eleventh state."""
+"""Index of the sideslip beyond the modelled one, where the mean has this last state."""
 
 
 class FullLevels(NamedTuple):
@@ -38,10 +42,8 @@ class FullLevels(NamedTuple):
 
     wheelbase: float
     """Wheelbase L [m]."""
-    compliance: float
-    """Sideslip of R per specific side force, c [rad s2/m]."""
     walks: tuple[float, ...]
-    """Random walk of x, y, psi, v, omega, b_g, b_s and k, in their units [.../sqrt(s)]."""
+    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, d and s, in their units [.../sqrt(s)]."""
     gyro_sigma: float
     """Noise of the gyro [rad/s]."""
     wheel_sigma: float
@@ -50,6 +52,8 @@ class FullLevels(NamedTuple):
     """Noise of the yaw rate that the steering angle tells [rad/s]."""
     velocity_sigma: float
     """Noise of the GNSS velocity, per axis [m/s]."""
+    lean_slip_walk: float = 0.001
+    """Random walk of k per specific force of gravity along the ground [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)
     """Error of the heading from two antennas [rad]."""
     sideslip_walk: float = radians(0.1)
@@ -80,24 +84,43 @@ class MeasurementRow(NamedTuple):
     """Variance of its noise."""
 
 
+SLOW = 0.3
+"""Speed below which a yaw rate is no longer taken for a bend [m/s]. Estimate: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
 """How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Estimate: it rocks on its tyres."""
 
 
-def course(mean: Array, levels: FullLevels, side: float) -> float:
-    """Direction in which R moves, chi [rad]; `side` is the part of gravity in the side force [m/s2]."""
-    return float(mean[PSI] - levels.compliance * (mean[V] * mean[OMEGA] + side)) + unmodelled(mean)
+def sideslip(mean: Array, v: float, omega: float, side: float) -> float:
+    """Course less heading, beta [rad], at a speed [m/s] and yaw rate [rad/s]; `side` is the part of gravity in the
+    side force [m/s2]."""
+    modelled = float(mean[C]) * (v * omega + side) + float(mean[D]) * _curvature(v, omega)[0]
+    return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled
 
 
-def unmodelled(mean: Array) -> float:
-    """Sideslip beyond the modelled one, 0 for a mean without it [rad]."""
-    return float(mean[BETA]) if len(mean) > BETA else 0.0
+def course(mean: Array, side: float) -> float:
+    """Direction in which R moves, chi [rad]; `side` as for `sideslip` [m/s2]."""
+    v, omega = float(mean[V]), float(mean[OMEGA])
+    return float(mean[PSI]) + sideslip(mean, v, omega, side)
 
 
-def propagate_mean(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
+def course_slopes(mean: Array, side: float) -> dict[int, float]:
+    """Derivatives of the course by the states that it depends on."""
+    v, omega, c, d = (float(mean[i]) for i in (V, OMEGA, C, D))
+    kappa, by_v, by_omega = _curvature(v, omega)
+    slopes = {PSI: 1.0, V: -c * omega - d * by_v, OMEGA: -c * v - d * by_omega, C: -v * omega - side, D: -kappa}
+    return slopes | ({BETA: 1.0} if len(mean) > BETA else {})
+
+
+def _curvature(v: float, omega: float) -> tuple[float, float, float]:
+    """Curvature of the way of R [1/m], which fades below `SLOW`, and its derivatives by speed and yaw rate."""
+    square = v * v + SLOW * SLOW
+    return v * omega / square, omega * (SLOW * SLOW - v * v) / (square * square), v / square
+
+
+def propagate_mean(mean: Array, side: float, dt: float, decay: float) -> Array:
     """Mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
-    chi = course(mean, levels, side) + 0.5 * omega * dt
+    chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
     after[X] += v * dt * cos(chi)
     after[Y] += v * dt * sin(chi)
@@ -107,18 +130,18 @@ def propagate_mean(mean: Array, levels: FullLevels, side: float, dt: float, deca
     return after
 
 
-def transition(mean: Array, levels: FullLevels, side: float, dt: float, decay: float) -> Array:
+def transition(mean: Array, side: float, dt: float, decay: float) -> Array:
     """Derivative of `propagate_mean` by the mean, shape (n, n) for a mean (n,)."""
-    v, omega, c = float(mean[V]), float(mean[OMEGA]), levels.compliance
-    chi = course(mean, levels, side) + 0.5 * omega * dt
+    v, omega = float(mean[V]), float(mean[OMEGA])
+    chi = course(mean, side) + 0.5 * omega * dt
     east, north = dt * cos(chi), dt * sin(chi)
-    by_v, by_omega = -c * omega, 0.5 * dt - c * v  # of chi
     F = np.eye(len(mean))
-    F[X, PSI], F[Y, PSI] = -v * north, v * east
-    F[X, V], F[Y, V] = east - v * north * by_v, north + v * east * by_v
-    F[X, OMEGA], F[Y, OMEGA] = -v * north * by_omega, v * east * by_omega
+    for state, slope in course_slopes(mean, side).items():
+        slope += 0.5 * dt if state == OMEGA else 0.0
+        F[X, state], F[Y, state] = -v * north * slope, v * east * slope
+    F[X, V] += east
+    F[Y, V] += north
     F[PSI, OMEGA] = dt
-    F[:2, BETA:] = F[:2, PSI, None]  # nothing without the eleventh state
     F[G_E, G_E] = F[G_N, G_N] = decay
     return F
 
@@ -128,9 +151,14 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
     q[BETA:] = dt * levels.sideslip_walk**2
-    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] = dt * np.square(levels.walks)
+    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
-    return decay, np.diag(q)
+    Q = np.diag(q)
+    # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend
+    turn = dt * levels.walks[OMEGA] ** 2
+    Q[PSI, OMEGA] = Q[OMEGA, PSI] = 0.5 * dt * turn
+    Q[PSI, PSI] += dt * dt * turn / 3.0
+    return decay, Q
 
 
 def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
@@ -138,10 +166,16 @@ def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
     return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
 
 
+def wheel_scale(mean: Array, pitch: float) -> float:
+    """Speed of the wheels over that of R in the plan [-]: their error, their slip on a climb, and its length."""
+    return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
+
+
 def wheel_row(mean: Array, wheel: float, pitch: float, levels: FullLevels) -> MeasurementRow:
-    """The wheels' speed along the ground [m/s], which `pitch` [rad] makes longer than its plan."""
-    v, scale = float(mean[V]), (1.0 + float(mean[K])) / cos(pitch)
-    return MeasurementRow(wheel - scale * v, {V: scale, K: v / cos(pitch)}, levels.wheel_sigma**2)
+    """The wheels' speed along the ground [m/s] on a tractor with this pitch [rad]."""
+    v, scale = float(mean[V]), wheel_scale(mean, pitch)
+    jacobian = {V: scale, K: v / cos(pitch), S: -v * GRAVITY * sin(pitch) / cos(pitch)}
+    return MeasurementRow(wheel - scale * v, jacobian, levels.wheel_sigma**2)
 
 
 def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
@@ -171,13 +205,12 @@ def position_rows(mean: Array, fix: Fix, noise: FixNoise) -> list[MeasurementRow
 
 def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> list[MeasurementRow]:
     """Velocity of a fix at R [m/s]."""
-    v, omega, c, chi = float(mean[V]), float(mean[OMEGA]), levels.compliance, course(mean, levels, side)
+    v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2
-    by_v, by_omega = -c * omega, -c * v  # of chi
-    by_east = {PSI: -v * north, V: east - v * north * by_v, OMEGA: -v * north * by_omega}
-    by_north = {PSI: v * east, V: north + v * east * by_v, OMEGA: v * east * by_omega}
-    if len(mean) > BETA:
-        by_east[BETA], by_north[BETA] = by_east[PSI], by_north[PSI]
+    by_east = {state: -v * north * slope for state, slope in slopes.items()}
+    by_north = {state: v * east * slope for state, slope in slopes.items()}
+    by_east[V] += east
+    by_north[V] += north
     return [MeasurementRow(fix.vx - v * east, by_east, r), MeasurementRow(fix.vy - v * north, by_north, r)]
 
 
@@ -187,14 +220,14 @@ def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
 
 
 def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
-    """Mean (11,) and covariance (11, 11) of ten states and the sideslip beyond the modelled one, `sigma` [rad]."""
+    """Mean (14,) and covariance (14, 14) of thirteen states and the sideslip beyond the modelled one, `sigma` [rad]."""
     P = np.zeros((N + 1, N + 1))
     P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
     return np.append(mean, 0.0), P
 
 
 def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
-    """NIS of a pair of rows against the covariance (10, 10) of the states [-]."""
+    """NIS of a pair of rows against the covariance (n, n) of the states [-]."""
     (a, b), P = pair, covariance
     s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance
     s_bb = _quadratic(b.jacobian, b.jacobian, P) + b.variance

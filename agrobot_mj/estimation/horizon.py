@@ -13,7 +13,22 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.full_filter import Core, FullFilter, Inputs
-from agrobot_mj.estimation.full_model import B_G, BETA, PSI, FullLevels, K, X, Y, steady_gain, unmodelled
+from agrobot_mj.estimation.full_model import (
+    B_G,
+    OMEGA,
+    PSI,
+    FullLevels,
+    K,
+    S,
+    V,
+    X,
+    Y,
+    course_slopes,
+    sideslip,
+    steady_gain,
+    wheel_scale,
+)
+from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS = 110
 """Cores kept: the longest latency of a receiver, 5 s, and a few more."""
@@ -83,22 +98,21 @@ class Present(NamedTuple):
 
 def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
     """Dead reckoning from the core over the waiting readings; `side` as in the last inputs [m/s2]."""
-    core, c = horizon.core, levels.compliance
+    core = horizon.core
     x, y, psi, v, omega = core.mean[:5].tolist()
-    x_0, y_0, bias, scale = x, y, float(core.mean[B_G]), 1.0 + float(core.mean[K])
-    beta = unmodelled(core.mean)
+    x_0, y_0, bias = x, y, float(core.mean[B_G])
     gain_v, gain_omega = _gains(levels, dt)
     for inputs in horizon.waiting:
-        v += gain_v * (inputs.wheel * cos(inputs.pitch) / scale - v) if isfinite(inputs.wheel) else 0.0
+        v += gain_v * (inputs.wheel / wheel_scale(core.mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
         omega += gain_omega * (inputs.gyro - bias - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi + beta - c * (v * omega + inputs.side) + 0.5 * omega * dt
+        chi = psi + sideslip(core.mean, v, omega, inputs.side) + 0.5 * omega * dt
         if core.search is None:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
     P = core.covariance[:3, :3]
     if horizon.waiting:
-        P = _led_on(core, levels, (x - x_0, y - y_0), scale, len(horizon.waiting) * dt)
-    return Present(x, y, psi, beta - c * (v * omega + side), v, omega, P)
+        P = _led_on(core, levels, (x - x_0, y - y_0), horizon.waiting[-1], len(horizon.waiting) * dt)
+    return Present(x, y, psi, sideslip(core.mean, v, omega, side), v, omega, P)
 
 
 def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
@@ -109,14 +123,17 @@ def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
     )
 
 
-def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], scale: float, time: float) -> Array:
-    """Covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s]."""
+def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
+    """Covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s] up to these inputs."""
     east, north = moved
     G = np.zeros((3, len(core.mean)))
+    for state, slope in course_slopes(core.mean, last.side).items():
+        G[0, state], G[1, state] = -north * slope, east * slope
+    G[:2, [V, OMEGA]] = 0.0  # both are seen by the waiting readings
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
-    G[0, PSI], G[1, PSI] = -north, east
-    G[:2, BETA:] = G[:2, PSI, None]  # nothing without the eleventh state
-    G[0, K], G[1, K] = -east / scale, -north / scale
+    share = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))
+    G[0, K], G[1, K] = share * east, share * north
+    G[:2, S] = -GRAVITY * sin(last.pitch) * G[:2, K]
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
     walk, yaw_walk = levels.walks[0], levels.walks[2]
     own = np.diag([walk * walk * time, walk * walk * time, yaw_walk * yaw_walk * time])

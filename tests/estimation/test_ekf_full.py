@@ -11,7 +11,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
 from agrobot_mj.estimation import EkfFull
 from agrobot_mj.estimation.full_filter import _forget_correlated
-from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, K, X, Y
+from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, C, K, X, Y
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.validation.filters import (
     BIAS,
@@ -89,8 +89,10 @@ def test_keys_in_degrees_are_radians_inside_and_the_start_is_as_uncertain_as_the
     levels = state.filter.levels
     assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
     assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
-    assert np.degrees([levels.sideslip_walk, levels.compliance]) == pytest.approx([0.1, 0.7])
+    assert degrees(levels.sideslip_walk) == pytest.approx(0.1)
+    assert degrees(state.horizon.core.mean[C]) == pytest.approx(0.8)
     walks = (0.003, 0.003, radians(0.05), 0.1, radians(3.0), radians(0.003), radians(0.1), 0.001)
+    walks += (radians(0.01), 0.003, 0.0005)
     assert levels.walks == pytest.approx(walks)
 
 

@@ -16,13 +16,17 @@ from agrobot_mj.estimation.full_model import (
     G_N,
     OMEGA,
     PSI,
+    C,
+    D,
     FixNoise,
     FullLevels,
     K,
     N,
+    S,
     V,
     X,
     Y,
+    course,
     gyro_row,
     position_rows,
     process_noise,
@@ -39,8 +43,7 @@ from agrobot_mj.estimation.full_model import (
 DT = 0.05
 LEVELS = FullLevels(
     wheelbase=1.4,
-    compliance=0.012,
-    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3),
+    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3, 2e-4, 3e-3, 5e-4),
     gyro_sigma=0.002,
     wheel_sigma=0.02,
     steer_sigma=0.02,
@@ -49,7 +52,7 @@ LEVELS = FullLevels(
 NOISE = FixNoise(correlated=0.011, white=0.017, correlation_time=30.0)
 OPEN = Gates(nis=1e9, position=1e9, velocity=1e9, patience=40)
 STATES = [
-    np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02])
+    np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02, 0.012, 0.05, 0.017])
     for psi in (0.0, 1.0, -2.5, 7.0)
     for v in (-1.0, 0.0, 1.2)
     for omega in (0.0, 0.3)
@@ -64,7 +67,7 @@ def derivative(function, state, h=1e-6):
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("side", [0.0, -1.7])
 def test_the_transition_equals_finite_differences(state, side):
-    fixed = (LEVELS, side, DT, 0.99)
+    fixed = (side, DT, 0.99)
     assert np.allclose(
         transition(state, *fixed), derivative(lambda x: propagate_mean(x, *fixed), state), rtol=0, atol=1e-8
     )
@@ -96,7 +99,7 @@ def test_a_circle_closes():
     mean = np.zeros(N)
     mean[V], mean[OMEGA] = 5.0 * omega, omega
     for _ in range(100):
-        mean = propagate_mean(mean, LEVELS._replace(compliance=0.0), 0.0, DT, 1.0)
+        mean = propagate_mean(mean, 0.0, DT, 1.0)
     assert np.abs(mean[[X, Y]]).max() < 1e-3
     assert mean[PSI] == pytest.approx(2 * np.pi)
 
@@ -106,15 +109,18 @@ def test_the_squared_innovation_is_that_of_both_together():
     P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, 0.0)
     H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
     y = np.array([row.innovation for row in pair])
-    S = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
-    assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
+    innovation = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
+    assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(innovation, y), rel=1e-9)
 
 
 def test_each_state_wanders_by_its_own_walk_and_the_correlated_error_keeps_its_size():
     levels, n = LEVELS._replace(sideslip_walk=0.003), N + 1
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
-    assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 0
-    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K]] == pytest.approx(DT * np.array(LEVELS.walks) ** 2)
+    walked = DT * np.array(LEVELS.walks) ** 2
+    walked[2] += DT**2 / 3 * walked[4]
+    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S]] == pytest.approx(walked)
+    assert Q[PSI, OMEGA] == Q[OMEGA, PSI] == pytest.approx(DT / 2 * walked[4])
+    assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 2
     assert Q[BETA, BETA] == pytest.approx(DT * 0.003**2)
     assert decay == pytest.approx(np.exp(-DT / NOISE.correlation_time))
     assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
@@ -131,7 +137,7 @@ def test_the_steady_gain_is_that_of_the_riccati_equation():
 
 def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
     """Course, biases and scale certain: states x, v, y and the correlated errors, filtered here by the textbook."""
-    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0))
+    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
     filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
     mean, sigmas = np.zeros(N), np.zeros(N)
     sigmas[[X, Y, V, G_E, G_N]] = 0.05, 0.05, 0.5, 1.0, 1.0
@@ -152,8 +158,8 @@ def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
         core = filter_.step(core, inputs, fix, Quality.FIX, DT)
         rows = slice(0, 1) if fix is None else slice(0, 4)
         m, P = F @ m, F @ P @ F.T + Q
-        S = H[rows] @ P @ H[rows].T + R[rows, rows]
-        gain = np.linalg.solve(S, H[rows] @ P).T
+        innovation = H[rows] @ P @ H[rows].T + R[rows, rows]
+        gain = np.linalg.solve(innovation, H[rows] @ P).T
         m, P = m + gain @ (z[rows] - H[rows] @ m), P - gain @ H[rows] @ P
         assert np.allclose(core.mean[keep], m, rtol=0, atol=1e-9)
         assert np.allclose(core.covariance[np.ix_(keep, keep)], P, rtol=0, atol=1e-12)
@@ -177,17 +183,18 @@ def test_the_search_for_the_yaw_weighs_a_velocity_by_the_speed_of_the_wheels(w):
 
 
 def test_errors_are_as_large_as_it_says():
-    """Normalised squared error of all ten states at the end of independent runs of the model itself."""
+    """Normalised squared error of all thirteen states at the end of independent runs of the model itself."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
-    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02])
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005])
     decay, Q = process_noise(LEVELS, DT, NOISE.correlation_time)
-    start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017])
+    root = np.linalg.cholesky(Q)
     for seed in range(runs):
         rng, filter_ = np.random.default_rng(seed), FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
         truth = start + sigmas * rng.standard_normal(N)
         core = Core(start, np.diag(sigmas**2), search=None)
         for k in range(ticks):
-            truth = propagate_mean(truth, LEVELS, 0.0, DT, decay) + np.sqrt(np.diag(Q)) * rng.standard_normal(N)
+            truth = propagate_mean(truth, 0.0, DT, decay) + root @ rng.standard_normal(N)
             core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
             nis += core.nis
         error = core.mean - truth
@@ -202,7 +209,7 @@ def _measured(truth, rng, t):
     """Inputs and fix that the model gives of a true state."""
     w = rng.standard_normal(7)
     v, omega = truth[V], truth[OMEGA]
-    chi = truth[PSI] - LEVELS.compliance * v * omega
+    chi = course(truth, 0.0)
     told = omega + LEVELS.steer_sigma * w[0]  # the error of the steering row is one of the yaw rate
     steer = np.arctan(told * LEVELS.wheelbase / v) + truth[B_S]
     inputs = Inputs(
@@ -224,11 +231,13 @@ def _measured(truth, rng, t):
 
 def test_a_turned_potentiometer_is_found():
     filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
-    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02])
-    truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0])
-    core = Core(np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.diag(sigmas**2), search=None)
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005])
+    truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017])
+    core = Core(
+        np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017]), np.diag(sigmas**2), search=None
+    )
     rng = np.random.default_rng(2)
     for k in range(600):
-        truth = propagate_mean(truth, LEVELS, 0.0, DT, 1.0)
+        truth = propagate_mean(truth, 0.0, DT, 1.0)
         core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
     assert core.mean[B_S] == pytest.approx(bias, abs=radians(0.3))

@@ -61,6 +61,8 @@ class ErrorTrace(NamedTuple):
     """Estimated less true yaw rate [rad/s]."""
     nees: Array
     """Normalised squared error of the position [-]."""
+    heading_nees: Array
+    """Squared error of the heading over its stated variance [-]."""
     nis: Array
     """NIS of the position, NaN without a fix [-]."""
     aligned: Array
@@ -110,14 +112,16 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
     squares = [d @ np.linalg.solve(e.covariance[:2, :2], d) for d, e in zip(error, estimates, strict=True)]
     yaw = np.array([e.yaw for e in estimates])
     sideslip = np.array([e.sideslip for e in estimates])
+    heading = _wrapped(yaw - sideslip - np.array([t.yaw for t in truths]))
     return ErrorTrace(
         t=np.array([t.t for t in truths]),
         east=error[:, 0],
         north=error[:, 1],
-        heading=_wrapped(yaw - sideslip - np.array([t.yaw for t in truths])),
+        heading=heading,
         course=_wrapped(yaw - np.arctan2(v_y, v_x)),
         yaw_rate=np.array([e.yaw_rate - t.yaw_rate for t, e in zip(truths, estimates, strict=True)]),
         nees=np.array(squares),
+        heading_nees=heading**2 / np.array([e.covariance[2, 2] for e in estimates]),
         nis=np.array([e.nis for e in estimates]),
         aligned=np.array([float(e.aligned) for e in estimates]),
         travelled=np.cumsum(np.hypot(v_x, v_y)),
