@@ -20,7 +20,7 @@ from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, l
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, Core, FullFilter, Gates, Inputs
 from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import Horizon, Present, present
-from agrobot_mj.estimation.levelling import Tilt
+from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -46,7 +46,7 @@ class FullState(NamedTuple):
     """Beliefs, and the readings newer than they."""
     health: Health
     """Diagnostics without the truth."""
-    tilt: Tilt | None = None
+    tilt: SmoothedTilt | None = None
     """Roll and pitch of the last tick, None before the first."""
     estimate: Estimate | None = None
     """Estimate of the last tick, None before the first."""
@@ -219,7 +219,7 @@ class EkfFull(StateEstimator):
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
         m, tilt = measurement, self.terrain_compensation
         roll, pitch = (m.roll, m.pitch) if tilt else (0.0, 0.0)
-        leans = state.tilt.after(roll, pitch, dt) if state.tilt else Tilt(roll, pitch)
+        leans = state.tilt.after(roll, pitch, dt) if state.tilt else SmoothedTilt(roll, pitch)
         gyro = leans.heading_rate(m.gyro, self.gyro_axes == "body")
         inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, roll, pitch)
         horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)

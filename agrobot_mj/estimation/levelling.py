@@ -16,7 +16,7 @@ SMOOTHING_S = 0.5
 """Time constant of the low pass of roll and pitch [s]. Estimate: noise of 0.1 deg against turns of ten seconds."""
 
 
-class Tilt(NamedTuple):
+class SmoothedTilt(NamedTuple):
     """Low-passed roll and pitch, and their rates."""
 
     roll: float
@@ -28,11 +28,11 @@ class Tilt(NamedTuple):
     pitch_rate: float = 0.0
     """Rate of the pitch [rad/s]."""
 
-    def after(self, roll: float, pitch: float, dt: float) -> "Tilt":
+    def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
         """With the next readings [rad], `dt` [s] later."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
-        return Tilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
+        return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
         """Rate of the heading [rad/s] from a gyro about the vertical, or about the axis of the `body`."""

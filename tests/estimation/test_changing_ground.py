@@ -5,7 +5,7 @@ from math import atan2, cos, degrees, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from agrobot_mj.estimation.levelling import Tilt
+from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.studies.validation.filters import FULL, SLOPE, TILT, follow, loss, record, rms
 
@@ -24,7 +24,7 @@ def test_a_turn_on_an_inclined_plane_is_a_whole_turn(body):
         forward = frame @ [cos(angle), sin(angle), 0.0]
         left = frame @ [-sin(angle), cos(angle), 0.0]
         roll, pitch = atan2(left[2], frame[2, 2]), -np.arcsin(forward[2])
-        tilt = tilt.after(roll, pitch, DT) if tilt else Tilt(roll, pitch)
+        tilt = tilt.after(roll, pitch, DT) if tilt else SmoothedTilt(roll, pitch)
         if k:
             heading += tilt.heading_rate(rate if body else rate * cos(slope), body) * DT
     assert degrees(heading) == pytest.approx(360.0, abs=1.5)  # the low pass lags, by 0.5 s of the rates at the start
