@@ -20,10 +20,7 @@ from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.machine.tractor import TractorParameters
-
-WHEELBASE_M = TractorParameters().wheelbase_m
-"""Wheelbase for which the gains of yaw controllers are given [m]."""
+from agrobot_mj.machine.tractor import COMPACT
 
 
 class CascadeLaw(Guidance):
@@ -55,7 +52,7 @@ class CascadeLaw(Guidance):
     def gain_scale(self, situation: Situation) -> float:
         """Wheelbase over that of the paper's tractor, and less beyond `scheduled_above_m_s` [-]."""
         above, u = self.scheduled_above_m_s, abs(situation.estimate.speed)
-        return situation.machine.wheelbase_m / WHEELBASE_M * (1.0 if above is None else above / max(u, above))
+        return situation.machine.wheelbase_m / COMPACT.wheelbase_m * (1.0 if above is None else above / max(u, above))
 
     def feedforward(self, situation: Situation) -> float:
         """Always 0: the paper's law learns the angle by feedback [rad]."""

@@ -17,10 +17,8 @@ from pydantic import Field
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
-COMPACT = TractorParameters()
-"""Tractor whose drive the following numbers describe."""
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
 """Drive of the compact tractor. Estimates: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
 BRAKING_M_S2 = 3.55

@@ -25,7 +25,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 FULL_RANGE_V = 12.0
 """Top of the voltage range of a valve [V]. Paper, section V-B."""
@@ -37,8 +37,6 @@ rough ground and stops; 100 bar on a cylinder of the class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
 """Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Estimate: oil about 2e5 in series with linkage
 and hoses of about 7e4."""
-COMPACT = TractorParameters()
-"""Tractor of that oil column."""
 
 
 class Valve(Spec):

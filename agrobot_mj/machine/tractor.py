@@ -167,3 +167,7 @@ class TractorParameters(Spec):
         """Vertical damping of one rear tyre, as given or for its load [N s/m]."""
         given = self.rear_tyre_damping_n_s_m
         return REAR_TYRE.damping_at(self.rear_wheel_load, self.rear_tyre_stiffness) if given is None else given
+
+
+COMPACT = TractorParameters()
+"""Compact tractor of the paper, from whose size that of other machines follows."""

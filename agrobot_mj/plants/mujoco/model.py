@@ -13,10 +13,10 @@ import numpy as np
 
 from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.machine.driveline import COMPACT, Driveline
+from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, OilColumn
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
