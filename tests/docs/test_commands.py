@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
 import typer.main
+from similar import similar
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.cli import app, main
@@ -192,7 +193,8 @@ def supplied(folder):
         (folder / file).write_text(re.search(rf"```{language}\n(.*?)```", text, re.S)[1], encoding="utf-8")
     text = (ROOT / "docs" / "replay.md").read_text(encoding="utf-8")
     (folder / "map.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.S)[1], encoding="utf-8")
-    log = run(load_scenario("figure_eight", {"duration_s": 60, "sensors.gyro.enabled": True, "path.speed_m_s": 2.0}))
+    keys = {"duration_s": 60, "sensors.gyro.enabled": True, "path.speed_m_s": 2.0}
+    log = run(similar(load_scenario("figure_eight", keys), 4200.0))
     places = [to_geodetic(Origin(51.0, 4.0), *p) for p in zip(log.column("gnss_x"), log.column("gnss_y"), strict=True)]
     columns = {
         "time_ms": 1e3 * log.column("t"),
