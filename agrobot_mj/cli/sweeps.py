@@ -153,20 +153,23 @@ def _ends(text: str) -> tuple[float, float]:
 
 
 def importance(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help='Results of a sweep with method = "saltelli".')],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help='Results of a sweep with method = "screening" or "saltelli".')
+    ],
     metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
     quiet: Quiet = False,
 ) -> None:
-    """Tell which uncertain numbers matter: Sobol indices of a sweep.
+    """Tell which uncertain numbers matter, and which of them the samples tell apart.
 
-    Writes importance.json and importance.png into the folder.
+    Regression of a screening, Sobol indices of method = "saltelli". Writes importance.json and importance.png.
     """
     from agrobot_mj.studies.sweep.importance import importance as analyse
-    from agrobot_mj.studies.sweep.importance import importance_table
+    from agrobot_mj.studies.sweep.importance import importance_table, importance_text
 
     found = analyse(folder, metric)
     if not quiet:
         say(importance_table(found))
+        say(importance_text(found, metric))
 
 
 def report(

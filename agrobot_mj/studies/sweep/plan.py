@@ -92,7 +92,7 @@ class SweepPlan:
         combination, repeat = divmod(number, self.samples * len(self.sweep.seeds))
         seed = self.sweep.seeds[repeat % len(self.sweep.seeds)]
         row = repeat if self.file.paired else number
-        if self.file.method == "saltelli":  # the same design under every seed, variant and value of an axis
+        if self.file.common:
             row = repeat // len(self.sweep.seeds)
         values = {}
         rest = combination
@@ -124,7 +124,7 @@ class SweepPlan:
         if not self.file.draws:
             return {}
         rows = self.samples * len(self.sweep.seeds) * (1 if self.file.paired else self.combinations)
-        if self.file.method == "saltelli":
+        if self.file.common:
             rows = self.samples
         points = _points(self.file.method, rows, len(self.file.draws), self.file.draw_seed)
         return {key: draw.values(points[:, k]) for k, (key, draw) in enumerate(self.file.draws.items())}

@@ -20,7 +20,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.loading import load_scenario, read_toml, scenario_files
 from agrobot_mj.scenario.overrides import absolute_paths
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Listed
+from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
@@ -34,6 +34,8 @@ def _seeds(given: Any) -> Any:
 Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
+POINTS_PER_DRAW = 3
+"""Fewest points of a screening for each of its draws: a regression on fewer says nothing of its own errors."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
 """Parts of pydantic's places that no file shows."""
 
@@ -66,8 +68,12 @@ class SweepFile(Spec):
     """Distributions by dotted key."""
     samples: Annotated[int, Field(ge=1)] = 1
     """How many times the draws are drawn for each combination and seed."""
-    method: Literal["random", "latin_hypercube", "sobol", "saltelli"] = "random"
-    """How the draws fill their space; `saltelli` makes samples * (draws + 2) points for `agrobot-mj importance`."""
+    method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
+    """How the draws fill their space; `screening` and `saltelli` are designs for `agrobot-mj importance`.
+
+    `screening` is a Latin hypercube, `saltelli` makes samples * (draws + 2) points; both are the same under every seed,
+    variant and value of an axis.
+    """
     paired: bool = False
     """Whether all combinations and variants get the same draws, as differences between them need."""
     draw_seed: Seed = 1
@@ -76,6 +82,11 @@ class SweepFile(Spec):
     """Named sets of overrides, `[[variant]]`, instead of axes or beside them."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
     """What stays of a run beside its row: nothing, its signals, its recording too, or that of runs that fail only."""
+
+    @property
+    def common(self) -> bool:
+        """Whether every seed, variant and value of an axis has the same draws."""
+        return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
     def _named_once(self) -> "SweepFile":
@@ -115,9 +126,21 @@ class SweepFile(Spec):
                 found.append(f"{part}.seed: write seeds = [...] beside base")
         if self.method == "saltelli" and self.samples & (self.samples - 1):
             found.append(f"samples: must be a power of two with saltelli, got {self.samples}")
+        if self.method == "screening":
+            found += self._unfit_for_screening()
         if not self.draws and "samples" in self.model_fields_set and self.samples > 1:
             found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
         return found
+
+
+    def _unfit_for_screening(self) -> Iterator[str]:
+        """What a regression on ranks cannot use: too few points, and values without an order."""
+        if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
+            yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} a draw, got {self.samples}"
+        for key, draw in self.draws.items():
+            values = draw.choice if isinstance(draw, Choice) else ()
+            if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
+                yield f"draws.{key}: screening needs numbers; make it an axis, or write method = \"saltelli\""
 
 
 def _text(value: Any) -> str:
