@@ -21,7 +21,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.style import save
 from agrobot_mj.studies.sweep import SweepOptions, sweep
-from agrobot_mj.studies.sweep.importance import importance, importance_table
+from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.verdict import claims, figures, judgement, survival, validity
 from agrobot_mj.studies.verdict.ablation import ablation_table
 from agrobot_mj.studies.verdict.ranking import by_ground, compare_sets, compared_text, ranking_table
@@ -41,7 +41,7 @@ PARTS: dict[str, tuple[Mapping[str, Any], Callable[..., Any]]] = {
 """Jobs of each part, and what does one."""
 AGAIN = range(21, 41)
 """Seeds of the second set of `controllers`."""
-SWEEPS = ("ablation", "importance", "controllers", "controllers_again")
+SWEEPS = ("ablation", "importance", "importance_sobol", "controllers", "controllers_again")
 """Parts that are sweeps of the package; the last one is `controllers` with the seeds of `AGAIN`."""
 
 
@@ -90,10 +90,12 @@ def publish() -> None:
         sets = [by_ground(sweep_rows(name)) for name in ("controllers", "controllers_again")]
         text = put(text, "ranking", ranking_table(*sets))
         text = put(text, "ranked", compared_text(compare_sets(*sets)))
-    if whole("importance"):
-        found = importance(RUNS / "importance")
-        text = put(text, "importance", importance_table(found))
-        shutil.copyfile(RUNS / "importance" / "importance.png", IMAGES / "verdict_importance.png")
+    for name in ("importance", "importance_sobol"):
+        if whole(name):
+            found = importance(RUNS / name)
+            told = importance_text(found, "xte_rms").replace("\n", " ")
+            text = put(text, name, f"{importance_table(found)}\n\n{told}")
+            shutil.copyfile(RUNS / name / "importance.png", IMAGES / f"verdict_{name}.png")
     PAGE.write_text(text, encoding="utf-8")
 
 

@@ -67,21 +67,21 @@ LONGEST_NAME = 150
 """Characters of a folder's default name."""
 
 
-def overrides(sets: list[str] | None) -> dict[str, Any]:
+def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
     """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
-        key, equals, value = utf8(text, "--set").partition("=")
+        key, equals, value = utf8(text, option).partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"--set {shortened(text)}: write it as key=value")
+            raise ScenarioError(f"{option} {shortened(text)}: write it as key=value")
         try:
             parsed = tomllib.loads(f"v = {value}")
         except tomllib.TOMLDecodeError:
             parsed = {"v": value.strip()}
         except (ValueError, RecursionError):
-            raise ScenarioError(f"--set {shortened(text)}: too many digits or brackets") from None
+            raise ScenarioError(f"{option} {shortened(text)}: too many digits or brackets") from None
         if len(parsed) > 1:
-            raise ScenarioError(f"--set {shortened(text)}: holds more than one value; write one --set for each")
+            raise ScenarioError(f"{option} {shortened(text)}: holds more than one value; write one {option} for each")
         found[key.strip()] = parsed["v"]
     return found
 

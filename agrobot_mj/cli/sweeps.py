@@ -102,11 +102,15 @@ def limit(
     guidance: Annotated[
         list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value.")] = 10,
+    seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value; the two printed have 10 or more.")] = 10,
     reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
     confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
     tolerance: Annotated[
         float | None, typer.Option(callback=finite, help="Where to stop; a fiftieth of the range if left out.")
+    ] = None,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="The counterpart without the hardship, asked the same; repeatable."),
     ] = None,
     jobs: Jobs = None,
     sets: Sets = None,
@@ -128,17 +132,22 @@ def limit(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"limit-{scenario.name}-{key}")
     question = Question(key, start, stop, until, seeds, reliability, confidence, tolerance)
+    sound = overrides(beside, "--beside") if beside else None
 
     def tell(law: str, tried: Tried) -> None:
         if not quiet:
-            count = f"{tried.runs - tried.failed} of {tried.runs} succeed"
+            count = f"{tried.share} succeed"
             ends = f" ({tried.ends})" if tried.unexpected else ""
             print(f"{law}: {key} = {tried.value:g}: {count}{ends}", flush=True)
 
     with interruptible():
-        found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet))
+        found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet), sound)
+    for each in found if not quiet else ():
+        print(each.statement)
+        if each.beside:
+            print(f"  {each.beside.statement}")
     if not quiet:
-        print("\n".join([*(each.statement for each in found), str(folder / "limit.json")]))
+        print(folder / "limit.json")
 
 
 def _ends(text: str) -> tuple[float, float]:

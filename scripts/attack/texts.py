@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.search import metric_names
+from agrobot_mj.studies.limit.question import metric_names
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 

@@ -10,7 +10,9 @@ import pytest
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.search import Question, check, find_limit, metric_names, runs_needed, wilson
+from agrobot_mj.studies.limit.question import Question, check, metric_names
+from agrobot_mj.studies.limit.rates import runs_needed, wilson
+from agrobot_mj.studies.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.sweep.work import Done, failure
 
 KEY = "steering.valve.dead_band_v"
@@ -114,7 +116,7 @@ def machine(chance):
         for task in tasks:
             value, seed = task.overrides[KEY], task.overrides["seed"]
             success = np.random.default_rng([seed, int(1e6 * abs(value))]).random() < chance(value)
-            found.append(Done({"outcome": "completed", "lateral_rms": 0.1 if success else 1.0}, {}))
+            found.append(Done({"outcome": "completed", "lateral_rms": (0.1 if success else 1.0) + 1e-6 * seed}, {}))
         return found
 
     return do
@@ -136,7 +138,9 @@ def test_a_sharp_limit_is_found_to_the_tolerance():
     assert high - low <= 0.01
     assert "80 % of runs at 80 % confidence" in found.statement
     assert [t.value for t in found.tried] == sorted(t.value for t in found.tried)
-    assert max(t.runs for t in found.tried) == runs_needed(0.8, 0.8)
+    shown = {t.value: t.runs for t in found.tried if t.value in (low, high)}
+    assert shown == {low: SHOWN_RUNS, high: SHOWN_RUNS}
+    assert max(t.runs for t in found.tried if t.value not in shown) == runs_needed(0.8, 0.8)
 
 
 def test_a_range_may_run_down():
@@ -188,7 +192,9 @@ def test_an_answer_says_what_ended_otherwise_than_expected():
 
     def do(tasks):
         rolled = [task.overrides[KEY] >= 2.0 for task in tasks]
-        return [Done({"outcome": "rolled_over" if r else "completed", "lateral_rms": 0.1}, {}) for r in rolled]
+        errors = [0.1 + 1e-6 * task.overrides["seed"] for task in tasks]
+        ends = zip(rolled, errors, strict=True)
+        return [Done({"outcome": "rolled_over" if r else "completed", "lateral_rms": e}, {}) for r, e in ends]
 
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", tolerance=0.5)
     told = []
@@ -196,9 +202,10 @@ def test_an_answer_says_what_ended_otherwise_than_expected():
     assert found.verdict == "limit"
     assert 1.0 < found.limit <= 2.0
     assert (
-        "Not every run ended as expected: 2 rolled_over at 2; 2 rolled_over at 3; 2 rolled_over at 4" in found.statement
+        "Not every run ended as expected: 10 rolled_over at 2; 2 rolled_over at 3; 2 rolled_over at 4"
+        in found.statement
     )
-    assert {t.ends for t in told if t.unexpected} == {"2 rolled_over"}
+    assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "10 rolled_over"}
 
 
 def test_an_error_is_not_asked_of_a_scenario_that_expects_to_fail():
@@ -238,9 +245,104 @@ def test_a_rate_that_goes_up_and_down_by_chance_is_not_called_a_second_limit():
 def test_too_few_seeds_are_not_called_certain():
     found = search(lambda v: v < 2.345, seeds=3)
     assert found.limit == pytest.approx(2.345, abs=0.08)
-    assert found.interval[0] == 0.0
-    assert "needs 7" in found.statement
-    assert not any(t.certain for t in found.tried if t.holds)
+    assert "Values on the way are judged by the rates of 3 runs; certainty needs 7" in found.statement
+    assert [t.runs for t in found.tried if t.certain and t.holds] == [SHOWN_RUNS]
+
+
+def test_the_two_values_of_the_answer_have_ten_runs_and_may_move_by_them():
+    """Three runs at a value hide that one in three fails between 1.5 and 2.345; ten of them show it."""
+    for first in range(1, 60, 10):
+        scenario = SCENARIO.changed({"seed": first})
+        question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=3)
+        chance = machine(lambda v: 1.0 if v < 1.5 else 0.67 if v < 2.345 else 0.0)
+        condition = Condition(question.until, METRICS)
+        found = find_limit("law", scenario, question, condition, chance, lambda tried: None)
+        k = next(k for k, t in enumerate(found.tried) if not t.holds)
+        good, bad = found.tried[k - 1 : k + 1]
+        assert good.runs == bad.runs == SHOWN_RUNS
+        assert good.share in found.statement
+        assert bad.share in found.statement
+        assert good.failed / good.runs <= 0.2 < bad.failed / bad.runs
+
+
+def test_the_end_of_a_range_that_holds_has_ten_runs_too():
+    found = search(lambda v: 1.0, seeds=3)
+    assert found.verdict == "never_fails"
+    assert [t.runs for t in found.tried] == [3, 3, 3, 3, SHOWN_RUNS]
+    assert f"10 of 10 runs at {found.tried[-1].value:g}" in found.statement
+
+
+def test_an_answer_says_what_was_tried_and_what_the_scan_could_not_see():
+    found = search(lambda v: not 1.1 < v < 1.9)  # an island between two values of the scan
+    assert found.verdict == "never_fails"
+    assert "Held at 0, 1, 2, 3, 4; nothing was tried between, where an island of up to 1 would not be seen" in (
+        found.statement
+    )
+    assert "does not fail at the values tried" in found.statement
+    found = search(lambda v: v < 2.345, tolerance=0.5)
+    assert "Held at 0, 1, 2; failed at 2.5, 3, 4; nothing was tried between" in found.statement
+
+
+def test_runs_that_seeds_do_not_change_count_once_and_have_no_interval():
+    def do(tasks):
+        errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
+        return [Done({"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k}, {}) for k, e in enumerate(errors)]
+
+    question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
+    found = find_limit("law", SCENARIO, question, Condition(question.until, METRICS), do, lambda tried: None)
+    assert found.limit == pytest.approx(2.345, abs=0.08)
+    assert {(t.runs, t.independent, t.certain) for t in found.tried} == {(1, False, True)}
+    assert all(t.low == t.high == 1 - t.failed for t in found.tried)
+    assert "Seeds change nothing: one run is all there is to know, without an interval" in found.statement
+    random = search(lambda v: v < 2.345)
+    assert all(t.independent for t in random.tried)
+    assert "Seeds change nothing" not in random.statement
+
+
+def hard_and_sound(limits):
+    """Runs whose limit along KEY is that of their terrain, or of the flat without one."""
+
+    def do(tasks):
+        found = []
+        for task in tasks:
+            kind = json.loads(task.base).get("terrain", {}).get("kind", "flat")
+            value = task.overrides.get(KEY, 0.0)
+            error = (0.1 if value < limits[kind] else 1.0) + 1e-6 * task.overrides["seed"]
+            found.append(Done({"outcome": "completed", "lateral_rms": error}, {}))
+        return found
+
+    return do
+
+
+@pytest.mark.parametrize(
+    ("limits", "text"),
+    [
+        ({"flat": 3.0, "rough": 2.0}, "; the hardship takes 1"),
+        ({"flat": 2.0, "rough": 2.0}, "; the hardship takes nothing that steps of 0.08 can tell"),
+        ({"flat": 9.0, "rough": 2.0}, "; compare the two: one of them has no limit in the range"),
+    ],
+)
+def test_a_limit_is_told_beside_that_of_its_sound_counterpart(limits, text):
+    scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
+    question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
+    condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}
+    found = find_limit("law", scenario, question, condition, hard_and_sound(limits), lambda tried: None, beside)
+    assert found.limit == pytest.approx(2.0, abs=0.08)
+    assert found.beside.verdict == ("never_fails" if limits["flat"] > 4 else "limit")
+    assert found.beside.statement.endswith(text)
+
+
+def test_a_counterpart_without_the_key_is_runs_that_say_how_much_of_the_condition_they_use():
+    """On the flat there is no grade; a dead band that the counterpart sets is not varied in it."""
+    scenario = load_scenario("figure_eight", {"terrain": {"kind": "slope"}, "duration_s": 1.0})
+    for key, beside in (("terrain.grade_deg", {"terrain": {"kind": "flat"}}), (KEY, {KEY: 0.4})):
+        question = Question(key, 0.0, 4.0, "lateral_rms > 0.3")
+        do = hard_and_sound({"flat": 9.0, "slope": 9.0})
+        found = find_limit("law", scenario, question, Condition(question.until, METRICS), do, lambda t: None, beside)
+        assert found.beside.verdict == "fixed"
+        assert found.beside.limit is None
+        assert found.beside.tried[0].runs == SHOWN_RUNS
+        assert "10 of 10 runs succeed, median lateral_rms 0.1" in found.beside.statement
 
 
 def test_a_run_that_raises_counts_as_failed_whatever_the_condition():
@@ -260,7 +362,10 @@ def test_whole_numbers_stay_whole():
 
     def do(tasks):
         seen.extend(task.overrides["path.turns"] for task in tasks)
-        return [Done({"outcome": "completed", "lateral_rms": 0.1 if seen[-1] < 4 else 1.0}, {}) for _ in tasks]
+        error = 0.1 if seen[-1] < 4 else 1.0
+        return [
+            Done({"outcome": "completed", "lateral_rms": error + 1e-6 * task.overrides["seed"]}, {}) for task in tasks
+        ]
 
     found = find_limit("law", scenario, question, Condition(question.until, METRICS), do, lambda tried: None)
     assert all(type(value) is int for value in seen)
@@ -291,7 +396,7 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
     """How tight a circle? Both laws keep one of 6 m within 15 mm, neither one of 3 m."""
     where = ("--key", "path.radius_m", "--range", "6:3", "--tolerance", 0.5)
-    options = (*where, "--guidance", "stanley,lqr", "--seeds", 7)
+    options = (*where, "--guidance", "stanley,lqr", "--seeds", 7, "--beside", "path.radius_m=6")
     status, out, err = call("circle", *options, "--until", "xte_rms > 0.015", *SHORT)
     assert (status, err) == (0, "")
     content = json.loads((tmp_path / "out" / "limit.json").read_text())
@@ -300,6 +405,8 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
         assert law["verdict"] == "limit"
         assert 6 >= law["interval"][0] > law["limit"] > law["interval"][1] >= 3
         assert law["statement"] in out
+        assert law["beside"]["statement"].startswith("with path.radius_m=6: 10 of 10 runs succeed, median xte_rms ")
+        assert law["beside"]["statement"] in out
     assert (tmp_path / "out" / "limit.png").stat().st_size > 10_000
 
 
@@ -308,6 +415,8 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
     [
         ("--range", "1-8", "--range 1-8: write two numbers as 0:25"),
         ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
+        ("--beside", "terain.kind=flat", "unknown key"),
+        ("--beside", "flat", "--beside flat: write it as key=value"),
         ("--key", "path.sped_m_s", "did you mean 'speed_m_s'"),
         ("--guidance", "lqqr", "unknown kind 'lqqr'"),
         ("--range", "1:-8", "path.speed_m_s: must be at least"),

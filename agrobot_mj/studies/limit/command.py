@@ -1,6 +1,6 @@
 """The limits of one or more laws: search them, write `limit.json` and `limit.png`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -14,7 +14,8 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import claimed, write_json
-from agrobot_mj.studies.limit.search import Found, Question, RunTasks, Tried, at_value, check, find_limit, laws
+from agrobot_mj.studies.limit.question import Beside, Found, Question, Tried, at_value, check, laws
+from agrobot_mj.studies.limit.search import RunTasks, find_limit
 from agrobot_mj.studies.pool import cores, pool
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 from agrobot_mj.studies.sweep.work import perform
@@ -31,19 +32,23 @@ def limit(
     jobs: int | None = None,
     done: Callable[[str, Tried], object] = lambda law, tried: None,
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
+    beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
     """Search the limit of each kind of guidance and write the answers under `folder`. Raises `ScenarioError`.
 
-    `begin` hears of the scenarios at both ends of the range before anything is driven.
+    `begin` hears of the scenarios at both ends of the range before anything is driven. `beside` has the overrides of a
+    counterpart without the hardship, of which the same is asked.
     """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
+    for each in scenarios.values():
+        each.changed(dict(beside or {}))
     begin([at_value(each, question, end) for each in scenarios.values() for end in (question.start, question.stop)])
     found = []
     with claimed(folder, FILES):
         with _workers(jobs or cores()) as do:
             for name, under in scenarios.items():
-                found.append(find_limit(name, under, question, condition, do, partial(done, name)))
+                found.append(find_limit(name, under, question, condition, do, partial(done, name), beside))
         write_json(folder / "limit.json", content(scenario, question, found))
         with mpl.rc_context(STYLE):
             save(figure(question, found), folder / "limit.png")
@@ -71,8 +76,13 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
         **question._asdict(),
         "tolerance": question.resolution,
         "first_seed": scenario.seed,
-        "laws": [{**each._asdict(), "tried": [tried._asdict() for tried in each.tried]} for each in found],
+        "laws": [{**_plain(each), "beside": each.beside and _plain(each.beside)} for each in found],
     }
+
+
+def _plain(found: Found | Beside) -> dict[str, Any]:
+    """An answer as plain data."""
+    return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:

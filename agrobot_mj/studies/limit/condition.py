@@ -58,6 +58,11 @@ class Condition:
         """Whether it compares a tracking error."""
         return any(is_error(name) for name in self._names)
 
+    @property
+    def compared(self) -> list[str]:
+        """Names of the metrics that it compares."""
+        return sorted(self._names & set(self.metrics))
+
     def fails(self, numbers: Mapping[str, Any]) -> bool:
         """Whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says nothing.
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agrobot_mj.metrics.success import error_of
-from agrobot_mj.studies.limit.search import wilson
+from agrobot_mj.studies.limit.rates import wilson
 from agrobot_mj.studies.pages.document import COLOURS
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, is_number, parameters_of
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save

@@ -19,7 +19,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.limit.search import wilson
+from agrobot_mj.studies.limit.rates import wilson
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.pieces import pieces

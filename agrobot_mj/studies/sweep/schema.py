@@ -132,7 +132,6 @@ class SweepFile(Spec):
             found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
         return found
 
-
     def _unfit_for_screening(self) -> Iterator[str]:
         """What a regression on ranks cannot use: too few points, and values without an order."""
         if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
@@ -140,7 +139,7 @@ class SweepFile(Spec):
         for key, draw in self.draws.items():
             values = draw.choice if isinstance(draw, Choice) else ()
             if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
-                yield f"draws.{key}: screening needs numbers; make it an axis, or write method = \"saltelli\""
+                yield f'draws.{key}: screening needs numbers; make it an axis, or write method = "saltelli"'
 
 
 def _text(value: Any) -> str:

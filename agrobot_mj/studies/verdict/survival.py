@@ -2,11 +2,11 @@
 
 One law and one hardship is a search of `limit`: the figure eight's first straight, arc and return, at 1.2 m/s, with the
 supervisor off, since what is asked is how long the law holds, not how soon it is stopped. A run fails if it does
-not complete or if its cross-track error exceeds half a track width in more than 5 % of the time.
+not complete or if its cross-track error exceeds half a track width in more than 5 % of the time. Each search has a
+counterpart, the same drive without the hardship, so that what the hardship takes can be seen.
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -16,14 +16,15 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.palette import BLUE, GREEN, LIGHT_GREY, VERMILION
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.headline import LAWS as HEADLINE_LAWS
-from agrobot_mj.studies.limit.search import Question, check, find_limit
+from agrobot_mj.studies.limit.question import Question, Tried, check
+from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
 from agrobot_mj.studies.sweep.work import perform
 from agrobot_mj.studies.verdict.rows import ResultRow, select
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Most runs at a value; three without a failure show a reliability of 65 % at 80 % confidence, seven of 80 %."""
+"""Most runs at a value on the way; the two that the table prints have ten, as of every `limit`."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2}
 FITTED = {
     "estimator.kind": "ekf_full",
@@ -54,20 +55,33 @@ class Hardship(NamedTuple):
     """Worst value tried."""
     tolerance: float
     overrides: dict[str, Any]
+    sound: dict[str, Any]
+    """What removes it; where the key is still there, the counterpart is a search along it, else some runs."""
     duration_s: float = 75.0
     offset: float = 0.0
     """What is taken from the key's value for the table, in its unit."""
 
 
 LOSS_AT_S = 15.0
+LEVEL: dict[str, Any] = {"terrain": {"kind": "flat"}}
+FIRM: dict[str, Any] = {"plant.tyre.kind": "magic_formula"}
 HARDSHIPS = (
-    Hardship("steepest slope", "deg", "terrain.grade_deg", 0, 28, 1, {"terrain": {"kind": "slope"}}),
-    Hardship("softest soil", "kPa", "plant.tyre.cone_index_kpa", 900, 100, 25, {"plant.tyre.kind": "soil"}),
-    Hardship("deepest furrows", "m", "terrain.depth_m", 0.02, 0.22, 0.0125, {"terrain": {"kind": "ridges"}}),
+    Hardship("steepest slope", "deg", "terrain.grade_deg", 0, 28, 1, {"terrain": {"kind": "slope"}}, LEVEL),
+    Hardship("softest soil", "kPa", "plant.tyre.cone_index_kpa", 900, 100, 25, {"plant.tyre.kind": "soil"}, FIRM),
+    Hardship("deepest furrows", "m", "terrain.depth_m", 0.02, 0.22, 0.0125, {"terrain": {"kind": "ridges"}}, LEVEL),
     Hardship(
-        "fastest on class E", "m/s", "path.speed_m_s", 1, 4, 0.2, {"terrain": {"kind": "rough", "iso_class": "E"}}
+        "fastest on class E",
+        "m/s",
+        "path.speed_m_s",
+        1,
+        4,
+        0.2,
+        {"terrain": {"kind": "rough", "iso_class": "E"}},
+        LEVEL,
     ),
-    Hardship("widest dead band", "V", "steering.valve.dead_band_v", 0.4, 5.6, 0.2, {}),
+    Hardship(
+        "widest dead band", "V", "steering.valve.dead_band_v", 0.4, 5.6, 0.2, {}, {"steering.valve.dead_band_v": 0.4}
+    ),
     Hardship(
         "longest GNSS loss",
         "s",
@@ -76,6 +90,7 @@ HARDSHIPS = (
         LOSS_AT_S + 125,
         7,
         {"fault": [{"kind": "gnss_loss", "start_s": LOSS_AT_S, "end_s": LOSS_AT_S + 5}]},
+        {"fault": []},
         145,
         LOSS_AT_S,
     ),
@@ -94,11 +109,26 @@ def survival_search(job: tuple[str, tuple[str, Hardship]], seeds: int = SEEDS) -
     scenario = load_scenario("figure_eight", overrides)
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
-    found = find_limit(law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), partial(_quiet))
+    found = find_limit(law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), _quiet, hard.sound)
     about = {"key": key, "law": law, "hardship": hard.name, "seeds": seeds}
-    tried = [{**t._asdict(), "value": t.value - hard.offset} for t in found.tried]
     interval = None if found.interval is None else [value - hard.offset for value in found.interval]
-    return {**about, "verdict": found.verdict, "interval": interval, "tried": tried}
+    sound = found.beside and {
+        "verdict": found.beside.verdict,
+        "statement": found.beside.statement,
+        "tried": _written(found.beside.tried, hard),
+    }
+    return {
+        **about,
+        "verdict": found.verdict,
+        "interval": interval,
+        "tried": _written(found.tried, hard),
+        "sound": sound,
+    }
+
+
+def _written(tried: Sequence[Tried], hard: Hardship) -> list[dict[str, Any]]:
+    """Values tried as plain data, in the unit of the table."""
+    return [{**each.written, "value": each.value - hard.offset} for each in tried]
 
 
 def _quiet(tried: object) -> None:
@@ -119,28 +149,45 @@ def survived(row: ResultRow) -> tuple[float | None, bool]:
 
 
 def survival_table(rows: Sequence[ResultRow]) -> str:
-    """Markdown table: a row per law, the worst value that it survives of each hardship."""
-    lines = ["| law | " + " | ".join(f"{hard.name} [{hard.unit}]" for hard in HARDSHIPS) + " |"]
-    lines.append("|---|" + "---:|" * len(HARDSHIPS))
+    """Markdown table: a row per law, its error without hardship, and the worst value of each that it survives."""
+    names = ["no hardship: p95 [m]", *(f"{hard.name} [{hard.unit}]" for hard in HARDSHIPS)]
+    lines = ["| law | " + " | ".join(names) + " |", "|---|" + "---:|" * len(names)]
     for law in SURVIVORS:
-        cells = [_cell(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
-        lines.append(f"| {law} | " + " | ".join(cells) + " |")
+        cells = [_cells(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
+        lines.append("| " + " | ".join([law, _without(select(rows, law=law)), *cells]) + " |")
     return "\n".join(lines)
 
 
-def _cell(found: Sequence[ResultRow], hard: Hardship) -> str:
-    """Last value that holds, and the first at which it fails; a star where runs at these values disagree."""
+def _without(rows: Sequence[ResultRow]) -> str:
+    """Median error of the drive without hardship, and how many of its runs fail."""
+    runs = [row["sound"]["tried"][0] for row in rows if (row.get("sound") or {}).get("verdict") == "fixed"]
+    if not runs:
+        return "-"
+    failed = f" ({runs[0]['failed']} of {runs[0]['runs']} fail)" if runs[0]["failed"] else ""
+    error = runs[0]["medians"].get("xte_abs_p95")
+    return ("-" if error is None else f"{error:.2f}") + failed
+
+
+def _cells(found: Sequence[ResultRow], hard: Hardship) -> str:
+    """The limit under a hardship, and without it where that was searched."""
     if not found:
         return "-"
-    value, whole = survived(found[0])
+    sound = found[0].get("sound") or {}
+    beside = f"; without: {_cell(sound, hard)}" if sound.get("verdict", "fixed") != "fixed" else ""
+    return _cell(found[0], hard) + beside
+
+
+def _cell(row: ResultRow, hard: Hardship) -> str:
+    """Last value that holds, and the first at which it fails; a star where runs at these values disagree."""
+    value, whole = survived(row)
     if value is None:
         return f"not {hard.start - hard.offset:g}"
     if whole:
         return f"all, to {value:g}"
-    fails = next(tried for tried in found[0]["tried"] if not tried["holds"])
-    last = next(tried for tried in found[0]["tried"] if tried["value"] == value)
+    fails = next(tried for tried in row["tried"] if not tried["holds"])
+    last = next(tried for tried in row["tried"] if tried["value"] == value)
     star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
-    again = "!" if found[0]["verdict"] == "not_monotone" else ""
+    again = "!" if row["verdict"] == "not_monotone" else ""
     return f"{value:.3g}, not {fails['value']:.3g}{star}{again}"
 
 

@@ -10,15 +10,11 @@ import pytest
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
-<<<<<<< HEAD
 from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.studies.sweep.importance import importance, importance_table, read_importance
-=======
 from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text, read_importance
 from agrobot_mj.studies.sweep.importance.results import influence, noise_share
 from agrobot_mj.studies.sweep.importance.shares import Share, ranked
 from agrobot_mj.studies.sweep.importance.sobol import FEWEST, sobol_flaws
->>>>>>> 1372142 (Rank uncertain numbers by what their samples can tell)
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
 
@@ -224,7 +220,8 @@ def test_indices_of_few_samples_and_impossible_ones_are_ranked_no_more(plan, tmp
     assert "So there is no ranking." in text
     assert "| ? |" in importance_table(found)
     below = Share("mine.key", 0.5, 0.2, 0.9, effect=-0.46, half=0.41)
-    assert sobol_flaws([below], 256) == ("mine.key: the first-order index is from -0.87 to -0.05: no index can be there",)
+    text = "mine.key: the first-order index is from -0.87 to -0.05: no index can be there"
+    assert sobol_flaws([below], 256) == (text,)
     assert sobol_flaws([below._replace(effect=-0.3)], 256) == ()
 
 
@@ -248,7 +245,8 @@ def test_a_screening_has_the_same_points_under_every_seed_and_tells_their_noise(
     found = importance(written(made, tmp_path / "out"))
     assert read_importance(tmp_path / "out") == found
     assert found[0].unexplained > 0.5
-    assert importance_table(found).startswith("| number | 1: rank | 1: share of the variance | 1: slope | 1: Spearman |")
+    head = "| number | 1: rank | 1: share of the variance | 1: slope | 1: Spearman |"
+    assert importance_table(found).startswith(head)
 
 
 def test_noise_is_what_seeds_do_not_have_in_common():
@@ -265,7 +263,7 @@ def test_noise_is_what_seeds_do_not_have_in_common():
     ("old", "new", "message"),
     [
         ("samples = 9", "samples = 8", "samples: must be at least 9 with screening, 3 a draw, got 8"),
-        ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "draws.path.kind: screening needs numbers"),
+        ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "path.kind: screening needs numbers"),
     ],
 )
 def test_a_screening_that_cannot_be_analysed_is_refused(plan, tmp_path, old, new, message):

@@ -43,7 +43,6 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     Raises `ScenarioError` where the folder has no finished sweep of one of `DESIGNS`, or the metric no value in some
     runs: that of a run that failed does not count.
     """
-    check_output(folder, ("importance.json", "importance.png"))
     with intact(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
 
@@ -54,6 +53,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
         rows: Rows = read_rows(folder)
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
+    check_output(folder, ("importance.json", "importance.png"))
     if file.get("method") not in DESIGNS:
         wanted = " or ".join(f'"{design}"' for design in DESIGNS)
         raise ScenarioError(f"{folder}: the design is {file.get('method')!r}; importance needs method = {wanted}")

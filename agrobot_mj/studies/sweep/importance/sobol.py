@@ -23,8 +23,8 @@ FEWEST = 64
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
     """The indices of values in the order of the design, shape (n (d + 2),). Raises `ScenarioError` without SALib.
 
-    `noise` is its share of the variance of `values`. It is in each total index, and taken from estimate and lower end; the
-    upper end keeps it, since noise that depends on a draw is not in the others.
+    `noise` is its share of the variance of `values`. It is in each total index, and taken from estimate and lower end;
+    the upper end keeps it, since noise that depends on a draw is not in the others.
     """
     try:
         from SALib.analyze import sobol

@@ -49,8 +49,8 @@ def _text(each: Influence, metric: str, group: str) -> str:
     lines = [f"{group}{metric} {each.mean:.4g}, standard deviation {each.deviation:.2g} over the points; {noise}."]
     if each.unexplained is not None:
         lines.append(
-            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise; it may be anyone's, and is in the "
-            "upper end of each interval."
+            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise; it may be anyone's, and is in "
+            "the upper end of each interval."
         )
     if each.flaws:
         return "\n".join([*lines, *(f"{flaw}." for flaw in each.flaws), "So there is no ranking."])

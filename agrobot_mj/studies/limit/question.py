@@ -1,0 +1,173 @@
+"""What is asked of a limit, what is tried for it, and what is found: `Question`, `Tried`, `Found`, `Beside`."""
+
+from collections.abc import Mapping, Sequence
+from math import inf, isfinite
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.metrics.success import COMPLETED
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.limit.condition import Condition
+from agrobot_mj.studies.sweep.work import WALL
+
+MOST_CONFIDENT = 0.999999
+"""Largest confidence: beyond it the interval of a rate is that of rounding [-]."""
+TRIAL_S = 1.0
+"""Simulated time of the run that shows which metrics there are [s]."""
+
+
+class Question(NamedTuple):
+    """What is to be found."""
+
+    key: str
+    """Dotted key that is varied."""
+    start: float
+    """End of the range where laws should hold."""
+    stop: float
+    """Other end, above or below."""
+    until: str
+    """Condition at which a run counts as failed."""
+    seeds: int = 10
+    """Most runs at a value on the way; the values that the answer is about have ten or more [-]."""
+    reliability: float = 0.8
+    """Share of runs that must succeed for a law to hold [-]."""
+    confidence: float = 0.8
+    """Confidence of the intervals [-]."""
+    tolerance: float | None = None
+    """Distance at which the bisection ends; None for a fiftieth of the range."""
+
+    @property
+    def resolution(self) -> float:
+        """Distance at which the bisection ends."""
+        return abs(self.stop - self.start) / 50 if self.tolerance is None else self.tolerance
+
+
+class Tried(NamedTuple):
+    """The runs at one value."""
+
+    value: float
+    """Value of the key."""
+    runs: int
+    """How many independent ones there are: one where seeds change nothing."""
+    failed: int
+    """How many of them met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
+    low: float
+    """Lower end of the interval of the success rate [-]; the rate itself where seeds change nothing."""
+    high: float
+    """Upper end [-]."""
+    holds: bool
+    """Whether the law holds here."""
+    certain: bool
+    """Whether the interval says so, not only the rate."""
+    outcomes: dict[str, int]
+    """Number of runs by outcome."""
+    unexpected: int
+    """How many ended otherwise than their scenario expects."""
+    independent: bool = True
+    """Whether seeds change a run; if not, one run is all that there is, and no interval."""
+    medians: Mapping[str, float] = MappingProxyType({})
+    """Median of each metric that the condition names, over the runs that have it."""
+
+    @property
+    def share(self) -> str:
+        """How many of how many runs succeed."""
+        return f"{self.runs - self.failed} of {self.runs} runs"
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """These runs as plain data."""
+        return {**self._asdict(), "medians": dict(self.medians)}
+
+    @property
+    def ends(self) -> str:
+        """How many runs ended how."""
+        return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
+
+
+class Beside(NamedTuple):
+    """The same question without the hardship."""
+
+    overrides: dict[str, Any]
+    """What makes the counterpart, by dotted key."""
+    verdict: str
+    """As of `Found`; `fixed` where the counterpart has no such key, or sets it: then it is runs, not a search."""
+    limit: float | None
+    """Value at which it stops holding without the hardship, if there is one."""
+    statement: str
+    """The answer as a sentence, with what the hardship took."""
+    tried: tuple[Tried, ...]
+    """All values, or the runs of a `fixed` counterpart, whose value is the start of the range."""
+
+
+class Found(NamedTuple):
+    """The answer for one law."""
+
+    law: str
+    """Name of the law."""
+    verdict: str
+    """`limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
+    limit: float | None
+    """Estimate of the value at which it stops holding, if there is one."""
+    interval: tuple[float, float] | None
+    """Values around it at which it certainly holds and certainly fails (an end of the range where none was)."""
+    statement: str
+    """The answer as a sentence."""
+    tried: tuple[Tried, ...]
+    """All values, from the start of the range on."""
+    beside: Beside | None = None
+    """The same without the hardship, if that was asked."""
+
+
+def metric_names(scenario: Scenario) -> list[str]:
+    """Names of the metrics of a scenario that are numbers, from a short run of it."""
+    numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
+    return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
+
+
+def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
+    """The scenario under each kind of guidance, its own if none is named. Raises `ScenarioError`."""
+    return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
+
+
+def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
+    """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
+    q = question
+    if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two different numbers, first where laws should hold")
+    if not isfinite(q.stop - q.start):
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
+    if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
+        raise ScenarioError(
+            f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"
+        )
+    for scenario in scenarios.values():
+        for value in (q.start, q.stop):
+            at_value(scenario, q, value)
+    first = next(iter(scenarios.values()))
+    condition = Condition(q.until, metric_names(first))
+    if condition.names_error and not condition.names_outcome and first.expected_outcome != COMPLETED:
+        raise ScenarioError(
+            f"--until {q.until!r}: only a run that completes has an error, and {first.name} expects "
+            f'{first.expected_outcome}; add --set expected_outcome={COMPLETED}, or "or outcome == ..." to the condition'
+        )
+    return condition
+
+
+def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
+    """The scenario with the key at a value. Raises `ScenarioError`."""
+    return scenario.changed({q.key: as_value(scenario, q, value)})
+
+
+def as_value(scenario: Scenario, q: Question, value: float) -> float:
+    """The value as the key takes it: a whole number where it must be one, without digits that rounding leaves."""
+    tidy = float(f"{value:.10g}")
+    try:
+        scenario.changed({q.key: tidy}, files=False)
+    except ScenarioError as error:
+        if "whole number" in str(error):
+            return round(value)
+        raise
+    return tidy
