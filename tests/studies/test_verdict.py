@@ -203,7 +203,7 @@ def test_a_search_finds_where_a_law_ends(monkeypatch):
     """With runs that succeed up to a dead band of 3 V, and three times out of four up to 4 V."""
 
     def performed(task):
-        dead_band, seed = task.overrides["steering.valve.dead_band_v"], task.overrides["seed"]
+        dead_band, seed = task.overrides.get("steering.valve.dead_band_v", 0.4), task.overrides["seed"]
         good = dead_band <= 3.0 or (dead_band <= 4.0 and seed % 4 > 0)
         return Done({"outcome": "completed" if good else "diverged", "xte_abs_p95": 0.1 + 1e-6 * seed}, {})
 
