@@ -4,7 +4,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +25,9 @@ from agrobot_mj.cli.options import (
 )
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from agrobot_mj.studies.limit import Found
 
 
 def sweep(
@@ -136,18 +139,22 @@ def limit(
 
     def tell(law: str, tried: Tried) -> None:
         if not quiet:
-            count = f"{tried.share} succeed"
             ends = f" ({tried.ends})" if tried.unexpected else ""
-            print(f"{law}: {key} = {tried.value:g}: {count}{ends}", flush=True)
+            print(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}", flush=True)
 
     with interruptible():
         found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet), sound)
-    for each in found if not quiet else ():
+    if not quiet:
+        _print_answers(found)
+        print(folder / "limit.json")
+
+
+def _print_answers(found: "list[Found]") -> None:
+    """The answer for each law, and below it that of its counterpart."""
+    for each in found:
         print(each.statement)
         if each.beside:
             print(f"  {each.beside.statement}")
-    if not quiet:
-        print(folder / "limit.json")
 
 
 def _ends(text: str) -> tuple[float, float]:

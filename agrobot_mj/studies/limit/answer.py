@@ -5,7 +5,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from agrobot_mj.studies.limit.question import Beside, Found, Question, Tried
+from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried
 from agrobot_mj.studies.limit.rates import runs_needed
 
 
@@ -81,10 +81,10 @@ def _doubts(q: Question, tried: Sequence[Tried]) -> list[str]:
     return []
 
 
-def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Beside:
+def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
     """The answer of the counterpart's own search, with what the hardship took of the limit."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
-    return Beside(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
+    return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
 
 def _taken(found: Found, q: Question, sound: Found) -> str:
@@ -98,13 +98,13 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
     return f"the hardship {'takes' if taken > 0 else 'adds'} {abs(taken):.3g}"
 
 
-def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Beside:
+def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
     """The answer of a counterpart with nothing to vary: how its runs end, and how much of the condition they use."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:
         text += "; it fails without the hardship, too"
-    return Beside(dict(overrides), "fixed", None, text, (runs,))
+    return Counterpart(dict(overrides), "fixed", None, text, (runs,))
 
 
 def _shown(overrides: Mapping[str, Any]) -> str:

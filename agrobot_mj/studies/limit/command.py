@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import claimed, write_json
-from agrobot_mj.studies.limit.question import Beside, Found, Question, Tried, at_value, check, laws
+from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, at_value, check, laws
 from agrobot_mj.studies.limit.search import RunTasks, find_limit
 from agrobot_mj.studies.pool import cores, pool
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
@@ -80,7 +80,7 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
     }
 
 
-def _plain(found: Found | Beside) -> dict[str, Any]:
+def _plain(found: Found | Counterpart) -> dict[str, Any]:
     """An answer as plain data."""
     return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
 

@@ -1,4 +1,4 @@
-"""What is asked of a limit, what is tried for it, and what is found: `Question`, `Tried`, `Found`, `Beside`."""
+"""What is asked of a limit, what is tried for it, and what is found: `Question`, `Tried`, `Found`, `Counterpart`."""
 
 from collections.abc import Mapping, Sequence
 from math import inf, isfinite
@@ -87,8 +87,8 @@ class Tried(NamedTuple):
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
-class Beside(NamedTuple):
-    """The same question without the hardship."""
+class Counterpart(NamedTuple):
+    """Answer to the same question without the hardship."""
 
     overrides: dict[str, Any]
     """What makes the counterpart, by dotted key."""
@@ -117,8 +117,8 @@ class Found(NamedTuple):
     """The answer as a sentence."""
     tried: tuple[Tried, ...]
     """All values, from the start of the range on."""
-    beside: Beside | None = None
-    """The same without the hardship, if that was asked."""
+    beside: Counterpart | None = None
+    """Answer without the hardship, if that was asked."""
 
 
 def metric_names(scenario: Scenario) -> list[str]:

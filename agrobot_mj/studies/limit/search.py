@@ -19,7 +19,7 @@ from agrobot_mj.metrics.success import error_of, is_error, succeeded
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.limit.answer import answer, answer_beside, answer_fixed
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.question import Beside, Found, Question, Tried, as_value, at_value
+from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, as_value, at_value
 from agrobot_mj.studies.limit.rates import runs_needed, wilson
 from agrobot_mj.studies.sweep.plan import base_text
 from agrobot_mj.studies.sweep.work import WALL, Done, Task
@@ -55,7 +55,7 @@ def find_limit(
 
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
-) -> Beside:
+) -> Counterpart:
     """The counterpart of a search: a search as well, or runs where it has no such key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()

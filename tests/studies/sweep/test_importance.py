@@ -205,6 +205,18 @@ def test_the_ranking_of_the_designs_that_ship_holds(name, function):
         assert told > 20 * 2
 
 
+def test_a_straight_line_ranks_no_number_above_one_that_may_bend():
+    """x1 has a slope and x2 of Ishigami has none, but x2 carries two fifths of the variance by a bend."""
+    for seed in range(20):
+        x = np.random.default_rng(seed).uniform(-pi, pi, (200, 3))
+        found = influence(
+            "all", {"method": "screening", "draws": dict.fromkeys("abc")}, x, ishigami(*x.T)[:, None], "m"
+        )
+        assert found.told == 0
+        assert next(share.low for share in found.shares if share.key == "a") > 0.0
+        assert found.unexplained > 0.6
+
+
 def quantiles(values, ends, logarithmic):
     """Where values lie between two ends, 0 to 1."""
     values, (low, high) = (np.log(values), np.log(ends)) if logarithmic else (values, ends)
