@@ -175,9 +175,10 @@ def importance(
     metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
     quiet: Quiet = False,
 ) -> None:
-    """Tell which uncertain numbers matter, and which of them the samples tell apart.
+    """Rank uncertain numbers by what they do to a metric.
 
-    Regression of a screening, Sobol indices of method = "saltelli". Writes importance.json and importance.png.
+    By regression of a screening or Sobol indices of method = "saltelli", as far as the samples tell them apart. Writes
+    importance.json and importance.png.
     """
     from agrobot_mj.studies.sweep.importance import importance as analyse
     from agrobot_mj.studies.sweep.importance import importance_table, importance_text

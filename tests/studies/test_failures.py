@@ -121,8 +121,8 @@ def test_a_limit_is_not_found_by_standing_still(call, plugin, tmp_path):
     assert status == 0
     (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
     assert law["verdict"] == "always_fails"
-    assert "0 of 2 succeed (2 unfinished)" in out
-    assert "Not every run ended as expected: 2 unfinished at 12" in out
+    assert "0 of 2 runs succeed (2 unfinished)" in out
+    assert "Not every run ended as expected: 10 unfinished at 12; 2 unfinished at 10.5" in out
 
 
 def test_a_sweep_shows_no_error_of_who_stood(call, plugin, tmp_path):

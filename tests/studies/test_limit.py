@@ -394,16 +394,16 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 
 
 def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
-    """How tight a circle? Both laws keep one of 6 m within 15 mm, neither one of 3 m."""
-    where = ("--key", "path.radius_m", "--range", "6:3", "--tolerance", 0.5)
+    """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
+    where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
     options = (*where, "--guidance", "stanley,lqr", "--seeds", 7, "--beside", "path.radius_m=6")
-    status, out, err = call("circle", *options, "--until", "xte_rms > 0.015", *SHORT)
+    status, out, err = call("circle", *options, "--until", "xte_rms > 0.02", *SHORT)
     assert (status, err) == (0, "")
     content = json.loads((tmp_path / "out" / "limit.json").read_text())
     assert [law["law"] for law in content["laws"]] == ["stanley", "lqr"]
     for law in content["laws"]:
         assert law["verdict"] == "limit"
-        assert 6 >= law["interval"][0] > law["limit"] > law["interval"][1] >= 3
+        assert 6 >= law["interval"][0] > law["limit"] > law["interval"][1] >= 2
         assert law["statement"] in out
         assert law["beside"]["statement"].startswith("with path.radius_m=6: ")
         assert "of 10 runs succeed, median xte_rms 0.0" in law["beside"]["statement"]
