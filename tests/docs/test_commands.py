@@ -43,7 +43,7 @@ UNATTENDED = {
     "snapshot": "needs a Vulkan driver; tests/recording/test_snapshot_renders.py",
     "link": "waits for a guidance program; tests/links",
     "ros2": "needs ROS 2; tests/links/test_ros2_node.py",
-    "sweep importance": "takes hours; tests/studies/sweep/test_importance.py",
+    "sweep importance": "takes minutes; tests/studies/sweep/test_importance.py",
     "importance": "reads the table of that sweep; tests/studies/sweep/test_importance.py",
     "validate": "takes minutes; tests/studies/validation",
 }
