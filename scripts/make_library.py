@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.kinematic import CascadeLaw
+from agrobot_mj.metrics.passes import LABEL
 from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
@@ -41,6 +42,8 @@ HEADS = (
     *("controller", "outcome", "time [s]", "lateral rms [m]", "lateral p95 [m]", "cross-track p95 [m]"),
     "yaw rate error rms [deg/s]",
 )
+PASS_HEADS = (LABEL, "pass to pass, p95 [m]", "on the passes, p95 [m]")
+IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull [kN]", "hitch angle, p95 [deg]")
 
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
@@ -52,10 +55,10 @@ def runs_of(scenario: Scenario) -> dict[str, Log]:
 
 
 def shows(name: str) -> str:
-    """The comment at the head of a scenario's file, as one paragraph."""
+    """The comment at the head of a scenario's file up to what to look at in a recording, as one paragraph."""
     lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     head = itertools.takewhile(lambda line: line.startswith("#"), lines)
-    return " ".join(line.lstrip("# ").rstrip() for line in head)
+    return " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
 
 
 def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
@@ -132,15 +135,13 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
 
 
-def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
+def section(name: str, logs: dict[str, Log]) -> str:
     """The scenario's part of the page."""
     return "\n".join(
         [
-            *(f"### `{name}`", "", f"**{scenario.title}.** {shows(name)}", ""),
+            *(f"### `{name}`", "", shows(name), ""),
             *(f"![Map and lateral error of {name}](images/scenarios/{name}.png)", ""),
-            f"| {' | '.join(HEADS)} |",
-            "|---" * len(HEADS) + "|",
-            *(row(kind, log) for kind, log in logs.items()),
+            *with_heads(HEADS, [row(kind, log) for kind, log in logs.items()])[1:],
             *passes(logs),
             *implements(logs),
             "",
@@ -151,24 +152,29 @@ def section(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
 def passes(logs: dict[str, Log]) -> list[str]:
     """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
-    return [
-        f"\n{name_of(kind)}, {m['label']}: 95 % of the unsigned errors lie below {m['pass_to_pass_p95_m']:.3f} m "
-        f"from pass to pass, and below {m['pass_xte_abs_p95_m']:.3f} m across the track on the passes."
+    rows = [
+        f"| {name_of(kind)} | {m['pass_to_pass_p95_m']:.3f} | {m['pass_xte_abs_p95_m']:.3f} |"
         for kind, m in found.items()
         if m is not None
     ]
+    return with_heads(PASS_HEADS, rows)
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
     """Where the implement worked, relative to the path."""
-    return [
-        f"\n{name_of(kind)}: the implement works {m['implement_xte_rms']:.3f} m (rms) beside the path, 95 % within "
-        f"{m['implement_xte_abs_p95']:.3f} m, on average {100 * m['implement_xte_mean']:+.1f} cm to the left; "
-        f"the pull at the hitch is {m['hitch_pull_mean'] / 1e3:.2f} kN"
-        + (f", its angle within {np.degrees(m['hitch_angle_abs_p95']):.1f} deg." if m["hitch_angle_abs_p95"] else ".")
+    rows = [
+        f"| {name_of(kind)} | {m['implement_xte_rms']:.3f} | {m['implement_xte_abs_p95']:.3f} "
+        f"| {100 * m['implement_xte_mean']:+.1f} | {m['hitch_pull_mean'] / 1e3:.2f} "
+        + (f"| {np.degrees(m['hitch_angle_abs_p95']):.1f} |" if m["hitch_angle_abs_p95"] else "| - |")
         for kind, m in ((kind, log.metrics) for kind, log in logs.items())
         if m.get("implement_xte_rms") is not None
     ]
+    return with_heads(IMPLEMENT_HEADS, rows)
+
+
+def with_heads(heads: tuple[str, ...], rows: list[str]) -> list[str]:
+    """A table behind an empty line; nothing without rows."""
+    return ["", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows] if rows else []
 
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
@@ -198,7 +204,7 @@ def main() -> None:
             scenario = load_scenario(name)
             logs = runs_of(scenario)
             picture(scenario, logs, IMAGES / f"{name}.png")
-            sections.append(section(name, scenario, logs))
+            sections.append(section(name, logs))
             index.append(line(name, scenario, logs))
             advance()
     if chosen:
