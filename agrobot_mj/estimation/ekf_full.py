@@ -17,7 +17,8 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
-from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, Core, FullFilter, Gates, Inputs
+from agrobot_mj.estimation.full_core import Core, Gates, Inputs
+from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import Horizon, Present, present
 from agrobot_mj.estimation.levelling import SmoothedTilt

@@ -5,8 +5,9 @@ all rows at once: gyro, wheel speed, steering, standstill, and position and velo
 
 Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
 sway of the antenna is nothing unusual. Refusals in a row for `gate_patience_s` mean that the filter is wrong: the
-position restarts from the fix, and after refused velocities the yaw is searched again. Wheels whose speed is off the
-fix's by more than that floor spin or slide, and are not heard.
+position restarts from the fix, and after refused velocities the yaw is searched again. No fix counts as accepted then
+until for that time none has been refused. Wheels whose speed is off the fix's by more than that floor spin or slide,
+and are not heard, unless it was the fix's velocity that leapt: tyres cannot stop a tractor within a tick.
 
 Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
 velocities V to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any start and in
@@ -17,25 +18,31 @@ search at once, at a standstill too, and from the first one on sideslip and head
 from cmath import exp as turn
 from cmath import phase
 from functools import lru_cache
-from math import hypot, isfinite, radians, sin, sqrt
-from typing import NamedTuple
+from math import hypot, isfinite, radians, sin
 
 import numpy as np
 
 from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Fix, Quality
+from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.estimation.full_core import (
+    Core,
+    Gates,
+    Inputs,
+    Search,
+    accepted,
+    at_fix,
+    forget_correlated,
+    restarted,
+    turned,
+)
 from agrobot_mj.estimation.full_model import (
-    G_E,
-    G_N,
     PSI,
     FixNoise,
     FullLevels,
     K,
     MeasurementRow,
     N,
-    X,
-    Y,
     course,
     gyro_row,
     heading_row,
@@ -68,85 +75,8 @@ SLIPPING_SPEED = 0.3
 """Speed from which on a fix tells the slip of the wheels [m/s]. Estimate: ten times the noise of its velocity."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
-
-
-class Inputs(NamedTuple):
-    """What a tick measures besides the fix; a reading that is not there is NaN."""
-
-    t: float
-    """Time of the readings [s]."""
-    gyro: float
-    """Yaw rate [rad/s]."""
-    wheel: float
-    """Wheel speed [m/s]."""
-    steer: float
-    """Steering angle [rad]."""
-    roll: float
-    """Roll, 0 without compensation [rad]."""
-    pitch: float
-    """Pitch, 0 without compensation [rad]."""
-
-    @property
-    def side(self) -> float:
-        """Part of gravity in the specific side force [m/s2]."""
-        return GRAVITY * sin(self.roll)
-
-
-class Gates(NamedTuple):
-    """When a fix is refused."""
-
-    nis: float
-    """NIS of a pair above which it is improbable [-]."""
-    position: float
-    """Position innovation that is always believed [m]."""
-    velocity: float
-    """Velocity innovation that is always believed [m/s]."""
-    patience: int
-    """Refusals in a row after which the filter gives in [ticks]."""
-
-
-class Search(NamedTuple):
-    """Search for the yaw."""
-
-    total: complex = 0j
-    """Sum of w V exp(-i chi) [m2/s2]."""
-    weight: float = 0.0
-    """Sum of w^2 [m2/s2]."""
-
-
-class Core(NamedTuple):
-    """All that the filter believes and remembers at the time of its last tick."""
-
-    mean: Array
-    """States, shape (13,), or (14,) once a heading has been heard."""
-    covariance: Array
-    """Covariance of `mean`."""
-    search: Search | None = Search()
-    """Search for the yaw; None once it is found."""
-    lever: Lever | None = None
-    """Lean of the antenna, with compensation."""
-    quality: int = Quality.FIX
-    """Quality of the last fix."""
-    standing: int = 0
-    """Ticks in a row with wheels that stand."""
-    refused_position: int = 0
-    """Positions refused in a row."""
-    refused_velocity: int = 0
-    """Velocities refused in a row."""
-    rejected_positions: int = 0
-    """Positions refused since the start."""
-    rejected_velocities: int = 0
-    """Velocities refused since the start."""
-    restarts: int = 0
-    """How often the position was restarted or the yaw searched again."""
-    seen_t: float = -1.0
-    """Time of the last fix [s]."""
-    accepted_t: float = 0.0
-    """Time of the last accepted fix, the start before the first [s]."""
-    slip: WheelSlip = WheelSlip()
-    """How much the slip of the wheels changes."""
-    nis: float = float("nan")
-    """NIS of the position of the last tick, NaN without a fix."""
+LEAP_M_S2 = 15.0
+"""Change of speed beyond which it is the fix that is wrong [m/s2]. Estimate: twice what tyres give."""
 
 
 class FullFilter(Workspace, CompiledEkf):
@@ -177,7 +107,7 @@ class FullFilter(Workspace, CompiledEkf):
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
         """Core after a tick of length `dt` [s] with these inputs, given the fix of its end."""
         if fix is not None and quality != core.quality:
-            core = _forget_correlated(core._replace(quality=quality))
+            core = forget_correlated(core._replace(quality=quality))
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
             mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
             core = core._replace(mean=mean, covariance=covariance)
@@ -194,14 +124,25 @@ class FullFilter(Workspace, CompiledEkf):
         )
         if fix is not None:
             fix = fix if core.lever is None else at_foot(fix, core.lever)
-            if abs(hypot(fix.vx, fix.vy) - abs(inputs.wheel)) > self.gates.velocity:
-                inputs = inputs._replace(wheel=float("nan"))
+            core, inputs = self._trusted(core, inputs, fix)
         core = core._replace(slip=self._slip(core, inputs, fix, dt))
         rows = self._motion_rows(core, inputs)
         if fix is not None:
             core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
             rows += more
         return self._correct(core, rows)
+
+    def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
+        """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
+        speed = hypot(fix.vx, fix.vy)
+        leap = abs(speed - core.fix_speed) > LEAP_M_S2 * (inputs.t - core.seen_t)
+        apart = abs(speed - abs(inputs.wheel)) > self.gates.velocity
+        core = core._replace(fix_speed=speed, leapt=apart and (leap or core.leapt))
+        return core, inputs._replace(wheel=float("nan")) if apart and not core.leapt else inputs
+
+    def _moving(self, core: Core, velocity: list[MeasurementRow]) -> bool:
+        """Whether the velocity of a fix passes its gate."""
+        return squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
 
     def _lever(self, core: Core, inputs: Inputs, dt: float) -> Lever | None:
         """Lean of the antenna at the end of a tick."""
@@ -243,13 +184,14 @@ class FullFilter(Workspace, CompiledEkf):
         core = core._replace(nis=nis)
         good = nis < self.gates.nis or _size(position) < self.gates.position
         if good:
-            core = core._replace(refused_position=0, accepted_t=inputs.t)
+            core = accepted(core, inputs.t)
         else:
             refused = core.refused_position + 1
             core = core._replace(refused_position=refused, rejected_positions=core.rejected_positions + 1)
+            core = core._replace(probation=self.gates.patience if core.probation else 0)
             if refused >= self.gates.patience:
-                core = _restarted(core, fix, noise)._replace(accepted_t=inputs.t)
-        moving = squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
+                core = restarted(core, fix, noise)._replace(probation=self.gates.patience)
+        moving = self._moving(core, velocity)
         if moving:
             core = core._replace(refused_velocity=0)
         else:
@@ -257,6 +199,7 @@ class FullFilter(Workspace, CompiledEkf):
             core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
             if refused >= self.gates.patience:
                 core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
+                core = core._replace(probation=self.gates.patience)
         return core, (position if good else []) + (velocity if moving else []) + self._heading(core, fix)
 
     def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
@@ -271,16 +214,17 @@ class FullFilter(Workspace, CompiledEkf):
         self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
     ) -> tuple[Core, list[MeasurementRow]]:
         """The position that of the fix, and the search one velocity further."""
-        core = _at(core, fix, noise)._replace(accepted_t=inputs.t)
+        core = at_fix(core, fix, noise)
+        core = core if core.probation else core._replace(accepted_t=inputs.t)
         if isfinite(fix.heading):
-            return _turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
+            return turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
             chi = course(core.mean, inputs.side)
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search), []
-        return _turned(core, phase(search.total), ALIGNED_SIGMA), []
+        return turned(core, phase(search.total), ALIGNED_SIGMA), []
 
     def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
         """Mean and covariance corrected by all rows at once."""
@@ -299,41 +243,6 @@ class FullFilter(Workspace, CompiledEkf):
 def _size(pair: list[MeasurementRow]) -> float:
     """Length of an innovation."""
     return hypot(pair[0].innovation, pair[1].innovation)
-
-
-def _alone(covariance: Array, index: int, sigma: float) -> Array:
-    """A covariance in which one state has a new standard deviation and nothing to do with the others."""
-    P = covariance.copy()
-    P[index], P[:, index] = 0.0, 0.0
-    P[index, index] = sigma * sigma
-    return P
-
-
-def _forget_correlated(core: Core) -> Core:
-    """Correlated error in its stationary distribution: that of a float solution is another one."""
-    mean = core.mean.copy()
-    mean[[G_E, G_N]] = 0.0
-    return core._replace(mean=mean, covariance=_alone(_alone(core.covariance, G_E, 1.0), G_N, 1.0))
-
-
-def _at(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """Position of the fix, as uncertain as one fix."""
-    core, sigma = _forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
-    mean = core.mean.copy()
-    mean[X], mean[Y] = fix.x, fix.y
-    return core._replace(mean=mean, covariance=_alone(_alone(core.covariance, X, sigma), Y, sigma))
-
-
-def _turned(core: Core, angle: float, sigma: float) -> Core:
-    """The end of the search: the yaw corrected by an `angle` [rad], as uncertain as `sigma` [rad]."""
-    mean = core.mean.copy()
-    mean[PSI] += angle
-    return core._replace(mean=mean, covariance=_alone(core.covariance, PSI, sigma), search=None)
-
-
-def _restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """After too many refusals: the position restarts from the fix."""
-    return _at(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.full_filter import Core, FullFilter, Inputs
+from agrobot_mj.estimation.full_core import Core, Inputs
+from agrobot_mj.estimation.full_filter import FullFilter
 from agrobot_mj.estimation.full_model import (
     B_G,
     OMEGA,

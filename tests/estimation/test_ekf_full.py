@@ -10,7 +10,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
 from agrobot_mj.estimation import EkfFull
-from agrobot_mj.estimation.full_filter import _forget_correlated
+from agrobot_mj.estimation.full_core import forget_correlated
 from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, C, K, X, Y
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.studies.validation.filters import (
@@ -110,7 +110,7 @@ def test_another_quality_of_the_fix_has_a_correlated_error_of_its_own():
     core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
     core.mean[[G_E, G_N]] = 0.8, -0.5
     covariance = core.covariance + 0.01
-    found = _forget_correlated(core._replace(covariance=covariance))
+    found = forget_correlated(core._replace(covariance=covariance))
     assert found.mean[[G_E, G_N]].tolist() == [0.0, 0.0]
     assert found.covariance[G_E].tolist() == np.eye(len(core.mean))[G_E].tolist()
     assert found.covariance[G_N].tolist() == np.eye(len(core.mean))[G_N].tolist()
@@ -326,6 +326,36 @@ def test_wheels_that_spin_are_not_heard():
     assert max(off(step) for step in steps[300:]) < 0.05
     assert abs(steps[-1][1].speed) < 0.05
     assert all(e.aligned for _, e, _ in steps[100:])
+
+
+def frozen(t, m):
+    """A receiver that from 10 s on repeats its position and says that it stands."""
+    return m._replace(fix=Fix(8.0, 6.0, 0.0, 0.0, t)) if t > 10.0 else m
+
+
+def test_a_receiver_that_stands_at_once_is_not_believed_against_the_wheels():
+    """1.2 m/s are not lost within a tick."""
+    steps = driven(EkfFull(), 11.5, changed=frozen)
+    assert all(e.speed == pytest.approx(1.2, abs=0.15) for _, e, _ in steps[200:])
+    assert steps[-1][1].fix_age > 1.0
+
+
+def test_a_restart_on_fixes_that_contradict_it_again_is_silence():
+    """The position is frozen, the velocity alive: every two seconds the filter restarts, and is led away again."""
+
+    def held(t, m):
+        return m._replace(fix=m.fix._replace(x=8.0, y=6.0)) if t > 10.0 else m
+
+    steps = driven(EkfFull(), 22.0, changed=held)
+    assert steps[-1][0].horizon.core.restarts >= 2
+    assert steps[-1][1].fix_age > 10.0
+
+
+def test_after_a_shift_that_stays_a_fix_counts_as_accepted_when_none_has_been_refused_for_a_while():
+    ages = [e.fix_age for _, e, _ in driven(EkfFull(), 16.0, changed=shifted(10.0))]
+    patience = EkfFull().gate_patience_s
+    assert max(ages) == pytest.approx(2 * patience, abs=0.11)
+    assert ages[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_standing_it_learns_the_bias_of_the_gyro_and_does_not_wander():

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from agrobot_mj.core.signals import Fix, Quality
-from agrobot_mj.estimation.full_filter import Core, FullFilter, Gates, Inputs
+from agrobot_mj.estimation.full_core import Core, Gates, Inputs
+from agrobot_mj.estimation.full_filter import FullFilter
 from agrobot_mj.estimation.full_model import (
     B_G,
     B_S,

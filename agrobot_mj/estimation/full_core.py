@@ -1,0 +1,137 @@
+"""What the filter of `ekf_full` reads and remembers between two ticks, and how its belief restarts."""
+
+from math import sin, sqrt
+from typing import NamedTuple
+
+from agrobot_mj.core.signals import Array, Fix, Quality
+from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, X, Y
+from agrobot_mj.estimation.lever_arm import Lever
+from agrobot_mj.estimation.wheel_slip import WheelSlip
+from agrobot_mj.machine.tractor import GRAVITY
+
+
+class Inputs(NamedTuple):
+    """What a tick measures besides the fix; a reading that is not there is NaN."""
+
+    t: float
+    """Time of the readings [s]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+    wheel: float
+    """Wheel speed [m/s]."""
+    steer: float
+    """Steering angle [rad]."""
+    roll: float
+    """Roll, 0 without compensation [rad]."""
+    pitch: float
+    """Pitch, 0 without compensation [rad]."""
+
+    @property
+    def side(self) -> float:
+        """Part of gravity in the specific side force [m/s2]."""
+        return GRAVITY * sin(self.roll)
+
+
+class Gates(NamedTuple):
+    """When a fix is refused."""
+
+    nis: float
+    """NIS of a pair above which it is improbable [-]."""
+    position: float
+    """Position innovation that is always believed [m]."""
+    velocity: float
+    """Velocity innovation that is always believed [m/s]."""
+    patience: int
+    """Refusals in a row after which the filter gives in [ticks]."""
+
+
+class Search(NamedTuple):
+    """Search for the yaw."""
+
+    total: complex = 0j
+    """Sum of w V exp(-i chi) [m2/s2]."""
+    weight: float = 0.0
+    """Sum of w^2 [m2/s2]."""
+
+
+class Core(NamedTuple):
+    """All that the filter believes and remembers at the time of its last tick."""
+
+    mean: Array
+    """States, shape (13,), or (14,) once a heading has been heard."""
+    covariance: Array
+    """Covariance of `mean`."""
+    search: Search | None = Search()
+    """Search for the yaw; None once it is found."""
+    lever: Lever | None = None
+    """Lean of the antenna, with compensation."""
+    quality: int = Quality.FIX
+    """Quality of the last fix."""
+    standing: int = 0
+    """Ticks in a row with wheels that stand."""
+    refused_position: int = 0
+    """Positions refused in a row."""
+    refused_velocity: int = 0
+    """Velocities refused in a row."""
+    rejected_positions: int = 0
+    """Positions refused since the start."""
+    rejected_velocities: int = 0
+    """Velocities refused since the start."""
+    restarts: int = 0
+    """How often the position was restarted or the yaw searched again."""
+    seen_t: float = -1.0
+    """Time of the last fix [s]."""
+    accepted_t: float = 0.0
+    """Time of the last accepted fix, the start before the first [s]."""
+    probation: int = 0
+    """Fixes without a refusal after which, since a restart, one counts as accepted."""
+    fix_speed: float = 0.0
+    """Speed of the last fix [m/s]."""
+    leapt: bool = False
+    """Whether that has leapt since wheels and fixes last agreed."""
+    slip: WheelSlip = WheelSlip()
+    """How much the slip of the wheels changes."""
+    nis: float = float("nan")
+    """NIS of the position of the last tick, NaN without a fix."""
+
+
+def alone(covariance: Array, index: int, sigma: float) -> Array:
+    """A covariance in which one state has a new standard deviation and nothing to do with the others."""
+    P = covariance.copy()
+    P[index], P[:, index] = 0.0, 0.0
+    P[index, index] = sigma * sigma
+    return P
+
+
+def forget_correlated(core: Core) -> Core:
+    """Correlated error in its stationary distribution: that of a float solution is another one."""
+    mean = core.mean.copy()
+    mean[[G_E, G_N]] = 0.0
+    return core._replace(mean=mean, covariance=alone(alone(core.covariance, G_E, 1.0), G_N, 1.0))
+
+
+def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
+    """Position of the fix, as uncertain as one fix."""
+    core, sigma = forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
+    mean = core.mean.copy()
+    mean[X], mean[Y] = fix.x, fix.y
+    return core._replace(mean=mean, covariance=alone(alone(core.covariance, X, sigma), Y, sigma))
+
+
+def turned(core: Core, angle: float, sigma: float) -> Core:
+    """The end of the search: the yaw corrected by an `angle` [rad], as uncertain as `sigma` [rad]."""
+    mean = core.mean.copy()
+    mean[PSI] += angle
+    return core._replace(mean=mean, covariance=alone(core.covariance, PSI, sigma), search=None)
+
+
+def accepted(core: Core, t: float) -> Core:
+    """After a position that passed the gate at `t` [s]."""
+    if core.probation > 1:
+        return core._replace(refused_position=0, probation=core.probation - 1)
+    return core._replace(refused_position=0, probation=0, accepted_t=t)
+
+
+def restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
+    """After too many refusals: the position restarts from the fix."""
+    return at_fix(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)
