@@ -88,6 +88,8 @@ class SpeedState(NamedTuple):
 
     outer: PidState
     inner: PidState
+    reference: float = 0.0
+    """Present reference of the inner loop [-]."""
 
 
 class SpeedLoop(Spec):
@@ -124,7 +126,7 @@ class SpeedLoop(Spec):
         error = pedal_ref - pedal
         jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
         inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
-        return SpeedState(state.outer, inner), (pedal_ref, NEUTRAL_V + voltage)
+        return SpeedState(state.outer, inner, pedal_ref), (pedal_ref, NEUTRAL_V + voltage)
 
 
 class SteeringState(NamedTuple):

@@ -140,6 +140,27 @@ class PointMass(NamedTuple):
     """Height above R [m]."""
 
 
+class Distortion(NamedTuple):
+    """What a faulty line makes of its signal; by default nothing. A line carries a reading, or a valve's voltage."""
+
+    scale: float = 1.0
+    """Signal over the true one, negative with the sign swapped [-]."""
+    offset: float = 0.0
+    """What is added to the scaled signal, in its unit."""
+    delay_s: float = 0.0
+    """Time by which the signal arrives late, whole ticks [s]."""
+    stuck: Literal["", "last", "zero"] = ""
+    """Whether the line repeats its `last` value, or carries `zero`, whatever the signal does."""
+    lost: bool = False
+    """Whether nothing arrives: a reading is NaN."""
+
+
+SOUND = Distortion()
+
+Frozen = Literal["", "nothing", "velocity", "live_velocity"]
+"""What a receiver with a frozen position says of its velocity: zero, the last one, or the true one; "" if it lives."""
+
+
 class Conditions(NamedTuple):
     """Faults and disturbances acting in one tick; by default none."""
 
@@ -149,10 +170,22 @@ class Conditions(NamedTuple):
     """Latency on top of the receiver's own, whole ticks [s]."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
     """Offset of the solution's position, east and north [m]."""
-    steer_pot_bias: float = 0.0
-    """Offset of the steering potentiometer's reading [rad]."""
-    steer_pot_stuck: bool = False
-    """Whether the steering potentiometer repeats its last reading."""
+    gnss_frozen: Frozen = ""
+    """Whether the receiver repeats its last position, and what it says of its velocity."""
+    heading: Distortion = SOUND
+    """Heading from two antennas [rad]."""
+    gyro: Distortion = SOUND
+    """Yaw rate from the gyro [rad/s]."""
+    wheel_speed: Distortion = SOUND
+    """Speed of the driven wheels from their sensor [m/s]."""
+    steering_pot: Distortion = SOUND
+    """Reading of the steering potentiometer [rad]."""
+    pedal_pot: Distortion = SOUND
+    """Reading of the pedal potentiometer [-]."""
+    valve: Distortion = SOUND
+    """Voltage that reaches the steering valve, from neutral [V]."""
+    pedal_valve: Distortion = SOUND
+    """Voltage that reaches the pedal valve, from neutral [V]."""
     valve_gain: float = 1.0
     """Remaining share of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
@@ -294,6 +327,8 @@ class Command(NamedTuple):
     """Steering valve voltage of a law that drives the valve itself, bypassing the angle loop [V]."""
     pedal: float | None = None
     """Pedal position, -1 to 1, that bypasses the speed loop: a stop without a known speed [-]."""
+    released: bool = False
+    """Whether the pedal valve has no power, so that its spring brings the pedal back, whatever its sensor reads."""
 
 
 class Drive(NamedTuple):
@@ -302,6 +337,6 @@ class Drive(NamedTuple):
     steer_voltage: float
     """Steering valve, 0-12 V, neutral at 6 V, above steers left [V]."""
     pedal_voltage: float
-    """Pedal valve, 0-12 V, neutral at 6 V, above presses forward [V]."""
+    """Pedal valve, 0-12 V, neutral at 6 V, above presses forward; NaN without power [V]."""
     brake: float = 0.0
     """Share of the brake's torque that is applied, 0 to 1 [-]."""

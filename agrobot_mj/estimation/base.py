@@ -14,8 +14,9 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
 """Time constant over which the NIS is smoothed [s]. Estimate: 100 fixes, so that a healthy one stays below 2.6."""
-NIS_MOST = 100.0
-"""NIS beyond which an innovation counts no further towards the smoothed one [-]. Estimate: ten sigma."""
+NIS_MOST = 200.0
+"""NIS beyond which an innovation counts no further towards the smoothed one [-]. Estimate: fourteen sigma, so that a
+single wild fix adds 2 to it, and wild fixes for five seconds 126."""
 
 
 class Health(NamedTuple):

@@ -1,14 +1,15 @@
 """Pedal valve, hydrostatic drive and brake: voltage to pedal position to the rim speed that the pump demands.
 
-Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); the
-pedal sets the pump's displacement, which follows with a lag. The output is the rim speed that the oil flow corresponds
-to; the MuJoCo plant puts the trapped oil's spring and the differential between it and the wheels, the bicycle
-takes it as the speed. All numbers are estimates for a compact tractor's two-pedal hydrostat in its low range. What
-bears the load - torque, power, stiffness, damping, brake - follows from the tractor's size unless it is given: torques
-as mass times wheel radius, so that every tractor of the same shape climbs and holds the same slope, power as mass.
+Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); without
+power a spring brings the pedal back. The pedal sets the pump's displacement, which follows with a lag. The output is
+the rim speed that the oil flow corresponds to; the MuJoCo plant puts the trapped oil's spring and the differential
+between it and the wheels, the bicycle takes it as the speed. All numbers are estimates for a compact tractor's
+two-pedal hydrostat in its low range. What bears the load - torque, power, stiffness, damping, brake - follows from the
+tractor's size unless it is given: torques as mass times wheel radius, so that every tractor of the same shape climbs
+and holds the same slope, power as mass.
 """
 
-from math import exp
+from math import exp, isnan
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ class Driveline(Spec):
     """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate."""
     pedal_rate_limit_per_s: Positive = 1.5
     """Largest pedal rate [1/s]. Estimate."""
+    pedal_return_per_s: Positive = 2.0
+    """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Estimate (1-4)."""
     full_speed_m_s: Positive = 5.0
     """Rim speed at full pedal [m/s]. Estimate."""
     pump_time_constant_s: Positive = 0.30
@@ -105,6 +108,8 @@ class DriveLaw(NamedTuple):
     """Pedal rate per volt beyond the dead band [1/(V s)]."""
     rate_limit: float
     """Largest pedal rate [1/s]."""
+    spring: float
+    """Pedal rate of the spring, without power [1/s]."""
     full_speed: float
     """Rim speed at full pedal [m/s]."""
     lag: float
@@ -128,6 +133,7 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,
         rate_limit=driveline.pedal_rate_limit_per_s,
+        spring=driveline.pedal_return_per_s,
         full_speed=driveline.full_speed_m_s,
         lag=exp(-dt / driveline.pump_time_constant_s),
         dt=dt,
@@ -142,12 +148,14 @@ def reset_drive(memory: DriveMemory) -> None:
 
 @kernel
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
-    """Advance pedal and pump by one step under `voltage` [V]; returns the rim speed asked for [m/s]."""
+    """Advance pedal and pump by one step under `voltage`, NaN without power [V]; the rim speed asked for [m/s]."""
     v = voltage - NEUTRAL_V
     rate = 0.0
     if abs(v) > law.dead_band:
         rate = law.gain * (v - law.dead_band if v > 0 else v + law.dead_band)
     rate = min(max(rate, -law.rate_limit), law.rate_limit)
+    if isnan(voltage):
+        rate = min(max(-memory.pedal[0] / law.dt, -law.spring), law.spring)
     memory.pedal[0] = min(max(memory.pedal[0] + rate * law.dt, -1.0), 1.0)
     target = memory.pedal[0] * law.full_speed
     memory.speed[0] = target + law.lag * (memory.speed[0] - target)

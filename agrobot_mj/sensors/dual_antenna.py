@@ -14,8 +14,9 @@ from numpy.random import Generator
 from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.randomness import gauss_markov, stream
-from agrobot_mj.core.signals import Quality, Truth
+from agrobot_mj.core.signals import SOUND, Distortion, Quality, Truth
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
@@ -26,6 +27,8 @@ class DualAntennaState(NamedTuple):
     """Random stream; advances in place."""
     wander: float
     """Slow error, in units of its standard deviation [-]."""
+    line: SignalLine = SignalLine()
+    """What carries the heading."""
 
 
 class DualAntenna(Spec):
@@ -49,7 +52,9 @@ class DualAntenna(Spec):
         generator = stream(seed, "gnss.dual_antenna")
         return DualAntennaState(generator, float(generator.standard_normal()))
 
-    def measure(self, state: DualAntennaState, truth: Truth, quality: int, dt: float) -> tuple[DualAntennaState, float]:
+    def measure(
+        self, state: DualAntennaState, truth: Truth, quality: int, dt: float, distortion: Distortion = SOUND
+    ) -> tuple[DualAntennaState, float]:
         """Heading [rad], wrapped; NaN without antennas or without fixed ambiguities."""
         if not self.enabled:
             return state, nan
@@ -59,4 +64,5 @@ class DualAntenna(Spec):
         error = atan(aside / self.baseline_m) + radians(self.mounting_deg)
         leaning = -atan(sin(truth.pitch) * tan(truth.roll))
         heading = wrap(truth.yaw + leaning + error) if quality == Quality.FIX else nan
-        return DualAntennaState(state.generator, wander), heading
+        line, heading = state.line.carried(heading, distortion, dt)
+        return DualAntennaState(state.generator, wander, line), wrap(heading)

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from pydantic import Field
 
 from agrobot_mj.core.randomness import gauss_markov, stream
-from agrobot_mj.core.signals import Column, Conditions, Fix, Quality, Truth
+from agrobot_mj.core.signals import Column, Conditions, Fix, Frozen, Quality, Truth
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.canopy import Canopy, CanopyState
@@ -95,6 +95,8 @@ class GnssState(NamedTuple):
     """Each part of the field with an obstructed sky."""
     pending: tuple[GnssReading, ...] = ()
     """Solutions under way, one per tick, oldest first."""
+    last: Fix | None = None
+    """Last solution that was computed, which a frozen receiver repeats; None before the first."""
 
 
 class Gnss(Sensor):
@@ -164,7 +166,7 @@ class Gnss(Sensor):
         """
         w = state.generator.standard_normal(6).tolist()
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
-        dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt)
+        dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
         state = GnssState(
             generator=state.generator,
             correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
@@ -178,10 +180,14 @@ class Gnss(Sensor):
             dual=dual,
             canopies=canopies,
             pending=state.pending,
+            last=state.last,
         )
         found = None
         if quality != Quality.NONE:
             found = self._fix(state, truth, conditions.gnss_offset, quality, w[2:], heading)
+            if conditions.gnss_frozen and state.last is not None:
+                found = _frozen(found, state.last, conditions.gnss_frozen)
+            state = state._replace(last=found)
         pending = (*state.pending, GnssReading(found, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
@@ -233,6 +239,16 @@ class Gnss(Sensor):
         """Height, and heading where there are two antennas; NaN without a solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
+
+
+def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
+    """What a receiver tells that repeats its last solution under the time of the new one."""
+    match keep:
+        case "live_velocity":
+            return fix._replace(x=last.x, y=last.y, z=last.z)
+        case "velocity":
+            return last._replace(t=fix.t)
+    return last._replace(vx=0.0, vy=0.0, t=fix.t)
 
 
 def _pair(generator: Generator) -> Pair:

@@ -7,7 +7,7 @@ has any number of physics steps.
 
 from functools import lru_cache
 from math import pi
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -68,15 +68,6 @@ class Potentiometer(Sensor):
         )
 
 
-class SteeringPotState(NamedTuple):
-    """The steering potentiometer between two ticks."""
-
-    generator: Generator
-    """Random stream; advances in place."""
-    last: float | None = None
-    """Last reading, None before the first [rad]."""
-
-
 class SteeringPotentiometer(Potentiometer):
     """On the front axle, at the angle of the bicycle's virtual wheel or on one knuckle; `[sensors.steering_pot]`.
 
@@ -106,18 +97,13 @@ class SteeringPotentiometer(Potentiometer):
         knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
         return knuckle
 
-    def init(self, seed: int) -> SteeringPotState:
-        """No reading yet."""
-        return SteeringPotState(stream(seed, "steering_pot"))
+    def init(self, seed: int) -> Generator:
+        """Its random stream, which advances in place."""
+        return stream(seed, "steering_pot")
 
-    def measure(
-        self, state: SteeringPotState, truth: Truth, conditions: Conditions, dt: float
-    ) -> tuple[SteeringPotState, float]:
+    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
         """Steering angle, left positive [rad]."""
-        reading = self.read(self.characteristic(self.seen(truth)), state.generator) + conditions.steer_pot_bias
-        if conditions.steer_pot_stuck and state.last is not None:
-            reading = state.last
-        return SteeringPotState(state.generator, reading), reading
+        return state, self.read(self.characteristic(self.seen(truth)), state)
 
 
 class PedalPotentiometer(Potentiometer):

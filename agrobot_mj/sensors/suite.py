@@ -7,6 +7,7 @@ and those that the paper's stack uses in fields of their own.
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.answers import pair
+from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.signals import Column, Conditions, Measurement, Truth
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import Sensor
@@ -17,6 +18,9 @@ from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotenti
 from agrobot_mj.sensors.radar_speed import RadarSpeed
 from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
+LINES = ("steering_pot", "pedal_pot", "gyro", "wheel_speed")
+"""Sensors of one number, whose readings pass a line that `Conditions` may distort under the same name."""
+
 
 class SensorState(NamedTuple):
     """The sensors between two ticks, by name."""
@@ -25,6 +29,8 @@ class SensorState(NamedTuple):
     """State of each sensor."""
     readings: dict[str, Any]
     """Last reading of each sensor, empty before the first tick."""
+    lines: tuple[SignalLine, ...] = (SignalLine(),) * len(LINES)
+    """Lines of the sensors of `LINES`."""
 
 
 class Sensors(Spec):
@@ -67,6 +73,10 @@ class Sensors(Spec):
         for name, last in state.states.items():
             found = getattr(self, name).measure(last, truth, conditions, dt)
             states[name], readings[name] = pair(found, "its state and a reading", "the sensor", name, "measure")
+        lines = []
+        for name, line in zip(LINES, state.lines, strict=True):
+            line, readings[name] = line.carried(readings[name], getattr(conditions, name), dt)
+            lines.append(line)
         gnss, imu = readings["gnss"], readings["imu"]
         measurement = Measurement(
             t=truth.t,
@@ -80,7 +90,7 @@ class Sensors(Spec):
             wheel_speed=readings["wheel_speed"],
             readings=readings,
         )
-        return SensorState(states, readings), measurement
+        return SensorState(states, readings, tuple(lines)), measurement
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Values of `columns` after a tick."""

@@ -16,6 +16,7 @@ from agrobot_mj.core.signals import (
     Column,
     Command,
     Conditions,
+    Distortion,
     Drive,
     Estimate,
     Fix,
@@ -108,9 +109,13 @@ def check_conditions(conditions: Conditions, faults: Sequence[Scripted]) -> None
     c = conditions
     wheels = (*c.tyre_stiffness, *c.tyre_rolling)
     forces = c.valve_gain + c.valve_dead_band + c.drawbar + c.side_force + c.grip
-    if not isfinite(c.gnss_quality + c.gnss_latency_s + sum(c.gnss_offset) + c.steer_pot_bias + forces + sum(wheels)):
-        kinds = ", ".join(fault.kind for fault in faults)
-        refuse("conditions", c, tuple(name for name in c._fields if name != "payload"), f"a fault ({kinds})")
+    lines = {name: value for name, value in c._asdict().items() if isinstance(value, Distortion)}
+    kinds = f"a fault ({', '.join(fault.kind for fault in faults)})"
+    for name, line in lines.items():
+        if not isfinite(line.scale + line.offset + line.delay_s):
+            refuse(f"conditions.{name}", line, Distortion._fields[:3], kinds)
+    if not isfinite(c.gnss_quality + c.gnss_latency_s + sum(c.gnss_offset) + forces + sum(wheels)):
+        refuse("conditions", c, tuple(n for n in c._fields if n not in ("payload", "gnss_frozen", *lines)), kinds)
 
 
 def check_reference(reference: Reference, path: str) -> None:

@@ -7,7 +7,7 @@ supervisor -> steering and speed loops -> valve voltages. Then the plant takes i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import radians
+from math import nan, radians
 from typing import Any
 
 from agrobot_mj.control.base import Situation
@@ -49,6 +49,7 @@ from agrobot_mj.simulation.checks import (
 )
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.receiver import ImplementReceiver
+from agrobot_mj.simulation.wiring import Wiring
 from agrobot_mj.terrain import height_and_gradient
 
 SATURATION_MARGIN = radians(0.01)
@@ -73,6 +74,8 @@ class Stages:
     """What of the measurements was rejected."""
     receiver: ImplementReceiver
     """Place of the GNSS antenna, as the tractor's computer knows it."""
+    wiring: Wiring
+    """Lines to the valves."""
 
 
 class Loop:
@@ -99,6 +102,7 @@ class Loop:
             brake=BrakeState(),
             screen=Screen(),
             receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
+            wiring=Wiring(),
         )
 
     def tick(self) -> Tick:
@@ -138,7 +142,9 @@ class Loop:
         state.guidance, command = answered(found, Command, "the guidance law", kind, "update")
         check_command(command, kind)
         command = limited(command, self.scenario.tractor.steer_limit)
-        state.supervisor, command = self.supervisor.update(state.supervisor, situation, measured, command, TICK_S)
+        state.supervisor, command = self.supervisor.update(
+            state.supervisor, situation, measured, command, state.speed.reference, TICK_S
+        )
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
@@ -155,8 +161,8 @@ class Loop:
         state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
         if command.steer_voltage is not None:
             steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
-        drive = Drive(steer_voltage, pedal_voltage, state.brake.share)
-        check_drive(drive)
+        check_drive(drive := Drive(steer_voltage, pedal_voltage, state.brake.share))
+        drive = drive._replace(pedal_voltage=nan) if command.released else drive
         steer_ref = state.steering.reference
         return Tick(
             truth=self.truth,
@@ -176,7 +182,8 @@ class Loop:
     def advance(self, drive: Drive) -> Truth:
         """Advance the plant by one tick, and apply the faults of the next one."""
         state = self.stages
-        self.truth = self.plant.advance(drive, state.conditions)
+        state.wiring, arrived = state.wiring.carried(drive, state.conditions, TICK_S)
+        self.truth = self.plant.advance(arrived, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
         return self.truth
 

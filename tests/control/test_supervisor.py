@@ -1,5 +1,7 @@
 """The supervisor: passes commands while all is well, and ends a run in a controlled stop where it is not."""
 
+from math import nan
+
 import numpy as np
 import pytest
 
@@ -13,12 +15,13 @@ from agrobot_mj.paths.route import SampledRoute
 
 TICK = 0.05
 ROUTE = SampledRoute(Line())
-FIX = Fix(0.0, 0.0, 0.0, 0.0)
+FIX = Fix(0.0, 0.0, 1.2, 0.0)
 
 
-def seen(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0):
+def seen(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0, speed=1.2, yaw=0.0):
     health = {"aligned": aligned, "fix_age": age, "position_sigma": sigma, "nis_mean": nis}
-    estimate = Estimate(1.0, y, 0.0, 1.2, 0.0, 0.5, y, np.eye(3), **health)
+    rate = speed * np.tan(steer) / TractorParameters().wheelbase_m
+    estimate = Estimate(1.0, y, yaw, speed, rate, 0.5, y, np.eye(3), **health)
     return Situation(1.0, estimate, Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0), ROUTE, TractorParameters(), steer)
 
 
@@ -26,8 +29,8 @@ def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
     """State and commands after these situations, the pedal following its reference at once."""
     state, commands = supervisor.init(), []
     for situation in situations:
-        measured = Measurement(situation.t, fix, Quality.FIX if fix else Quality.NONE, situation.steer, pedal, 0.0)
-        state, out = supervisor.update(state, situation, measured, command or Command(0.0, 1.2), TICK)
+        measured = Measurement(situation.t, fix, Quality.FIX if fix else Quality.NONE, situation.steer, pedal, nan)
+        state, out = supervisor.update(state, situation, measured, command or Command(0.0, 1.2), pedal, TICK)
         pedal = pedal if out.pedal is None else out.pedal
         commands.append(out)
     return state, commands
@@ -52,13 +55,105 @@ def test_while_all_is_well_commands_pass_untouched():
 )
 def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word):
     supervisor = Supervisor()
-    state, commands = drive(supervisor, [seen()] * 5 + [seen(**bad)] * 800, fix)
+    turning = [seen(steer=bad.get("steer", 0.0) * k / 12) for k in range(12)]
+    state, commands = drive(supervisor, turning + [seen(**bad)] * 800, fix)
     assert state.mode is Mode.STOPPING
     assert word in state.reason
     pedals = [c.pedal for c in commands if c.pedal is not None]
     assert (np.abs(np.diff(pedals)) <= supervisor.stopping_pedal_rate_per_s * TICK + 1e-12).all()
     assert pedals[-1] == 0.0
     assert supervisor.stopped(state)
+
+
+def watched(ticks, frozen=10**9, **readings):
+    """State after so many ticks straight on at 1.2 m/s in which one reading or more is as given, a number or a list.
+
+    The position follows the speed of the fixes, with a centimetre of noise, up to the tick from which it is `frozen`.
+    """
+    sound = {"fix": 1.2, "north": 0.0, "gyro": 0.0, "wheel": 1.2, "pedal": 0.24, "steer": 0.0, "speed": 1.2} | readings
+    supervisor, noise = Supervisor(), np.random.default_rng(3)
+    state, way, x = supervisor.init(), 0.0, 0.0
+    for k in range(ticks):
+        now = {key: value[min(k, len(value) - 1)] if isinstance(value, list) else value for key, value in sound.items()}
+        way += now["fix"] * TICK
+        x = way + 0.01 * noise.standard_normal() if k < frozen else x
+        fix = Fix(x, now["north"], now["fix"], 0.0, TICK * k)
+        given = (now["steer"], now["pedal"], now["gyro"])
+        measured = Measurement(TICK * k, fix, Quality.FIX, *given, wheel_speed=now["wheel"])
+        situation = seen(steer=now["steer"], speed=now["speed"])
+        state, _ = supervisor.update(state, situation, measured, Command(0.0, 1.2), 0.24, TICK)
+    return state
+
+
+def test_sound_evidence_stops_nothing():
+    noise = np.random.default_rng(3).normal(0.0, 1.0, 400)
+    state = watched(400, wheel=(1.24 + 0.02 * noise).tolist(), gyro=(0.002 * noise).tolist())
+    assert state.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize(
+    ("readings", "within_s", "word"),
+    [
+        ({"frozen": 40, "fix": [1.2] * 40 + [0.0]}, 0.5, "repeat one position"),
+        ({"north": [0.0] * 40 + [0.6]}, 0.05, "off the way of their velocity"),
+        ({"north": [0.0] * 40 + [0.005 * k for k in range(200)]}, 9.0, "off the way of their velocity"),
+        ({"wheel": [1.2] * 40 + [0.0]}, 0.3, "wheels 1.2 m/s slower"),
+        ({"wheel": [1.2] * 40 + [-1.2]}, 0.3, "wheels 2.4 m/s slower"),
+        ({"wheel": [1.2 - 0.01 * k for k in range(120)]}, 6.0, "slower"),
+        ({"speed": [1.2 + 0.05 * k for k in range(40)]}, 1.5, "faster than commanded"),
+        ({"pedal": [0.24] * 40 + [0.0]}, 0.1, "pedal 0.24 off"),
+        ({"pedal": [0.24 + 0.02 * k for k in range(40)]}, 0.5, "pedal"),
+        ({"gyro": [0.0] * 40 + [0.5]}, 1.0, "tractor turns as with wheels 30 deg off"),
+    ],
+)
+def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
+    begin = max((len(value) for value in readings.values() if isinstance(value, list) and len(value) == 41), default=0)
+    state = watched(begin + round(within_s / TICK) + 1, **readings)
+    assert state.mode is Mode.STOPPING
+    assert word in state.reason
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [
+        {"fix": [1.2 - 0.06 * k for k in range(20)] + [0.0], "wheel": 5.0},
+        {"fix": 0.0, "wheel": [0.02 * k for k in range(200)]},
+        {"fix": 0.0, "wheel": 0.0, "speed": 0.0},
+        {"fix": 0.0, "wheel": 0.0, "speed": 0.0, "frozen": 1},
+    ],
+    ids=["wheels that spin", "too weak from the start", "at rest", "at rest without noise"],
+)
+def test_a_tractor_that_cannot_move_has_no_sensor_that_lies(readings):
+    assert watched(400, **readings).mode is Mode.TRACKING
+
+
+def test_a_pedal_on_its_way_to_its_reference_is_no_fault():
+    assert watched(20, pedal=[0.1 + 0.05 * k for k in range(4)]).mode is Mode.TRACKING
+    assert watched(20, pedal=[0.24 - 0.01 * k for k in range(20)]).mode is Mode.STOPPING
+
+
+def test_a_pedal_in_doubt_loses_the_power_of_its_valve_and_others_keep_it():
+    assert watched(46, pedal=[0.24] * 40 + [0.0]).released
+    assert not watched(48, wheel=[1.2] * 40 + [0.0]).released
+
+
+def test_a_tractor_that_does_not_come_to_rest_loses_the_power():
+    state, commands = drive(Supervisor(), [seen()] * 5 + [seen(y=3.0)] * 40, pedal=0.24)
+    assert not commands[10].released
+    assert commands[-1].released, "the estimate still drives, two seconds after the stop began"
+
+
+def test_the_distance_from_the_path_counts_while_the_heading_is_sought_again():
+    state, _ = drive(Supervisor(), [seen()] * 5 + [seen(y=2.5, aligned=False)] * 2)
+    assert "off the path" in state.reason
+    state, _ = drive(Supervisor(), [seen(y=2.5, aligned=False)] * 2)
+    assert not state.reason, "before the first heading nothing is known of it"
+
+
+def test_in_the_middle_of_work_it_seeks_the_heading_for_a_short_time():
+    patience = round(Supervisor().max_realigning_s / TICK)
+    state, _ = drive(Supervisor(), [seen()] * 5 + [seen(aligned=False)] * (patience + 2))
+    assert "heading unknown" in state.reason
 
 
 def test_a_jump_of_the_command_from_lock_to_lock_is_no_fault_while_the_wheels_move():
@@ -73,8 +168,8 @@ def ramp(steer_of):
     state, noise = supervisor.init(), np.random.default_rng(1).normal(0, np.radians(0.3), len(commands))
     for k, command in enumerate(commands):
         situation = seen(steer=steer_of(commands, k) + noise[k])
-        measured = Measurement(situation.t, FIX, Quality.FIX, situation.steer, 0.24, 0.0)
-        state, _ = supervisor.update(state, situation, measured, Command(command, 1.2), TICK)
+        measured = Measurement(situation.t, FIX, Quality.FIX, situation.steer, 0.24, nan)
+        state, _ = supervisor.update(state, situation, measured, Command(command, 1.2), 0.24, TICK)
     return state
 
 

@@ -5,6 +5,7 @@ from math import nan
 import numpy as np
 import pytest
 
+from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.signals import NOMINAL, Quality
 from agrobot_mj.core.spec import every
 from agrobot_mj.estimation import Ekf, Estimator
@@ -63,6 +64,14 @@ def test_the_smoothed_nis_follows_and_one_outlier_is_bounded():
     assert health.nis == pytest.approx(5.0, rel=1e-3)
     assert health.after(nan, None, DT) == health
     assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
+
+
+def test_five_seconds_of_wild_fixes_take_the_nis_beyond_the_limit_of_the_supervisor_and_one_fix_does_not():
+    health = Health()
+    assert health.after(1e9, 1.0, DT).nis < 10.0
+    for _ in range(100):
+        health = health.after(1e9, 1.0, DT)
+    assert NIS_MOST > health.nis > Supervisor().max_nis > 100.0, "sound runs across ridges reach 85"
 
 
 def test_the_largest_sigma_is_the_root_of_the_largest_eigenvalue():

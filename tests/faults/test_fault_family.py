@@ -1,6 +1,7 @@
 """What holds for every fault: its window, its randomness, its overlaps, and the way it is written in a file."""
 
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,11 @@ from scripted import scripted
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Distortion, Quality
 from agrobot_mj.core.spec import every
 from agrobot_mj.faults import Fault
 from agrobot_mj.scenario.schema import resolve
-from agrobot_mj.sensors import Gyro, Sensors
+from agrobot_mj.sensors import DualAntenna, Gnss, Sensors
 from agrobot_mj.simulation.loop import Loop
 
 KINDS = sorted(spec.model_fields["kind"].default for spec in every(Fault))
@@ -102,7 +103,8 @@ def drive():
 
 
 def sensed(truths, *tables):
-    sensors, days = Sensors(gyro=Gyro(enabled=True)), scripted(faults(*tables), len(truths))
+    gnss, on = Gnss(dual_antenna=DualAntenna(enabled=True)), {"enabled": True}
+    sensors, days = Sensors(gnss=gnss, gyro=on, wheel_speed=on), scripted(faults(*tables), len(truths))
     state, measurements = sensors.init(1), []
     for truth, day in zip(truths, days, strict=True):
         state, measurement = sensors.measure(state, truth, day, TICK_S)
@@ -113,10 +115,11 @@ def sensed(truths, *tables):
 @pytest.mark.parametrize("kind", SENSED)
 def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
     good, ill = sensed(drive), sensed(drive, {"kind": kind, "start_s": 1, "end_s": 2})
-    struck = "fix" if kind.startswith("gnss") else "steer"
-    for channel in ("fix", "steer", "pedal", "gyro"):
+    parts = {"gnss": "fix", "heading": "fix", "steering_pot": "steer", "pedal_pot": "pedal", "gyro": "gyro"}
+    struck = {**parts, "wheel_speed": "wheel_speed"}.get(next((p for p in (*parts, "wheel_speed") if p in kind), ""))
+    for channel in ("fix", "steer", "pedal", "gyro", "wheel_speed"):
         changed = [k for k in range(80) if getattr(good[k], channel) != getattr(ill[k], channel)]
-        if channel == struck and kind != "valve_wear":
+        if channel == struck:
             assert min(changed) == 20
             assert max(changed) == 39
         else:
@@ -150,7 +153,10 @@ def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
     ("table", "field", "once", "twice"),
     [
         ({"kind": "gnss_latency", "latency_s": 0.2}, "gnss_latency_s", 0.2, 0.4),
-        ({"kind": "steering_pot_bias", "bias_deg": 3.0}, "steer_pot_bias", np.radians(3), np.radians(6)),
+        ({"kind": "gnss_jump", "north_m": 2.0}, "gnss_offset", (0, 2), (0, 4)),
+        ({"kind": "steering_pot_bias", "bias_deg": 3.0}, "steering_pot.offset", np.radians(3), np.radians(6)),
+        ({"kind": "gyro_scale", "scale": 0.5}, "gyro.scale", 0.5, 0.25),
+        ({"kind": "valve_delay", "delay_s": 0.5}, "valve.delay_s", 0.5, 1.0),
         ({"kind": "valve_wear", "gain_share": 0.5}, "valve_gain", 0.5, 0.25),
         ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
     ],
@@ -159,12 +165,13 @@ def test_a_fault_adds_to_what_is_there(table, field, once, twice):
     (fault,) = faults(table)
     _, one = fault.apply(None, NOMINAL, 0.0, TICK_S)
     _, two = fault.apply(None, one, 0.0, TICK_S)
-    assert (getattr(one, field), getattr(two, field)) == pytest.approx((once, twice))
+    assert attrgetter(field)(one) == pytest.approx(once)
+    assert attrgetter(field)(two) == pytest.approx(twice)
 
 
 def test_faults_of_different_kinds_all_count():
     day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
-    assert day == NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_stuck=True)
+    assert day == NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steering_pot=Distortion(stuck="last"))
 
 
 # --- what is refused ----------------------------------------------------------------------------------------------
@@ -190,6 +197,10 @@ def test_faults_of_different_kinds_all_count():
         ({"kind": "steering_pot_bias", "bias_deg": 100}, "fault[0].bias_deg: must be at most 90"),
         ({"kind": "steering_pot_bias", "ramp_s": -1}, "fault[0].ramp_s: must be at least 0"),
         ({"kind": "valve_wear", "gain_share": 1.2}, "fault[0].gain_share: must be at most 1"),
+        ({"kind": "gnss_frozen", "keep": "all"}, "fault[0].keep: "),
+        ({"kind": "gyro_stuck", "value": "first"}, "fault[0].value: "),
+        ({"kind": "gyro_scale", "scale": -11}, "fault[0].scale: must be at least -10"),
+        ({"kind": "valve_delay", "delay_s": 0.12}, "fault[0].delay_s: 0.12 is not a whole number of 0.05 s ticks"),
         ({"kind": "valve_wear", "dead_band_v": 7}, "fault[0].dead_band_v: must be at most 6"),
         (3, "fault[0]: must be a table, got 3"),
     ],

@@ -27,7 +27,7 @@ def driven(*tables, name="circle", seconds=20.0, **overrides):
 @pytest.mark.parametrize(("t", "share"), [(10.0, 0.0), (12.0, 0.5), (14.0, 1.0), (60.0, 1.0)])
 def test_a_ramp_grows_evenly_to_the_whole_fault(t, share):
     bias = SteeringPotBias(start_s=10, bias_deg=-4.0, ramp_s=4.0)
-    assert degrees(day(bias, t).steer_pot_bias) == pytest.approx(-4.0 * share)
+    assert degrees(day(bias, t).steering_pot.offset) == pytest.approx(-4.0 * share)
     worn = day(ValveWear(start_s=10, gain_share=0.6, dead_band_v=0.8, ramp_s=4.0), t)
     assert (worn.valve_gain, worn.valve_dead_band) == pytest.approx((1 - 0.4 * share, 0.8 * share))
 

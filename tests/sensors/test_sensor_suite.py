@@ -9,14 +9,14 @@ import pytest
 from numpy.random import Generator
 
 from agrobot_mj.core.randomness import stream
-from agrobot_mj.core.signals import NOMINAL, Quality, Truth
+from agrobot_mj.core.signals import NOMINAL, Distortion, Quality, Truth
 from agrobot_mj.sensors import Gyro, Imu, Sensor, Sensors
 
 DT = 0.05
 ALL_ON = Sensors.model_validate(
     {name: {"enabled": True} for name, sensor in Sensors().all.items() if "enabled" in type(sensor).model_fields}
 )
-ILL = NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steer_pot_bias=0.1, steer_pot_stuck=True)
+ILL = NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steering_pot=Distortion(offset=0.1, stuck="last"))
 
 
 def truth(k):

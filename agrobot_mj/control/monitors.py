@@ -1,0 +1,162 @@
+"""Monitors of the supervisor: each a signal with its limit, the time for which it may be exceeded, and a reason.
+
+The first ask what the estimator says of itself, and whether path, steering angle, pedal and speed are as commanded. The
+others are evidence that does not go through the estimator: positions that repeat themselves or do not follow their own
+velocity, wheels slower than the fixes, a turn that does not fit the steering angle. Pedal and wheels that are faster
+than the ground are none, so that a tractor which cannot move is not taken for one with a sensor that lies.
+"""
+
+from math import atan, copysign, degrees, hypot, nan
+from typing import NamedTuple
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.evidence import MOVING_M_S, Evidence
+from agrobot_mj.core.reporting import Reporting
+from agrobot_mj.core.signals import Measurement
+from agrobot_mj.core.spec import NonNegative, Positive
+
+OVERSPEED_M_S = 0.15
+"""Speed that is no overspeed at any command [m/s]. Estimate: four times the noise of a reading."""
+HEAVIEST = 3.0
+"""Most that a signal far above its limit counts for [-]. Estimate."""
+
+
+class Monitor(NamedTuple):
+    """One limit of autonomous driving."""
+
+    signal: float
+    """What is watched; NaN where it is not known in this tick."""
+    limit: float
+    """Value above which it counts."""
+    lasting_s: float
+    """Time above the limit at which the tractor is stopped; at twice the limit half of it [s]."""
+    reason: str
+    """Why it stops, with a place for the signal."""
+    cut: bool = False
+    """Whether the pedal is in doubt, so that its valve loses power."""
+
+    def over(self, time: float, dt: float) -> float:
+        """Time [s] above the limit after a tick of length `dt` [s]; a signal that is not known changes nothing."""
+        if self.signal != self.signal:
+            return time
+        return time + min(self.signal / self.limit, HEAVIEST) * dt if self.signal > self.limit else 0.0
+
+
+class Watched(NamedTuple):
+    """What the supervisor keeps track of for its monitors."""
+
+    fix_age: float = 0.0
+    """Age of the newest fix that the estimator has accepted [s]."""
+    place: float = 0.0
+    """Distance of the nearest point along the path [m]."""
+    offset: float = 0.0
+    """Estimated distance from the path [m]."""
+    mismatch: float = 0.0
+    """Commanded less measured steering angle where the wheels do not follow, else 0 [rad]."""
+    evidence: Evidence = Evidence()
+    """What the fixes say of themselves."""
+    pedal_mismatch: float = 0.0
+    """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
+    pedal_rate: float = 0.0
+    """Rate of the measured pedal since the last tick [1/s]."""
+    allowed: float = 0.0
+    """Commanded speed, falling no faster than the tractor slows down [m/s]."""
+    tracked: bool = False
+    """Whether the heading has been known."""
+    aligning_s: float = 0.0
+    """Time since the heading was last known [s]."""
+
+
+class SupervisorLimits(Reporting):
+    """Limits of autonomous driving; every default is an estimate of what a cautious maker would set."""
+
+    max_fix_age_s: Positive = 8.0
+    """Age of the newest fix at which it stops [s]. Estimate: dead reckoning drifts by decimetres in that time."""
+    max_sigma_m: Positive = 1.0
+    """Estimated standard deviation of the position at which it stops [m]. Estimate."""
+    max_cross_track_m: Positive = 2.0
+    """Cross-track error by the estimate at which it stops [m]. Estimate: a swath's width."""
+    max_nis: Positive = 120.0
+    """Smoothed NIS of the fixes at which it stops [-]. Estimate: an honest filter has 2, across furrows at 2.5 m/s 85;
+    a single fix counts 200 at most."""
+    max_steer_mismatch_deg: Positive = 12.0
+    """Difference of commanded and measured steering angle that counts as not following [deg]. Estimate."""
+    steer_mismatch_s: Positive = 2.0
+    """Duration of such a difference at which it stops [s]. Estimate: longest travel from stop to stop."""
+    max_aligning_s: Positive = 15.0
+    """Time after which it gives up aligning and stops [s]. Estimate."""
+    max_realigning_s: Positive = 4.0
+    """Time after which it gives up aligning in the middle of work [s]. Estimate: twice what a search takes."""
+    max_overspeed: Positive = 1.25
+    """Speed over the commanded one at which it stops [-]. Estimate: the rest to 1.5 is for stopping."""
+    overspeed_s: Positive = 0.3
+    """Duration of an overspeed at which it stops [s]. Estimate: a swing on ridges."""
+    max_pedal_mismatch: Positive = 0.08
+    """Difference of demanded and measured pedal that counts as not following [-]. Estimate."""
+    pedal_mismatch_s: Positive = 0.14
+    """Duration of such a difference at which it stops [s]. Estimate: a pedal is at its stop in half a second."""
+    max_pedal_rate_per_s: Positive = 2.2
+    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Estimate: one and a half times the pedal's."""
+    max_wheel_lag_m_s: Positive = 0.35
+    """Speed by which wheels may be slower than the fixes [m/s]. Estimate: an antenna that sways."""
+    max_wheel_lag_share: NonNegative = 0.3
+    """Share of the speed of the fixes by which they may be slower besides [-]. Estimate: wheels on a bump."""
+    wheel_lag_s: Positive = 0.3
+    """Duration of such a difference at which it stops [s]. Estimate: longer than half a swing of the antenna."""
+    max_angle_mismatch_deg: Positive = 8.0
+    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Estimate: lag, a worn
+    sensor."""
+    max_angle_mismatch_share: NonNegative = 0.4
+    """Share of the larger angle that such a difference may have besides [-]. Estimate: front wheels that slide."""
+    angle_mismatch_s: Positive = 1.0
+    """Duration of such a difference at which it stops [s]. Estimate: the lag of wheels and tyres."""
+    max_repeat_s: Positive = 0.4
+    """Time for which a moving tractor may be given one position [s]. Estimate: fixes have noise."""
+    max_fix_drift_m: Positive = 0.4
+    """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
+    Estimate: eight times the error of sound fixes."""
+
+    def monitors(self, watched: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
+        """All that is watched; of several that trip at once the first gives the reason."""
+        w, e, proof = watched, situation.estimate, watched.evidence
+        u, fix = abs(e.speed), measured.fix
+        fixes = nan if fix is None else hypot(fix.vx, fix.vy)
+        top = self.max_overspeed * w.allowed + OVERSPEED_M_S
+        wheels = copysign(1.0, measured.pedal) * measured.wheel_speed
+        aligning = self.max_realigning_s if w.tracked else self.max_aligning_s
+        off, mismatch = w.offset if w.tracked else 0.0, degrees(abs(w.mismatch))
+        steer, turning = degrees(situation.steer), _angle_of_turn(situation, measured.gyro)
+        angle = self.max_angle_mismatch_deg + self.max_angle_mismatch_share * max(abs(steer), abs(turning))
+        return (
+            Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),
+            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position known to {:.2f} m only"),
+            Monitor(e.nis_mean, self.max_nis, 0.0, "fixes contradict the estimate (NIS {:.0f})"),
+            Monitor(off, self.max_cross_track_m, 0.0, "{:.2f} m off the path"),
+            Monitor(
+                *(mismatch, self.max_steer_mismatch_deg, self.steer_mismatch_s),
+                "wheels {:.0f} deg off the steering command",
+            ),
+            Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
+            Monitor(u, top, self.overspeed_s, "drives at {:.1f} m/s, faster than commanded", cut=True),
+            Monitor(
+                *(abs(w.pedal_mismatch), self.max_pedal_mismatch, self.pedal_mismatch_s),
+                *("pedal {:.2f} off its command", True),
+            ),
+            Monitor(abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal reading jumps at {:.1f} 1/s", cut=True),
+            Monitor(proof.repeated_s, self.max_repeat_s, 0.0, "fixes repeat one position for {:.1f} s"),
+            Monitor(proof.drift, self.max_fix_drift_m, 0.0, "fixes {:.2f} m off the way of their velocity"),
+            Monitor(
+                *(fixes - wheels, self.max_wheel_lag_m_s + self.max_wheel_lag_share * fixes, self.wheel_lag_s),
+                "wheels {:.1f} m/s slower than the fixes",
+            ),
+            Monitor(
+                *(abs(turning - steer), angle, self.angle_mismatch_s),
+                "tractor turns as with wheels {:.0f} deg off the measured angle",
+            ),
+        )
+
+
+def _angle_of_turn(situation: Situation, gyro: float) -> float:
+    """Steering angle that the turn needs, from the gyro if there is one; NaN at a crawl [deg]."""
+    u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
+    return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan

@@ -1,0 +1,57 @@
+"""Lines from sensors and to valves: what arrives under each distortion."""
+
+from math import isnan, nan
+
+from agrobot_mj.core.lines import SignalLine
+from agrobot_mj.core.signals import NOMINAL, SOUND, Distortion, Drive
+from agrobot_mj.simulation.wiring import Wiring
+
+DT = 0.05
+
+
+def arrived(values, distortions):
+    """What arrives of these values under a distortion each."""
+    line, found = SignalLine(), []
+    for value, distortion in zip(values, distortions, strict=True):
+        line, value = line.carried(value, distortion, DT)
+        found.append(value)
+    return found
+
+
+def test_a_sound_line_changes_nothing():
+    assert arrived([1.0, -2.0, 3.0], [SOUND] * 3) == [1.0, -2.0, 3.0]
+
+
+def test_a_stuck_line_repeats_what_arrived_last_or_carries_zero():
+    values = [1.0, 2.0, 3.0, 4.0]
+    assert arrived(values, [SOUND, *[Distortion(stuck="last")] * 2, SOUND]) == [1.0, 1.0, 1.0, 4.0]
+    assert arrived(values, [SOUND, *[Distortion(stuck="zero")] * 2, SOUND]) == [1.0, 0.0, 0.0, 4.0]
+    assert arrived(values, [Distortion(stuck="last")] * 4) == [1.0] * 4
+
+
+def test_scale_comes_before_offset():
+    assert arrived([2.0], [Distortion(scale=-1.0, offset=0.5)]) == [-1.5]
+
+
+def test_a_late_line_repeats_its_last_value_while_the_delay_sets_in():
+    late = Distortion(delay_s=2 * DT)
+    assert arrived([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [SOUND, late, late, late, late, SOUND]) == [1, 1, 1, 2, 3, 6]
+
+
+def test_a_lost_reading_is_no_number_and_no_reading_stays_none():
+    assert all(isnan(value) for value in arrived([1.0, 2.0], [Distortion(lost=True)] * 2))
+    assert all(isnan(value) for value in arrived([nan, nan], [Distortion(stuck="zero"), Distortion(offset=1.0)]))
+
+
+def test_a_valve_that_has_lost_its_power_stays_without():
+    """The cut is a way of its own: no fault of the line brings the voltage back."""
+    for distortion in (Distortion(stuck="last"), Distortion(scale=-1.0), Distortion(delay_s=0.5)):
+        ill = NOMINAL._replace(pedal_valve=distortion)
+        wiring, _ = Wiring().carried(Drive(6.0, 9.0), ill, DT)
+        assert isnan(wiring.carried(Drive(6.0, nan), ill, DT)[1].pedal_voltage)
+
+
+def test_a_voltage_stays_within_the_range_of_a_valve():
+    ill = NOMINAL._replace(valve=Distortion(scale=10.0))
+    assert Wiring().carried(Drive(7.5, 6.0), ill, DT)[1].steer_voltage == 12.0
+    assert Wiring().carried(Drive(4.5, 6.0), ill, DT)[1].steer_voltage == 0.0
