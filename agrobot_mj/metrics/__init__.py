@@ -8,6 +8,7 @@ from agrobot_mj.metrics.implement import implement
 from agrobot_mj.metrics.network import nn_share
 from agrobot_mj.metrics.passes import passes
 from agrobot_mj.metrics.progress import progress, progress_of
+from agrobot_mj.metrics.safety import safety
 from agrobot_mj.metrics.tracking import errors, tracking
 
 METRICS = (
@@ -18,6 +19,7 @@ METRICS = (
     saturation,
     passes,
     implement,
+    safety,
 )
 """Every metric, in the order of metrics.json."""
 

@@ -1,0 +1,55 @@
+"""What a fault led to: when the stop began, how far from the path the tractor stood, how much too fast it was."""
+
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.metrics.base import RunView
+
+STOPPING = 4
+"""Value of `supervisor_state` during a stop."""
+OFF_M = 1.0
+"""Distance from which the tractor counts as off its path [m]."""
+SLOWEST_M_S = 0.5
+"""Command below which a speed is compared with this one [m/s]."""
+MEMORY = 40
+"""Ticks in which a tractor may still follow an earlier command: two seconds, in which it can stop."""
+
+
+def safety(view: RunView) -> dict[str, Any]:
+    """`safety` of a run with faults and a supervisor, else empty.
+
+    `stop_s` from the first fault to the beginning of the stop [s], None without one; `overspeed` after the first fault
+    over the largest command of the last two seconds [-]; `offset_max` and `offset_end` from the path, without sign [m];
+    `off_s` from the first tick `OFF_M` off the path to the end [s]; `speed_end` [m/s].
+    """
+    faulty = np.flatnonzero(view.chunked("faults_active").whole() > 0)
+    try:
+        state = view.chunked("supervisor_state").whole()
+    except (KeyError, ValueError):  # no such column
+        return {}
+    if not faulty.size:
+        return {}
+    first, stops = int(faulty[0]), np.flatnonzero(state == STOPPING)
+    speed, commanded = (np.abs(view.chunked(name).whole()) for name in ("speed", "speed_ref"))
+    offset = np.abs(view.beside.offset.whole()[first:])
+    off = np.flatnonzero(offset > OFF_M)
+    return {
+        "safety": {
+            "stop_s": float(stops[0] - first) * TICK_S if stops.size else None,
+            "overspeed": float((speed / _recent(commanded))[first:].max()),
+            "offset_max": float(np.nanmax(offset, initial=0.0)),
+            "offset_end": float(offset[-1]),
+            "off_s": float(len(offset) - off[0]) * TICK_S if off.size else 0.0,
+            "speed_end": float(speed[-1]),
+        }
+    }
+
+
+def _recent(commanded: Array) -> Array:
+    """Largest of the commands (ticks,) of the last `MEMORY` ticks, at least `SLOWEST_M_S` [m/s]."""
+    before = np.full(MEMORY - 1, SLOWEST_M_S)
+    found: Array = sliding_window_view(np.concatenate((before, commanded)), MEMORY).max(axis=1)
+    return np.maximum(found, SLOWEST_M_S)

@@ -1,0 +1,57 @@
+"""What a fault led to: time to the stop, distance from the path, speed over command."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.metrics import RunView
+from agrobot_mj.metrics.safety import safety
+from agrobot_mj.paths import Line
+
+
+class Made:
+    """A log of 400 ticks along a line eastwards at 1.2 m/s, with a fault from tick 100 and a stop from tick 200."""
+
+    def __init__(self, **changed):
+        n = 400
+        t, state = TICK_S * np.arange(n), np.where(np.arange(n) < 200, 2.0, 4.0)
+        sound = {"t": t, "x": 1.2 * t, "y": np.zeros(n), "speed": np.full(n, 1.2), "speed_ref": np.full(n, 1.2)}
+        self.columns = {**sound, "supervisor_state": state, "faults_active": (np.arange(n) >= 100) * 1.0, **changed}
+        self.scenario = self
+        self.path = Line(speed_m_s=1.2, ramp_s=0.0)
+
+    def column(self, name):
+        return self.columns[name]
+
+
+def test_a_stop_is_timed_from_the_fault():
+    found = safety(RunView(Made()))["safety"]
+    assert found["stop_s"] == pytest.approx(100 * TICK_S)
+    assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+
+
+def test_without_a_fault_or_a_supervisor_there_is_nothing_to_say():
+    assert safety(RunView(Made(faults_active=np.zeros(400)))) == {}
+    made = Made()
+    del made.columns["supervisor_state"]
+    assert safety(RunView(made)) == {}
+
+
+def test_without_a_stop_there_is_no_time():
+    assert safety(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
+
+
+def test_the_time_off_the_path_begins_at_a_metre_to_either_side():
+    away = -0.02 * np.maximum(np.arange(400) - 250, 0)
+    found = safety(RunView(Made(y=away)))["safety"]
+    assert found["offset_max"] == found["offset_end"] == pytest.approx(2.98)
+    assert found["off_s"] == pytest.approx((400 - 301) * TICK_S, abs=TICK_S)
+
+
+def test_speed_is_compared_with_the_largest_command_of_the_last_two_seconds():
+    speed, command = np.full(400, 1.2), np.full(400, 1.2)
+    command[150:] = 0.6
+    assert safety(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(2.0)
+    speed[189:] = 0.6
+    assert safety(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(1.0)
+    assert safety(RunView(Made(speed=-2.4 * speed)))["safety"]["overspeed"] == pytest.approx(2.4)
