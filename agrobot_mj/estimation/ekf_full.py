@@ -23,6 +23,7 @@ from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevel
 from agrobot_mj.estimation.horizon import Horizon, Present, present
 from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.lever_arm import offset
+from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
 COLUMNS = (
@@ -65,6 +66,9 @@ class EkfFull(StateEstimator):
     """Axis that the gyro is believed to have; one of the `body` is levelled by roll and pitch, with compensation."""
     imu_wander_sigma_deg: NonNegative = 0.2
     """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
+    lean_sigma_deg: NonNegative = 0.2
+    """Believed lean of the tractor on level ground, without compensation [deg]. Estimate: 0.2-0.25 behind a trailer or
+    in ruts."""
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
@@ -91,13 +95,13 @@ class EkfFull(StateEstimator):
     """Sideslip of R per specific side force [deg s2/m]. Estimate: rear mass over cornering stiffness, firm ground."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate: sway."""
-    yaw_walk_deg_rt_s: Positive = 0.05
+    yaw_walk_deg_rt_s: Positive = 0.04
     """Random walk of the heading: sideslip that is not modelled [deg/sqrt(s)]. Estimate."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Estimate (pedal)."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
     """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (steering)."""
-    gyro_bias_walk_deg_s_rt_s: Positive = 0.003
+    gyro_bias_walk_deg_s_rt_s: Positive = 0.002
     """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
     sideslip_walk_deg_rt_s: Positive = 0.1
     """Random walk of the sideslip beyond the modelled one, with two antennas [deg/sqrt(s)]. Estimate, as the bias of
@@ -113,16 +117,20 @@ class EkfFull(StateEstimator):
     turn_offset_m: float = -0.015
     """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate, firm ground:
     the rear tyres' own resistance to turning."""
-    lean_slip_walk_s2_m_rt_s: NonNegative = 0.001
+    lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
     """Random walk of the wheel speed's relative error per specific force of gravity along the ground [s2/m/sqrt(s)].
     Estimate: slip that climb alone does not explain."""
+    unseen_slip_walk_rt_s: NonNegative = 0.008
+    """Random walk of the wheel speed's relative error beside that while there are no fixes, until fixes have shown how
+    calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s; 0 for
+    a tractor without one."""
     slip_s2_m: NonNegative = 0.0175
     """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate, firm ground."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of that slip [s2/m/sqrt(s)]. Estimate: changes with soil and load."""
-    initial_compliance_sigma_deg_s2_m: Positive = 0.15
+    initial_compliance_sigma_deg_s2_m: Positive = 0.12
     """Standard deviation of the compliance at the start [deg s2/m]. Estimate: firm ground to tilled soil."""
-    initial_turn_offset_sigma_m: Positive = 0.05
+    initial_turn_offset_sigma_m: Positive = 0.2
     """Standard deviation of the offset of the turn at the start [m]. Estimate: firm ground; deep ruts have 0.4."""
     initial_slip_sigma_s2_m: Positive = 0.005
     """Standard deviation of the slip on a climb at the start [s2/m]. Estimate: firm ground to tilled soil."""
@@ -181,7 +189,7 @@ class EkfFull(StateEstimator):
                 self.swing_filter_s,
             ),
             cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
-            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)))),
+            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)), slip=WheelSlip(memory=self.unseen_slip_walk_rt_s**2))),
             health=Health(),
         )
 
@@ -208,7 +216,7 @@ class EkfFull(StateEstimator):
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
         """Error at R of a fix by its quality, for an `antenna` of that height [m] with a slow error of its lean."""
-        lean = radians(self.imu_wander_sigma_deg) * antenna if self.terrain_compensation else 0.0
+        lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
         return {
@@ -222,7 +230,7 @@ class EkfFull(StateEstimator):
         roll, pitch = (m.roll, m.pitch) if tilt else (0.0, 0.0)
         leans = state.tilt.after(roll, pitch, dt) if state.tilt else SmoothedTilt(roll, pitch)
         gyro = leans.heading_rate(m.gyro, self.gyro_axes == "body")
-        inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, roll, pitch)
+        inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, leans.roll, leans.pitch, (roll, pitch))
         horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)
         health = state.health.after(horizon.core.nis, horizon.core.accepted_t, dt)
         now = present(horizon, state.filter.levels, inputs.side, dt)
@@ -232,7 +240,7 @@ class EkfFull(StateEstimator):
     def _estimate(
         self, cg: tuple[float, float, float], inputs: Inputs, core: Core, health: Health, now: Present
     ) -> Estimate:
-        east, north = offset(cg, inputs.roll, inputs.pitch, now.heading)
+        east, north = offset(cg, *inputs.lean, now.heading)
         return Estimate(
             x=now.x + east,
             y=now.y + north,

@@ -22,9 +22,11 @@ class Inputs(NamedTuple):
     steer: float
     """Steering angle [rad]."""
     roll: float
-    """Roll, 0 without compensation [rad]."""
+    """Roll without its noise, 0 without compensation [rad]."""
     pitch: float
-    """Pitch, 0 without compensation [rad]."""
+    """Pitch without its noise, 0 without compensation [rad]."""
+    lean: tuple[float, float] = (0.0, 0.0)
+    """Roll and pitch as they are read [rad]."""
 
     @property
     def side(self) -> float:
@@ -91,6 +93,8 @@ class Core(NamedTuple):
     """Whether that has leapt since wheels and fixes last agreed."""
     slip: WheelSlip = WheelSlip()
     """How much the slip of the wheels changes."""
+    cruise: float = 0.0
+    """Speed without the noise of single readings [m/s]."""
     nis: float = float("nan")
     """NIS of the position of the last tick, NaN without a fix."""
 

@@ -18,7 +18,7 @@ search at once, at a standstill too, and from the first one on sideslip and head
 from cmath import exp as turn
 from cmath import phase
 from functools import lru_cache
-from math import hypot, isfinite, radians, sin
+from math import exp, hypot, isfinite, radians, sin
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from agrobot_mj.estimation.full_model import (
     K,
     MeasurementRow,
     N,
+    V,
     course,
     gyro_row,
     heading_row,
@@ -73,6 +74,8 @@ SEARCH_SPEED = 0.1
 """Wheel speed from which on velocities tell the yaw [m/s]. Estimate: three times their noise."""
 SLIPPING_SPEED = 0.3
 """Speed from which on a fix tells the slip of the wheels [m/s]. Estimate: ten times the noise of its velocity."""
+CRUISE_S = 1.0
+"""Time constant of the speed without noise [s]. Estimate: 20 readings, and a start takes two seconds."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
 LEAP_M_S2 = 15.0
@@ -120,6 +123,7 @@ class FullFilter(Workspace, CompiledEkf):
             covariance=self.P,
             lever=self._lever(core, inputs, dt),
             standing=core.standing + 1 if still else 0,
+            cruise=core.cruise + (float(self.x[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
             nis=float("nan"),
         )
         if fix is not None:
@@ -148,7 +152,7 @@ class FullFilter(Workspace, CompiledEkf):
         """Lean of the antenna at the end of a tick."""
         if not self.antenna[2]:
             return None
-        now = offset(self.antenna, inputs.roll, inputs.pitch, float(self.x[PSI]))
+        now = offset(self.antenna, *inputs.lean, float(self.x[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
     def _slip_walk(self, core: Core, inputs: Inputs) -> float:
@@ -157,9 +161,11 @@ class FullFilter(Workspace, CompiledEkf):
 
     def _slip(self, core: Core, inputs: Inputs, fix: Fix | None, dt: float) -> WheelSlip:
         """What the wheels and the fix of R say of the slip."""
-        speed = hypot(fix.vx, fix.vy) if fix is not None else 0.0
-        if speed < SLIPPING_SPEED or core.search is not None or not isfinite(inputs.wheel):
+        if fix is None:
             return core.slip.unseen()
+        speed = hypot(fix.vx, fix.vy)
+        if speed < SLIPPING_SPEED or core.search is not None or not isfinite(inputs.wheel):
+            return WheelSlip(memory=core.slip.memory)
         scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
         variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2
         return core.slip.after(abs(inputs.wheel) / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
@@ -171,14 +177,14 @@ class FullFilter(Workspace, CompiledEkf):
         if isfinite(inputs.gyro):
             rows.append(gyro_row(mean, inputs.gyro, levels))
         if isfinite(inputs.wheel):
-            rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, levels))
+            rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, core.cruise, levels))
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
     def _judge(self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise) -> tuple[Core, list[MeasurementRow]]:
         """Core and rows after a look at the fix of R."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
-        position = position_rows(core.mean, fix, noise)
+        position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
         velocity = velocity_rows(core.mean, fix, self.levels, inputs.side)
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)

@@ -171,19 +171,22 @@ def wheel_scale(mean: Array, pitch: float) -> float:
     return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
 
 
-def wheel_row(mean: Array, wheel: float, pitch: float, levels: FullLevels) -> MeasurementRow:
-    """The wheels' speed along the ground [m/s] on a tractor with this pitch [rad]."""
-    v, scale = float(mean[V]), wheel_scale(mean, pitch)
-    jacobian = {V: scale, K: v / cos(pitch), S: -v * GRAVITY * sin(pitch) / cos(pitch)}
+def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: FullLevels) -> MeasurementRow:
+    """The wheels' speed along the ground [m/s] on a tractor with this pitch [rad].
+
+    The slopes by the scale are those at the speed `cruise` [m/s], which must not share the noise of v: speed and scale
+    are told apart by nothing in a loss of fixes, and slopes that change with every reading would pretend they were.
+    """
+    v, scale, along = float(mean[V]), wheel_scale(mean, pitch), cruise / cos(pitch)
+    jacobian = {V: scale, K: along, S: -along * GRAVITY * sin(pitch)}
     return MeasurementRow(wheel - scale * v, jacobian, levels.wheel_sigma**2)
 
 
 def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
-    """The steering angle [rad] as a statement on the yaw rate."""
+    """The steering angle [rad] as a statement on the yaw rate, not on the speed: front tyres that slip are no speedometer."""
     v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
-    per_speed = tan(delta) / L
-    jacobian = {OMEGA: 1.0, V: -per_speed, B_S: v * (1.0 + tan(delta) ** 2) / L}
-    return MeasurementRow(v * per_speed - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
+    jacobian = {OMEGA: 1.0, B_S: v * (1.0 + tan(delta) ** 2) / L}
+    return MeasurementRow(v * tan(delta) / L - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
 
 
 def standing_rows(mean: Array) -> list[MeasurementRow]:
@@ -194,12 +197,15 @@ def standing_rows(mean: Array) -> list[MeasurementRow]:
     ]
 
 
-def position_rows(mean: Array, fix: Fix, noise: FixNoise) -> list[MeasurementRow]:
-    """Position of a fix at R [m]."""
+def position_rows(
+    mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
+) -> list[MeasurementRow]:
+    """Position of a fix at R, found with the antenna's `lever` about R, east and north [m], which turns with the yaw."""
     s, r = noise.correlated, noise.white**2
+    east, north = lever
     return [
-        MeasurementRow(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s}, r),
-        MeasurementRow(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s}, r),
+        MeasurementRow(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s, PSI: -north}, r),
+        MeasurementRow(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s, PSI: east}, r),
     ]
 
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 RESIDUAL_S = 2.0
 """Time constant of the low pass of the residual [s]. Estimate: 40 fixes, a change of 1 % shows."""
-MEMORY_S = 60.0
-"""Time over which changes of the slip are remembered [s]. Estimate: a few swaths' ends."""
+MEMORY_S = 300.0
+"""Time over which changes of the slip, or that there were none, are remembered [s]. Estimate: a few swaths."""
 SIGNIFICANT = 9.0
 """Square of the residual over its variance from which on it is a change [-]. Estimate: three sigma."""
 
@@ -36,10 +36,10 @@ class WheelSlip(NamedTuple):
         return WheelSlip(low, change, forget * self.memory + (1.0 - forget) * change)
 
     def unseen(self) -> "WheelSlip":
-        """Without a fix: what changes now is not known."""
-        return WheelSlip(memory=self.memory)
+        """Without a fix: as much may change now as did before."""
+        return WheelSlip(change=self.memory, memory=self.memory)
 
     @property
     def walk(self) -> float:
         """Walk of the scale beyond that of firm ground [1/sqrt(s)]."""
-        return sqrt(self.change + self.memory)
+        return sqrt(self.change)

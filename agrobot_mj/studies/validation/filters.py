@@ -63,6 +63,8 @@ class ErrorTrace(NamedTuple):
     """Normalised squared error of the position [-]."""
     heading_nees: Array
     """Squared error of the heading over its stated variance [-]."""
+    sigma: Array
+    """Stated standard deviation of R, both axes together [m]."""
     nis: Array
     """NIS of the position, NaN without a fix [-]."""
     aligned: Array
@@ -122,6 +124,7 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
         yaw_rate=np.array([e.yaw_rate - t.yaw_rate for t, e in zip(truths, estimates, strict=True)]),
         nees=np.array(squares),
         heading_nees=heading**2 / np.array([e.covariance[2, 2] for e in estimates]),
+        sigma=np.sqrt([np.trace(e.covariance[:2, :2]) for e in estimates]),
         nis=np.array([e.nis for e in estimates]),
         aligned=np.array([float(e.aligned) for e in estimates]),
         travelled=np.cumsum(np.hypot(v_x, v_y)),

@@ -1,0 +1,242 @@
+"""Whether `ekf_full` states its own errors where the ground changes, with losses of fixes;
+`python -m agrobot_mj.studies.validation.consistency` prints the tables of docs/estimators.md.
+
+A drive is recorded in a closed loop with LQR. Sensors with other seeds measure it again, without a loss and with two
+losses of each length, whose beginnings the seed draws, so that a pull or a steeper piece may begin inside one. A
+consistent filter has a NEES of 2 for the position and of 1 for the heading; intervals are those of the mean over seeds.
+"""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from math import degrees, radians
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import NOMINAL, Array, Quality
+from agrobot_mj.studies.headline import interval
+from agrobot_mj.studies.validation.filters import (
+    BEGIN_S,
+    FULL,
+    TILT,
+    Day,
+    ErrorTrace,
+    RecordedDrive,
+    follow,
+    nominal,
+    record,
+    rms,
+)
+
+DURATION_S = 110.0
+"""Length of a drive [s]."""
+DRIVES, SEEDS = 5, 20
+"""Recorded drives of a case, and seeds of the sensors over them."""
+LOSSES_S = (4.0, 11.0, 20.0)
+"""Lengths of the losses [s]."""
+LOSS_STARTS_S = ((22.0, 46.0), (66.0, 90.0))
+"""Between which times [s] each of the two losses of a replay begins."""
+SPACING_M, HALF_WIDTH_M = 0.5, 75.0
+"""Spacing of the height maps [m], and half of their width [m]."""
+
+Keys = dict[str, Any]
+
+
+class Case(NamedTuple):
+    """A ground or load on which the filter is judged."""
+
+    name: str
+    """Its name in the table."""
+    scenario: str
+    """Scenario that is driven."""
+    overrides: Callable[[int, Path], Keys]
+    """What differs from the scenario in the drive of a seed; height maps are written into the folder."""
+    estimator: Keys
+    """Estimator that drives and is judged."""
+
+
+def _rising(axis: Array, begin: float, end: float, low_deg: float, high_deg: float) -> Array:
+    """Tangent of a slope that rises from one angle to another between two places of an axis [-]."""
+    return np.asarray(np.tan(np.radians(np.interp(axis, (begin, end), (low_deg, high_deg)))))
+
+
+def _axis() -> Array:
+    return np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + SPACING_M / 2, SPACING_M)
+
+
+def _heights(heights: Array, folder: Path, name: str) -> Keys:
+    """A terrain of these heights."""
+    np.save(folder / name, heights)
+    return {"kind": "heightmap", "file": str(folder / name), "spacing_m": SPACING_M}
+
+
+def contour(seed: int, folder: Path) -> Keys:
+    """Along a contour line whose side slope rises from 12 to 28 deg; at 31 deg the tractor slides off."""
+    axis = _axis()
+    heights = axis[:, None] * _rising(axis, -38.0, 40.0, 12.0, 28.0)[None, :]
+    path = {"kind": "line", "length_m": 140.0, "start_x_m": -68.0}
+    return {"terrain": _heights(heights, folder, "contour.npy"), "path": path}
+
+
+def bowl(seed: int, folder: Path) -> Keys:
+    """A figure eight across a slope that rises from 12 to 20 deg; from 25 deg on its wheels slide."""
+    axis = _axis()
+    grade = _rising(axis, -10.0, 10.0, 12.0, 20.0)
+    profile = np.concatenate([[0.0], np.cumsum((grade[1:] + grade[:-1]) / 2 * SPACING_M)])
+    return {"terrain": _heights(np.repeat(profile[:, None], len(axis), 1), folder, "bowl.npy")}
+
+
+def pulled(seed: int, folder: Path) -> Keys:
+    """Tilled soil, and a pull of 600 to 1500 N that begins and ends once."""
+    rng = np.random.default_rng(seed)
+    start, length, pull = (float(rng.uniform(*span)) for span in ((22.0, 66.0), (25.0, 44.0), (600.0, 1500.0)))
+    fault = {"kind": "drawbar", "pull_n": pull, "noise_share": 0.2, "start_s": start, "end_s": start + length}
+    return {"plant.tyre.kind": "soil", "plant.tyre.cone_index_kpa": 450, "fault": [fault]}
+
+
+CASES = (
+    Case("level", "figure_eight", lambda seed, folder: {}, FULL),
+    Case("side slope of a contour, 12 to 28 deg", "straight_line", contour, {**FULL, **TILT}),
+    Case("figure eight, slope 12 to 20 deg", "figure_eight", bowl, {**FULL, **TILT}),
+    Case("tilled soil, pull", "figure_eight", pulled, FULL),
+    Case("ruts", "figure_eight", lambda seed, folder: {"plant.tyre.kind": "ruts"}, FULL),
+    Case("trailer", "figure_eight", lambda seed, folder: {"implement": {"kind": "drawn"}}, FULL),
+)
+
+
+def drive(case: Case, seed: int, folder: Path, duration: float = DURATION_S) -> RecordedDrive:
+    """The truth of a case driven with a seed; its height map stays in the folder, where replays look for it."""
+    law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
+    return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed}, duration)
+
+
+def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
+    """A day with two losses, and when they end [s]."""
+    rng = np.random.default_rng((seed, round(seconds)))
+    starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
+    lost = NOMINAL._replace(gnss_quality=Quality.NONE)
+
+    def day(t: float) -> Any:
+        return lost if any(start <= t + 1e-6 < start + seconds for start in starts) else NOMINAL
+
+    return day, (starts[0] + seconds, starts[1] + seconds)
+
+
+class Whole(NamedTuple):
+    """A replay without a loss, after `BEGIN_S`."""
+
+    position: float
+    """Error of R, RMS [cm]."""
+    heading: float
+    """Error of the heading, RMS [deg]."""
+    nees: float
+    """Mean NEES of the position [-]."""
+    heading_nees: float
+    """Mean NEES of the heading [-]."""
+    nis: float
+    """Mean NIS of the position [-]."""
+
+
+class End(NamedTuple):
+    """The last tick of a loss."""
+
+    position: float
+    """Error of R [cm]."""
+    stated: float
+    """Its stated standard deviation, both axes together [cm]."""
+    nees: float
+    """NEES of the position [-]."""
+    heading_nees: float
+    """NEES of the heading [-]."""
+
+
+def whole(trace: ErrorTrace) -> Whole:
+    """What a replay without a loss comes to."""
+    counts = trace.t > BEGIN_S
+    return Whole(
+        100 * rms(trace.position[counts]),
+        degrees(rms(trace.heading[counts])),
+        float(np.mean(trace.nees[counts])),
+        float(np.mean(trace.heading_nees[counts])),
+        float(np.nanmean(trace.nis[counts])),
+    )
+
+
+def ends(trace: ErrorTrace, times: Sequence[float]) -> Iterator[End]:
+    """The last ticks of losses that end at these times [s]."""
+    for time in times:
+        k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
+        numbers = (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])
+        yield End(*(float(number) for number in numbers))
+
+
+class Judged(NamedTuple):
+    """A case over all seeds."""
+
+    wholes: list[Whole]
+    """Replays without a loss, one a seed."""
+    losses: dict[float, list[list[End]]]
+    """Ends of the losses of each length [s], those of a seed together."""
+
+
+def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int]) -> Judged:
+    """An estimator on drives, measured with these seeds in turn."""
+    found = Judged([], {seconds: [] for seconds in LOSSES_S})
+    for k, seed in enumerate(seeds):
+        one = drives[k % len(drives)]
+        found.wholes.append(whole(follow(one, estimator, seed, nominal)))
+        for seconds in LOSSES_S:
+            day, times = losses(seed, seconds)
+            found.losses[seconds].append(list(ends(follow(one, estimator, seed, day), times)))
+    return found
+
+
+def _mean(values: Sequence[float]) -> str:
+    """Mean and its interval."""
+    low, high = interval(np.array(values))
+    return f"{np.mean(values):.2f} ({low:.2f}-{high:.2f})"
+
+
+def whole_row(name: str, found: Judged) -> str:
+    """Line of the table of replays without a loss."""
+    position, heading, nees, heading_nees, nis = zip(*found.wholes, strict=True)
+    numbers = (f"{np.mean(position):.2f}", f"{np.mean(heading):.3f}", _mean(nees), _mean(heading_nees))
+    return f"| {name} | {' | '.join(numbers)} | {np.mean(nis):.2f} |\n"
+
+
+def loss_rows(name: str, found: Judged) -> Iterator[str]:
+    """Lines of the table of losses."""
+    for seconds, seeds in found.losses.items():
+        every = np.array([end for some in seeds for end in some])
+        nees, heading_nees = np.array(seeds)[:, :, 2:].mean(axis=1).T
+        numbers = (rms(every[:, 0]), every[:, 0].max(), rms(every[:, 1]))
+        yield (
+            f"| {name} | {seconds:g} s | {' | '.join(f'{v:.1f}' for v in numbers)} | {_mean(nees)} | "
+            f"{_mean(heading_nees)} |\n"
+        )
+
+
+WHOLE_HEADS = ("case", "position [cm]", "heading [deg]", "NEES", "heading NEES", "NIS")
+LOSS_HEADS = ("case", "loss", "rms [cm]", "worst [cm]", "stated [cm]", "NEES", "heading NEES")
+
+
+def main() -> None:
+    """Print the tables."""
+    say = sys.stdout.write
+    say(f"| {' | '.join(WHOLE_HEADS)} |\n| --- |{' ---: |' * (len(WHOLE_HEADS) - 1)}\n")
+    below = []
+    with TemporaryDirectory() as folder:
+        for case in CASES:
+            drives = [drive(case, seed, Path(folder)) for seed in range(1, DRIVES + 1)]
+            found = judged(drives, case.estimator, range(100, 100 + SEEDS))
+            say(whole_row(case.name, found))
+            sys.stdout.flush()
+            below += loss_rows(case.name, found)
+    say(f"\n| {' | '.join(LOSS_HEADS)} |\n| --- | --- |{' ---: |' * (len(LOSS_HEADS) - 2)}\n")
+    say("".join(below))
+
+
+if __name__ == "__main__":
+    main()
