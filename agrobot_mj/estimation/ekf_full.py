@@ -189,7 +189,9 @@ class EkfFull(StateEstimator):
                 self.swing_filter_s,
             ),
             cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
-            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)), slip=WheelSlip(memory=self.unseen_slip_walk_rt_s**2))),
+            horizon=Horizon(
+                Core(mean, np.diag(np.square(sigmas)), slip=WheelSlip(memory=self.unseen_slip_walk_rt_s**2))
+            ),
             health=Health(),
         )
 

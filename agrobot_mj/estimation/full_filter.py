@@ -163,8 +163,7 @@ class FullFilter(Workspace, CompiledEkf):
         """What the wheels and the fix of R say of the slip."""
         if fix is None:
             return core.slip.unseen()
-        speed = hypot(fix.vx, fix.vy)
-        if speed < SLIPPING_SPEED or core.search is not None or not isfinite(inputs.wheel):
+        if (speed := hypot(fix.vx, fix.vy)) < SLIPPING_SPEED or core.search or not isfinite(inputs.wheel):
             return WheelSlip(memory=core.slip.memory)
         scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
         variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2

@@ -183,7 +183,7 @@ def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: Fu
 
 
 def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
-    """The steering angle [rad] as a statement on the yaw rate, not on the speed: front tyres that slip are no speedometer."""
+    """The steering angle [rad] as a statement on the yaw rate; on the speed it is none, since front tyres slip."""
     v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
     jacobian = {OMEGA: 1.0, B_S: v * (1.0 + tan(delta) ** 2) / L}
     return MeasurementRow(v * tan(delta) / L - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
@@ -200,7 +200,7 @@ def standing_rows(mean: Array) -> list[MeasurementRow]:
 def position_rows(
     mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
 ) -> list[MeasurementRow]:
-    """Position of a fix at R, found with the antenna's `lever` about R, east and north [m], which turns with the yaw."""
+    """Position of a fix at R [m], to which the antenna's `lever`, east and north [m], led; it turns with the yaw."""
     s, r = noise.correlated, noise.white**2
     east, north = lever
     return [

@@ -3,7 +3,7 @@
 An implement that goes into the soil changes the slip within a second by ten times what it walks on firm ground. The
 low-passed residual m of the wheel speed against the fixes' speed shows that: what it has beyond its own noise is the
 variance of a walk, m^2 / tau, which counts at once, so that the scale of the wheels follows; its mean over
-`MEMORY_S` is how much the scale is believed to walk while nobody looks.
+`MEMORY_S`, which begins at what is expected of the work, is how much the scale is believed to walk while nobody looks.
 """
 
 from math import exp, sqrt

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.estimation.full_model import C, K, S
 from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.wheel_slip import WheelSlip
-from agrobot_mj.studies.validation.filters import FULL, SLOPE, TILT, follow, loss, record, rms
+from agrobot_mj.studies.validation.consistency import CASES, LOSSES_S, drive, judged, loss_rows, whole_row
+from agrobot_mj.studies.validation.filters import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
 
 LQR = {"guidance": {"kind": "lqr"}, "estimator": FULL}
 DT = 0.05
@@ -38,7 +40,7 @@ def test_steady_slip_is_none_of_its_business_and_a_pull_is_remembered():
     for _ in range(1200):
         slip = slip.after(sqrt(variance) * rng.standard_normal(), variance, 0.0025**2, DT)
     assert slip.walk < 0.001
-    for _ in range(10):
+    for _ in range(40):
         slip = slip.after(0.1, variance, 0.0025**2, DT)
     assert slip.change**0.5 > 0.01
     calm = slip
@@ -48,6 +50,15 @@ def test_steady_slip_is_none_of_its_business_and_a_pull_is_remembered():
     lost = calm.unseen()
     assert 0.001 < lost.walk < 0.05
     assert lost.unseen() == lost
+
+
+def test_ten_minutes_without_a_change_make_a_loss_cheaper():
+    new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
+    for _ in range(12000):
+        slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
+    assert new.walk == slip.walk == 0.0  # fixes show the slip
+    assert new.unseen().walk == pytest.approx(0.008)
+    assert slip.unseen().walk == pytest.approx(0.008 * np.exp(-1.0))
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +85,68 @@ def test_in_ruts_most_of_the_sideslip_is_told_from_heading():
     sideslip = [wrap(atan2(t.rear_velocity[1], t.rear_velocity[0]) - t.yaw) for t in ruts.truths[800:]]
     assert degrees(rms(np.array(sideslip))) > 1.0
     assert rms(follow(ruts, FULL, 724).heading[800:]) < 0.5 * rms(np.array(sideslip))
+
+
+# --- noise must not look like knowledge
+
+
+@pytest.fixture(scope="module")
+def traverse():
+    """A straight line along a side slope of 10 deg, where compliance and heading cannot be told apart."""
+    keys = {**LQR, "terrain": {"kind": "slope", "grade_deg": 10.0}, "estimator": {**FULL, **TILT}, "seed": 73}
+    return record("straight_line", keys, 60.0)
+
+
+def last_core(drive, estimator, seed, day, until):
+    """The filter's beliefs after the readings until a time [s]."""
+    s = drive.scenario.changed({"estimator": estimator})
+    first, sensing = drive.truths[0], s.sensors.init(seed)
+    state = s.estimator.init(first.rear_x, first.rear_y, first.yaw, s.tractor)
+    for truth in drive.truths[: round(until / DT)]:
+        sensing, measured = s.sensors.measure(sensing, truth, day(truth.t), DT)
+        state, _ = s.estimator.update(state, measured, DT)
+    return state.horizon.core
+
+
+def test_noise_of_the_inertial_unit_tells_nothing_of_compliance_and_slip(traverse):
+    """The swing of the antenna that its noise pretends must not be correlated with the side force that it pretends."""
+    cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
+    assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.8, abs=0.05)
+    assert np.mean([core.mean[S] for core in cores]) == pytest.approx(0.0175, abs=0.002)
+
+
+def test_in_a_loss_nothing_tells_the_scale_of_the_wheels():
+    """Neither the noise of their readings nor the steering angle in a bend: the scale stays, and its sigma grows."""
+    level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
+    for seed in (741, 742, 743):
+        known = last_core(level, FULL, seed, nominal, 38.0)
+        lost = last_core(level, FULL, seed, loss(38.0, 20.0), 58.0)
+        assert lost.mean[K] == pytest.approx(known.mean[K], abs=0.003)
+        assert lost.covariance[K, K] ** 0.5 > 0.03
+
+
+# --- whether it states its own errors
+
+
+def test_a_loss_on_tilled_soil_costs_what_it_says(tmp_path):
+    case = next(case for case in CASES if case.name == "tilled soil, pull")
+    found = judged([drive(case, 21, tmp_path)], case.estimator, (721, 722))
+    assert all(0.3 < whole.nees < 5.0 for whole in found.wholes)
+    for seconds in LOSSES_S:
+        squares = [end.nees for some in found.losses[seconds] for end in some]
+        assert np.mean(squares) < 8.0
+    assert "| tilled soil, pull | 11 s |" in "".join(loss_rows(case.name, found))
+    assert whole_row(case.name, found).startswith("| tilled soil, pull | ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_stated_errors_over_twenty_seeds(case, tmp_path):
+    drives = [drive(case, seed, tmp_path) for seed in range(1, 6)]
+    found = judged(drives, case.estimator, range(100, 120))
+    assert 1.3 < np.mean([whole.nees for whole in found.wholes]) < 2.9
+    assert 0.3 < np.mean([whole.heading_nees for whole in found.wholes]) < 2.0
+    for ends in found.losses.values():
+        every = np.array([end for some in ends for end in some])
+        assert every[:, 2].mean() < 4.0
+        assert every[:, 3].mean() < 2.5

@@ -8,7 +8,7 @@ consistent filter has a NEES of 2 for the position and of 1 for the heading; int
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from math import degrees, radians
+from math import degrees
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
