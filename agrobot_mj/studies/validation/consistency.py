@@ -226,7 +226,7 @@ def main() -> None:
     """Print the tables."""
     say = sys.stdout.write
     say(f"| {' | '.join(WHOLE_HEADS)} |\n| --- |{' ---: |' * (len(WHOLE_HEADS) - 1)}\n")
-    below = []
+    below: list[str] = []
     with TemporaryDirectory() as folder:
         for case in CASES:
             drives = [drive(case, seed, Path(folder)) for seed in range(1, DRIVES + 1)]
