@@ -9,7 +9,16 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.estimation.full_model import C, K, S
 from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.wheel_slip import WheelSlip
-from agrobot_mj.studies.validation.consistency import CASES, LOSSES_S, drive, judged, loss_rows, whole_row
+from agrobot_mj.studies.validation.consistency import (
+    CASES,
+    DRIVES,
+    LOSSES_S,
+    SEEDS,
+    drive,
+    judged,
+    loss_rows,
+    whole_row,
+)
 from agrobot_mj.studies.validation.filters import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
 
 LQR = {"guidance": {"kind": "lqr"}, "estimator": FULL}
@@ -142,8 +151,8 @@ def test_a_loss_on_tilled_soil_costs_what_it_says(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_stated_errors_over_twenty_seeds(case, tmp_path):
-    drives = [drive(case, seed, tmp_path) for seed in range(1, 6)]
-    found = judged(drives, case.estimator, range(100, 120))
+    drives = [drive(case, seed, tmp_path) for seed in DRIVES]
+    found = judged(drives, case.estimator, SEEDS)
     assert 1.3 < np.mean([whole.nees for whole in found.wholes]) < 2.9
     assert 0.3 < np.mean([whole.heading_nees for whole in found.wholes]) < 2.0
     for ends in found.losses.values():

@@ -91,7 +91,7 @@ def test_keys_in_degrees_are_radians_inside_and_the_start_is_as_uncertain_as_the
     assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
     assert degrees(levels.sideslip_walk) == pytest.approx(0.1)
     assert degrees(state.horizon.core.mean[C]) == pytest.approx(0.8)
-    walks = (0.003, 0.003, radians(0.05), 0.1, radians(3.0), radians(0.003), radians(0.1), 0.001)
+    walks = (0.003, 0.003, radians(0.04), 0.1, radians(3.0), radians(0.002), radians(0.1), 0.001)
     walks += (radians(0.01), 0.003, 0.0005)
     assert levels.walks == pytest.approx(walks)
 
