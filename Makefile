@@ -92,7 +92,7 @@ soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive ov
 	@$(PY) scripts/soak.py work
 	@$(PY) scripts/soak.py link
 
-figures: $(STAMP) ## Draw the README's results again
+figures: $(STAMP) ## Run the paper's experiment and write its table and figure in docs/results.md
 	@$(PY) scripts/make_figures.py
 
 results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (half an hour)
