@@ -125,12 +125,12 @@ def test_a_tractor_behind_a_dead_pedal_is_stuck():
     assert {watch.trouble(still, 0.0, asked=0.3) for _ in range(300)} == {None, "stuck"}
     watch = Watch(plant)
     assert {watch.trouble(still, 0.0, asked=0.01) for _ in range(300)} == {None}
-    log = run(
-        load_scenario(
-            "straight_line", {"duration_s": 20, "driveline.pedal_rate_per_v_s": 1e-9, "plant.kind": "bicycle"}
-        )
-    )
+    dead = {"duration_s": 20, "driveline.pedal_rate_per_v_s": 1e-9, "plant.kind": "bicycle"}
+    log = run(load_scenario("straight_line", {**dead, "supervisor.enabled": False}))
     assert log.outcome == "stuck"
+    log = run(load_scenario("straight_line", dead))
+    assert log.outcome == "stopped"
+    assert log.metrics["stop_reason"].endswith("off its command")
 
 
 # --- what takes too long ------------------------------------------------------------------------------------------
