@@ -44,7 +44,7 @@ SPACING_M, HALF_WIDTH_M = 0.5, 75.0
 Keys = dict[str, Any]
 
 
-class Case(NamedTuple):
+class GroundCase(NamedTuple):
     """A ground or load on which the filter is judged."""
 
     name: str
@@ -97,16 +97,16 @@ def pulled(seed: int, folder: Path) -> Keys:
 
 
 CASES = (
-    Case("level", "figure_eight", lambda seed, folder: {}, FULL),
-    Case("side slope of a contour, 12 to 28 deg", "straight_line", contour, {**FULL, **TILT}),
-    Case("figure eight, slope 12 to 20 deg", "figure_eight", bowl, {**FULL, **TILT}),
-    Case("tilled soil, pull", "figure_eight", pulled, FULL),
-    Case("ruts", "figure_eight", lambda seed, folder: {"plant.tyre.kind": "ruts"}, FULL),
-    Case("trailer", "figure_eight", lambda seed, folder: {"implement": {"kind": "drawn"}}, FULL),
+    GroundCase("level", "figure_eight", lambda seed, folder: {}, FULL),
+    GroundCase("side slope of a contour, 12 to 28 deg", "straight_line", contour, {**FULL, **TILT}),
+    GroundCase("figure eight, slope 12 to 20 deg", "figure_eight", bowl, {**FULL, **TILT}),
+    GroundCase("tilled soil, pull", "figure_eight", pulled, FULL),
+    GroundCase("ruts", "figure_eight", lambda seed, folder: {"plant.tyre.kind": "ruts"}, FULL),
+    GroundCase("trailer", "figure_eight", lambda seed, folder: {"implement": {"kind": "drawn"}}, FULL),
 )
 
 
-def drive(case: Case, seed: int, folder: Path, duration: float = DURATION_S) -> RecordedDrive:
+def drive(case: GroundCase, seed: int, folder: Path, duration: float = DURATION_S) -> RecordedDrive:
     """The truth of a case driven with a seed; its height map stays in the folder, where replays look for it."""
     law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
     return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed}, duration)
@@ -172,18 +172,18 @@ def ends(trace: ErrorTrace, times: Sequence[float]) -> Iterator[End]:
         yield End(*(float(number) for number in numbers))
 
 
-class Judged(NamedTuple):
+class CaseErrors(NamedTuple):
     """A case over all seeds."""
 
     wholes: list[Whole]
-    """Replays without a loss, one a seed."""
+    """Replays without a loss, one for each seed."""
     losses: dict[float, list[list[End]]]
     """Ends of the losses of each length [s], those of a seed together."""
 
 
-def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int]) -> Judged:
+def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int]) -> CaseErrors:
     """An estimator on drives, measured with these seeds in turn."""
-    found = Judged([], {seconds: [] for seconds in LOSSES_S})
+    found = CaseErrors([], {seconds: [] for seconds in LOSSES_S})
     for k, seed in enumerate(seeds):
         one = drives[k % len(drives)]
         found.wholes.append(whole(follow(one, estimator, seed, nominal)))
@@ -199,14 +199,14 @@ def _mean(values: Sequence[float]) -> str:
     return f"{np.mean(values):.2f} ({low:.2f}-{high:.2f})"
 
 
-def whole_row(name: str, found: Judged) -> str:
+def whole_row(name: str, found: CaseErrors) -> str:
     """Line of the table of replays without a loss."""
     position, heading, nees, heading_nees, nis = zip(*found.wholes, strict=True)
     numbers = (f"{np.mean(position):.2f}", f"{np.mean(heading):.3f}", _mean(nees), _mean(heading_nees))
     return f"| {name} | {' | '.join(numbers)} | {np.mean(nis):.2f} |\n"
 
 
-def loss_rows(name: str, found: Judged) -> Iterator[str]:
+def loss_rows(name: str, found: CaseErrors) -> Iterator[str]:
     """Lines of the table of losses."""
     for seconds, seeds in found.losses.items():
         every = np.array([end for some in seeds for end in some])
