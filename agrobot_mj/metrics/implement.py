@@ -18,6 +18,6 @@ def implement(view: RunView) -> dict[str, Any]:
         "implement_xte_rms": rms(offset),
         "implement_xte_abs_p95": abs_p95(offset),
         "implement_xte_mean": mean(offset),
-        "hitch_angle_abs_p95": abs_p95(view.chunked("hitch_angle")),
-        "hitch_pull_mean": mean(view.chunked("hitch_pull")),
+        "hitch_angle_abs_p95": abs_p95(view.column("hitch_angle")),
+        "hitch_pull_mean": mean(view.column("hitch_pull")),
     }

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from agrobot_mj.core.chunked import Chunked
+from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.base import LEAST, RunView, mean_magnitude
 
 
@@ -11,11 +11,11 @@ def nn_share(view: RunView) -> dict[str, Any]:
 
     None for a turn of fewer than LEAST ticks.
     """
-    kept, learnt = view.chunked("tau_c"), view.chunked("tau_n")
+    kept, learnt = view.column("tau_c"), view.column("tau_n")
     return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
 
-def _share(kept: Chunked, learnt: Chunked) -> float | None:
+def _share(kept: Array, learnt: Array) -> float | None:
     """Share of what was learnt."""
     if len(kept) < LEAST:
         return None

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LEAST, RunView, Values, chunks
+from agrobot_mj.metrics.base import LEAST, RunView
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
@@ -56,10 +56,10 @@ def passes(view: RunView) -> dict[str, Any]:
     """`iso_12188_2_style`: the pass-to-pass accuracy, for paths that have passes."""
     if not isinstance(view.path, Parallel):
         return {}
-    return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.chunked("x"), view.chunked("y"))}
+    return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
 
 
-def pass_to_pass(path: Parallel, time: Values, x: Values, y: Values) -> dict[str, Any]:
+def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
     """The accuracy of a run, ready for JSON, lengths in metres.
 
     `time` says when the reference is beside the CG (`crosstrack.BesidePath.time`), x and y [m] where the CG is, each of
@@ -79,15 +79,15 @@ def pass_to_pass(path: Parallel, time: Values, x: Values, y: Values) -> dict[str
     }
 
 
-def driven(path: Parallel, time: Values, x: Values, y: Values) -> list[Passed]:
+def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
     """Each pass of the path in driving order; arguments as in `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
-    rows = _by_pass(path, time, x, y)
     found = []
-    for k, (start, end) in enumerate(path.passes_s):
-        place = np.concatenate(rows[k], axis=1) - [[origin.x], [origin.y]]
-        rows[k].clear()
+    for start, end in path.passes_s:
+        with np.errstate(invalid="ignore"):
+            rows = np.flatnonzero((time >= start) & (time <= end))
+        place = x[rows] - origin.x, y[rows] - origin.y
         along, left = c * place[0] + s * place[1], -s * place[0] + c * place[1]
         a, b = path.at(start), path.at(end)
         stations_m = [c * (p.x - origin.x) + s * (p.y - origin.y) for p in (a, b)]
@@ -95,18 +95,6 @@ def driven(path: Parallel, time: Values, x: Values, y: Values) -> list[Passed]:
         stations, errors = _interpolated(along, left - line, min(stations_m), max(stations_m))
         direction = 1 if stations_m[1] > stations_m[0] else -1
         found.append(Passed(line, direction, abs(stations_m[1] - stations_m[0]), stations, errors))
-    return found
-
-
-def _by_pass(path: Parallel, time: Values, x: Values, y: Values) -> list[list[Array]]:
-    """East and north of the CG on each pass, in pieces of shape (2, rows) [m]."""
-    found: list[list[Array]] = [[np.empty((2, 0))] for _ in path.passes_s]
-    for t, *place in zip(chunks(time), chunks(x), chunks(y), strict=True):
-        for of_pass, (start, end) in zip(found, path.passes_s, strict=True):
-            with np.errstate(invalid="ignore"):
-                rows = np.flatnonzero((t >= start) & (t <= end))
-            if rows.size:
-                of_pass.append(np.stack([values[rows] for values in place]))
     return found
 
 

@@ -175,9 +175,9 @@ class _Walk:
 
 def _places(view: RunView) -> Iterator[tuple[float, float, float]]:
     """Time [s] and position [m] of the true CG about every STEP_M that it drives, and at the end."""
-    columns = [view.chunked(name) for name in ("t", "x", "y")]
+    columns = [view.column(name) for name in ("t", "x", "y")]
     for first in range(0, len(columns[0]), PIECE):
-        rows = np.column_stack([column[first : first + PIECE].whole() for column in columns])
+        rows = np.column_stack([column[first : first + PIECE] for column in columns])
         rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
         way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
         kept = np.diff(np.floor(way / STEP_M), prepend=-1.0) > 0

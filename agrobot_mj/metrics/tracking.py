@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.chunked import Chunked
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.base import LogLike, RunView, abs_p95, mean, rms, rows_until
 
@@ -22,7 +21,7 @@ COMPLETE = 0.99
 
 def tracking(view: RunView) -> dict[str, Any]:
     """Tracking errors of the complete run, and `per_turn`."""
-    t, ends, found = view.chunked("t")[-1:].whole(), view.path.turns_s, _errors(view, [slice(None), *view.turns])
+    t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
     turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
     return {**found[0], "per_turn": turns}
 
@@ -30,7 +29,7 @@ def tracking(view: RunView) -> dict[str, Any]:
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
     """The tracking errors over the rows with start_s < t <= end_s [s]."""
     view = RunView(log)
-    return _errors(view, [slice(*rows_until(view.chunked("t"), (start_s, end_s)))])[0]
+    return _errors(view, [slice(*rows_until(view.column("t"), (start_s, end_s)))])[0]
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
@@ -43,17 +42,17 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
     return found
 
 
-def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Chunked], float | None]], Chunked]]:
+def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
     """Each column of errors, with the statistics made of it."""
-    lateral: dict[str, Callable[[Chunked], float | None]] = {
+    lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,
         "lateral_abs_p95": abs_p95,
     }
-    yield lateral, view.chunked("e_lateral")
-    yield {"longitudinal_rms": rms}, view.chunked("e_longitudinal")
+    yield lateral, view.column("e_lateral")
+    yield {"longitudinal_rms": rms}, view.column("e_longitudinal")
     yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.beside.offset
-    yield {"yaw_rate_error_rms": rms}, view.chunked("e_yaw_rate")
+    yield {"yaw_rate_error_rms": rms}, view.column("e_yaw_rate")
 
 
 def _covers(t: Array, start: float, end: float) -> bool:

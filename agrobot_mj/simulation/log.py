@@ -1,8 +1,8 @@
 """The record of a run: one row per tick.
 
 `Rows` is filled during the run; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
-that does not exist (no fix, no network) is NaN here and null in the table. Of a long run only the last rows are in
-memory (`spill`), and the table is made piece by piece.
+that does not exist (no fix, no network) is NaN here and null in the table. The rows of a long run lie in a temporary
+file (`long_array`), and the table is made piece by piece.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.core.chunked import Chunked
+from agrobot_mj.core.long_array import PIECE, LongArray
 from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.core.spill import Spilled
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
@@ -23,8 +22,6 @@ from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
 """Rows in a block of a saved log."""
-PIECE = 12_000
-"""Rows of the table that are made at a time, and in a row group of the file: 10 min, 12 MB."""
 
 
 class SavedRows(NamedTuple):
@@ -47,8 +44,8 @@ class Rows:
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.ticks = ticks
-        self.values = Spilled(ticks, (len(self.columns),))
-        self.poses = Spilled(ticks, (bodies, 7))
+        self._values = LongArray(ticks, (len(self.columns),))
+        self._poses = LongArray(ticks, (bodies, 7))
         self.filled = 0
         self._blocks: list[tuple[Array, Array]] = []
         self._wheels = slice(len(COLUMNS), len(COLUMNS) + wheels)
@@ -56,15 +53,33 @@ class Rows:
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
-        at = self.values.room(self.filled)
-        values = self.values.recent[at]
+        self._make_room(self.filled + 1)
+        values = self.values[self.filled]
         values[: len(COLUMNS)] = row
         values[self._wheels] = wheels
         if len(self._reported):
             values[self._reported] = report
-        at = self.poses.room(self.filled)
-        self.poses.recent[at] = poses
+        self.poses[self.filled] = poses
         self.filled += 1
+
+    @property
+    def values(self) -> Array:
+        """The columns, shape (ticks, columns); rows from `filled` on hold any number."""
+        return self._values.numbers
+
+    @property
+    def poses(self) -> Array:
+        """Pose of each body, shape (ticks, bodies, 7); rows from `filled` on hold any number."""
+        return self._poses.numbers
+
+    def _make_room(self, end: int) -> None:
+        for array in (self._values, self._poses):
+            array.make_room(end)
+
+    def release(self) -> None:
+        """Give back the memory of rows that lie in a file."""
+        for array in (self._values, self._poses):
+            array.release()
 
     def save(self) -> SavedRows:
         """The rows so far; copied are only those that no earlier snapshot of this run has."""
@@ -82,24 +97,19 @@ class Rows:
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
         self.filled, self._blocks = min(shared * BLOCK, self.filled), list(saved.blocks)
-        self.values.cut(self.filled)
-        self.poses.cut(self.filled)
         for values, poses in (*saved.blocks[shared:], saved.rest):
             self._extend(values, poses)
 
     def _extend(self, values: Array, poses: Array) -> None:
         """Add rows (n, columns) with their poses (n, bodies, 7)."""
-        self.values.put(self.filled, values)
-        self.poses.put(self.filled, poses)
-        self.filled += len(values)
+        begin, end = self.filled, self.filled + len(values)
+        self._make_room(end)
+        self.values[begin:end], self.poses[begin:end] = values, poses
+        self.filled = end
 
     def column(self, name: str, first: int = 0) -> Array:
         """Column `name` from row `first` to the last row filled, shape (n,); not to be written to."""
         return self.values[first : self.filled, self.columns.index(name)]
-
-    def chunked(self, name: str) -> Chunked:
-        """Column `name` up to the last row filled, read in chunks."""
-        return self.values.chunked(self.columns.index(name), self.filled)
 
 
 @dataclass(frozen=True)
@@ -140,6 +150,7 @@ class Log:
         """`signals` in pieces of PIECE rows, one after the other."""
         for first in range(0, max(self.rows.filled, 1), PIECE):
             yield self._piece(first, min(first + PIECE, self.rows.filled))
+            self.rows.release()
 
     def _piece(self, first: int, end: int) -> pa.Table:
         arrays = [_arrow(self.rows.values[first:end, k].copy()) for k in range(len(self.rows.columns))]
@@ -170,10 +181,6 @@ class Log:
     def column(self, name: str) -> Array:
         """Column `name`, shape (ticks,); raises ValueError for an unknown one."""
         return self.rows.column(name)
-
-    def chunked(self, name: str) -> Chunked:
-        """Column `name`, read in chunks; raises ValueError for an unknown one."""
-        return self.rows.chunked(name)
 
 
 def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:

@@ -11,8 +11,6 @@ import pytest
 
 from agrobot_mj import Simulation
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.metrics import base, metrics
-from agrobot_mj.metrics.crosstrack import BesidePath
 from agrobot_mj.simulation.log import PIECE, Log
 from agrobot_mj.simulation.storage import write_log
 
@@ -44,14 +42,6 @@ def at_most(most):
         assert tracemalloc.get_traced_memory()[1] < most
     finally:
         tracemalloc.stop()
-
-
-def test_metrics_take_less_memory_than_three_columns_of_the_log(log, monkeypatch):
-    """The search for the nearest point of the path, which goes by pieces of its own, is left out."""
-    monkeypatch.setattr(base, "track", lambda path, t, x, y: BesidePath(np.hypot(x, y), t))
-    with at_most(3 * 8 * ROWS):
-        found = metrics(log)
-    assert len(found["per_turn"]) > 200
 
 
 def test_the_table_is_written_with_one_piece_of_it_in_memory(log, tmp_path):

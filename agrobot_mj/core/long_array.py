@@ -1,0 +1,73 @@
+"""Rows of numbers, filled from the front; a long array lies in a temporary file that is mapped into memory.
+
+The file has no name: it is gone with the process, however that ends. It lies in the folder of `tempfile` (TMPDIR),
+column by column, so that one column is read without the others. Room for the next rows is reserved before they are
+written. Where the folder has none, the array moves into memory if it is no larger than MOST_BYTES.
+"""
+
+import errno
+import mmap
+import os
+import sys
+import tempfile
+from math import prod
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+
+PIECE = 12_000
+"""Rows that room is reserved for at a time [-]: ten minutes of 50 ms. An array of so many rows lies in memory."""
+MOST_BYTES = 500_000_000
+"""Largest array that is kept in memory where the disk is full [bytes]: some hours of a run."""
+_TOLD: set[str] = set()
+"""Folders whose lack of room was told."""
+
+
+class LongArray:
+    """An array of shape (rows, *shape); rows not written yet hold any number."""
+
+    def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
+        self.shape, self._room, self._map = (rows, *shape), 0, None
+        self._file = tempfile.TemporaryFile() if rows > PIECE else None  # noqa: SIM115 - lives as long as this
+        if self._file is None:
+            self.numbers: Array = np.zeros(self.shape)
+            self._room = rows
+            return
+        self._file.truncate(8 * prod(self.shape))
+        self._map = mmap.mmap(self._file.fileno(), 0)
+        self.numbers = np.ndarray(self.shape, buffer=self._map, order="F")
+
+    def make_room(self, end: int) -> None:
+        """Reserve room for the rows before `end`. Raises OSError that names the folder if there is none."""
+        while self._room < min(end, len(self.numbers)):
+            self._reserve(min(self._room + PIECE, len(self.numbers)))
+
+    def _reserve(self, end: int) -> None:
+        self.release()
+        rows, begin = len(self.numbers), self._room
+        try:
+            if self._file is not None and hasattr(os, "posix_fallocate"):
+                for column in range(prod(self.shape[1:])):
+                    os.posix_fallocate(self._file.fileno(), 8 * (column * rows + begin), 8 * (end - begin))
+            self._room = end
+        except OSError as error:
+            self._move_to_memory(error)
+
+    def _move_to_memory(self, error: OSError) -> None:
+        folder = tempfile.gettempdir()
+        if self.numbers.nbytes > MOST_BYTES:
+            reason = os.strerror(error.errno or errno.EIO)
+            text = f"{reason}; a run of this length keeps its log there, set TMPDIR to a folder with room"
+            raise OSError(error.errno, text, folder) from error
+        if folder not in _TOLD:
+            _TOLD.add(folder)
+            print(f"{folder}: has no room for the log of a long run, which is kept in memory instead", file=sys.stderr)
+        numbers = np.zeros(self.shape)
+        numbers[: self._room] = self.numbers[: self._room]
+        self.numbers, self._room, self._map, self._file = numbers, len(numbers), None, None
+
+    def release(self) -> None:
+        """Give back the memory of what was read and written; the numbers stay in the file."""
+        if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
+            self._map.madvise(mmap.MADV_DONTNEED)

@@ -1,0 +1,125 @@
+"""Long logs lie in a file, and nobody sees a difference."""
+
+import errno
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.core import long_array
+from agrobot_mj.core.long_array import LongArray
+from agrobot_mj.metrics import metrics
+from agrobot_mj.simulation import log as logs
+from agrobot_mj.simulation.storage import write_log
+
+SCENARIO = ("circle", {"plant.kind": "bicycle", "duration_s": 6.0})
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Room for 24 rows at a time, and a table in pieces of 50 rows."""
+    monkeypatch.setattr(long_array, "PIECE", 24)
+    monkeypatch.setattr(logs, "PIECE", 50)
+
+
+def is_in_file(rows):
+    return rows._values._map is not None
+
+
+def test_rows_are_kept_while_memory_is_released(small):
+    store, truth = LongArray(100, (2, 7)), np.random.default_rng(1).normal(size=(100, 2, 7))
+    for k, row in enumerate(truth):
+        store.make_room(k + 1)
+        store.numbers[k] = row
+        store.release()
+    np.testing.assert_array_equal(store.numbers, truth)
+
+
+def test_a_long_run_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
+    log = run(load_scenario(*SCENARIO))
+    assert is_in_file(log.rows)
+    monkeypatch.undo()
+    plain = run(load_scenario(*SCENARIO))
+    assert not is_in_file(plain.rows)
+    assert log.signals.equals(plain.signals, check_metadata=True)
+    assert log.poses.tobytes() == plain.poses.tobytes()
+    assert metrics(log) == metrics(plain)
+    monkeypatch.setattr(logs, "PIECE", 50)
+    write_log(log, tmp_path / "long")
+    file = pq.ParquetFile(tmp_path / "long" / "signals.parquet")
+    assert file.num_row_groups == 3
+    assert file.read().equals(plain.signals, check_metadata=True)
+
+
+def test_a_run_of_one_piece_is_written_as_a_table(tmp_path):
+    """The bytes of ordinary files do not depend on the way they are written."""
+    log = run(load_scenario(*SCENARIO))
+    write_log(log, tmp_path)
+    pq.write_table(log.signals, tmp_path / "whole.parquet", compression="zstd", use_dictionary=False)
+    assert (tmp_path / "signals.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_states_of_a_long_run_are_restored(small):
+    sim = Simulation(*SCENARIO)
+    sim.reset()
+    states = {}
+    while not sim.done:
+        states[sim.rows.filled] = sim.save()
+        sim.step()
+    expected = sim.rows.values.tobytes(), sim.rows.poses.tobytes()
+    for k in (119, 5, 60, 100, 12, 24, 23, 0):
+        for again in (sim, Simulation(sim.scenario)):
+            again.restore(states[k])
+            assert again.rows.filled == k
+            while not again.done:
+                again.step()
+            assert (again.rows.values.tobytes(), again.rows.poses.tobytes()) == expected
+
+
+@pytest.fixture
+def full_disk(monkeypatch, tmp_path):
+    """A folder of temporary files that takes 48 rows of each column, and nothing more."""
+
+    def fallocate(file, offset, length):
+        rows = 120
+        if offset % (8 * rows) + length > 8 * 48:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(long_array.os, "posix_fallocate", fallocate, raising=False)
+    monkeypatch.setattr(long_array.tempfile, "gettempdir", lambda: str(tmp_path))
+    long_array._TOLD.clear()
+
+
+def test_a_full_disk_costs_memory_and_no_results(small, full_disk, tmp_path, monkeypatch, capsys):
+    log = run(load_scenario(*SCENARIO))
+    assert not is_in_file(log.rows)
+    said = f"{tmp_path}: has no room for the log of a long run, which is kept in memory instead\n"
+    assert capsys.readouterr().err == said
+    monkeypatch.undo()
+    assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
+
+
+def test_a_full_disk_and_a_full_memory_name_the_folder_and_the_remedy(small, full_disk, monkeypatch, tmp_path):
+    monkeypatch.setattr(long_array, "MOST_BYTES", 0)
+    with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
+        run(load_scenario(*SCENARIO))
+    assert (told.value.filename, told.value.errno) == (str(tmp_path), errno.ENOSPC)
+
+
+def test_a_long_log_takes_no_memory_of_its_own():
+    """A day takes what an hour does: address space."""
+    rows = logs.Rows(1_728_000, 24, 13)
+    assert is_in_file(rows)
+    assert rows.values.shape[0] == 1_728_000
+
+
+def test_pieces_of_an_empty_log_are_an_empty_table():
+    rows = logs.Rows(10, 0, 1)
+    log = logs.Log(SimpleNamespace(), rows, SimpleNamespace(), "aborted", 0.0)
+    (piece,) = log.pieces()
+    assert piece.num_rows == 0
+    assert isinstance(piece, pa.Table)
