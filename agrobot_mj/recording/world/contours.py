@@ -4,9 +4,11 @@ They are those of the ground without its relief, so that furrows and bumps do no
 """
 
 from math import floor, log10
+from typing import Any
 
 import numpy as np
 import rerun as rr
+from contourpy import contour_generator
 
 from agrobot_mj.core.signals import Array
 
@@ -28,37 +30,25 @@ def interval(low: float, high: float) -> float | None:
     return next(k * decade for k in (1, 2, 5, 10) if k * decade >= least * (1 - 1e-9))
 
 
-def contours(corners: Array) -> Array:
-    """Pieces of contour lines, (n, 2, 3) [m], of a surface through `corners` (rows, columns, 3)."""
-    step = interval(float(corners[..., 2].min()), float(corners[..., 2].max()))
+def contours(corners: Array) -> list[Array]:
+    """Contour lines of a surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    step = interval(float(z.min()), float(z.max()))
     if step is None:
-        return np.empty((0, 2, 3))
-    a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
-    triangles = np.stack([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)], axis=2).reshape(-1, 3, 3)
-    levels = step * np.arange(np.ceil(corners[..., 2].min() / step), np.floor(corners[..., 2].max() / step) + 1)
-    return np.concatenate([_crossing(triangles, level) for level in levels] or [np.empty((0, 2, 3))])
-
-
-def _crossing(triangles: Array, level: float) -> Array:
-    """Where `triangles` (m, 3, 3) are at the height `level`, (n, 2, 3)."""
-    above = triangles[..., 2] > level
-    count = above.sum(axis=1)
-    crossed = (count == 1) | (count == 2)
-    corners, above = triangles[crossed], above[crossed]
-    # One corner is alone on its side of the level: the line crosses the two edges that meet there.
-    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
-    at = np.arange(len(corners))
-    start = corners[at, alone]
-    ends = np.stack([corners[at, (alone + 1) % 3], corners[at, (alone + 2) % 3]], axis=1)
-    share = (level - start[:, None, 2]) / (ends[..., 2] - start[:, None, 2])
-    found: Array = start[:, None] + share[..., None] * (ends - start[:, None])
-    return found
+        return []
+    levels = step * np.arange(np.ceil(z.min() / step), np.floor(z.max() / step) + 1)
+    lines: list[Any] = contour_generator(x, y, z).multi_lines(levels)
+    return [
+        np.column_stack([line, np.full(len(line), level)])
+        for level, found in zip(levels, lines, strict=True)
+        for line in found
+    ]
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
     """The lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is level."""
-    pieces = contours(corners)
-    if not len(pieces):
+    lines = contours(corners)
+    if not lines:
         return None
-    lifted = pieces + np.array([0.0, 0.0, LIFT_M + lift])
-    return rr.LineStrips3D(lifted.astype(np.float32), colors=COLOUR, radii=WIDTH)
+    above = np.array([0.0, 0.0, LIFT_M + lift])
+    return rr.LineStrips3D([(line + above).astype(np.float32) for line in lines], colors=COLOUR, radii=WIDTH)
