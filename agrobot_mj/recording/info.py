@@ -64,11 +64,6 @@ def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     )
 
 
-def _colour_name(colour: int) -> str:
-    """Name of the colour 0xRRGGBBAA."""
-    return NAMES.get(f"#{colour >> 8:06X}", "")
-
-
 def _page(scenario: Scenario, result: str) -> str:
     s = scenario
     outside = f", a program outside (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
