@@ -263,7 +263,7 @@ def test_a_lane_appears_with_its_column(short, tmp_path):
     rows.columns = (*rows.columns, "link_engaged")
     states = np.zeros(len(rows.values))
     states[100:], states[300:], states[350:] = 1, np.nan, 0
-    rows.values = np.column_stack([rows.values[:], states])
+    rows._values.numbers = np.column_stack([rows.values, states])
     times, labels = replay(short, tmp_path / "with.rrd").column("/states/link", "StateChange:state")
     assert list(times // 50_000_000) == [0, 100, 300, 350]
     assert labels == [["not engaged"], ["engaged"], ["unknown"], ["not engaged"]]
