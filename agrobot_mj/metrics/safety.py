@@ -25,16 +25,16 @@ def safety(view: RunView) -> dict[str, Any]:
     over the largest command of the last two seconds [-]; `offset_max` and `offset_end` from the path, without sign [m];
     `off_s` from the first tick `OFF_M` off the path to the end [s]; `speed_end` [m/s].
     """
-    faulty = np.flatnonzero(view.chunked("faults_active").whole() > 0)
+    faulty = np.flatnonzero(view.column("faults_active") > 0)
     try:
-        state = view.chunked("supervisor_state").whole()
+        state = view.column("supervisor_state")
     except (KeyError, ValueError):  # no such column
         return {}
     if not faulty.size:
         return {}
     first, stops = int(faulty[0]), np.flatnonzero(state == STOPPING)
-    speed, commanded = (np.abs(view.chunked(name).whole()) for name in ("speed", "speed_ref"))
-    offset = np.abs(view.beside.offset.whole()[first:])
+    speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
+    offset = np.abs(view.beside.offset[first:])
     off = np.flatnonzero(offset > OFF_M)
     return {
         "safety": {
