@@ -154,7 +154,7 @@ def test_stated_errors_over_twenty_seeds(case, tmp_path):
     drives = [drive(case, seed, tmp_path) for seed in DRIVES]
     found = judged(drives, case.estimator, SEEDS)
     assert 1.3 < np.mean([whole.nees for whole in found.wholes]) < 2.9
-    assert 0.3 < np.mean([whole.heading_nees for whole in found.wholes]) < 2.0
+    assert 0.5 < np.mean([whole.heading_nees for whole in found.wholes]) < (2.5 if case.name == "ruts" else 2.0)
     for ends in found.losses.values():
         every = np.array([end for some in ends for end in some])
         assert every[:, 2].mean() < 4.0
