@@ -1,5 +1,6 @@
 """`ekf_full` where the ground changes: slopes, ruts, pulls; and its parts that know of them."""
 
+from functools import cache
 from math import atan2, cos, degrees, radians, sin, sqrt
 
 import numpy as np
@@ -148,14 +149,42 @@ def test_a_loss_on_tilled_soil_costs_what_it_says(tmp_path):
     assert whole_row(case.name, found).startswith("| tilled soil, pull | ")
 
 
+MISSES = {"strict": True, "raises": AssertionError}
+RUTS = pytest.mark.xfail(**MISSES, reason="heading NEES is 2.16: ruts hold the tyres before the filter sees it")
+PULL = pytest.mark.xfail(
+    strict=True, reason="NEES after 20 s on pulled soil is 3.45: nothing measures a pull in a loss"
+)
+
+
+def marked(name, mark):
+    """All cases, the one of this name marked as missing its bar."""
+    return [pytest.param(case, marks=mark if case.name == name else (), id=case.name) for case in CASES]
+
+
+@pytest.fixture(scope="module")
+def twenty_seeds(tmp_path_factory):
+    """What the page prints for a case, driven once."""
+    folder = tmp_path_factory.mktemp("drives")
+
+    @cache
+    def found(name):
+        case = next(case for case in CASES if case.name == name)
+        return judged([drive(case, seed, folder) for seed in DRIVES], case.estimator, SEEDS)
+
+    return found
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_stated_errors_over_twenty_seeds(case, tmp_path):
-    drives = [drive(case, seed, tmp_path) for seed in DRIVES]
-    found = judged(drives, case.estimator, SEEDS)
-    assert 1.3 < np.mean([whole.nees for whole in found.wholes]) < 2.9
-    assert 0.5 < np.mean([whole.heading_nees for whole in found.wholes]) < (2.5 if case.name == "ruts" else 2.0)
-    for ends in found.losses.values():
-        every = np.array([end for some in ends for end in some])
-        assert every[:, 2].mean() < 4.0
-        assert every[:, 3].mean() < 2.5
+@pytest.mark.parametrize("case", marked("ruts", RUTS))
+def test_stated_errors_cover_without_a_loss(case, twenty_seeds):
+    wholes = twenty_seeds(case.name).wholes
+    assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
+    assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", marked("tilled soil, pull", PULL))
+def test_stated_errors_are_not_too_small_after_a_loss(case, twenty_seeds):
+    """Only the upper bar of the position: where nothing changes the stated error is too large, as the page says."""
+    for ends in twenty_seeds(case.name).losses.values():
+        assert np.mean([end.nees for some in ends for end in some]) < 2.9
