@@ -6,11 +6,11 @@ knows beforehand (`feedforward`).
 
 from collections.abc import Sequence
 from math import isfinite, nan
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
 from agrobot_mj.control.pid import clip
-from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
+from agrobot_mj.control.speed_network import SpeedNetworkState
 from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.signals import Column, Command
 
@@ -19,36 +19,6 @@ SPEED_COLUMNS = (
     Column("speed_tau_n", "m/s", "output of the network on the speed; the speed command is raised by tau_c - tau_n"),
 )
 """Signals of the second network, where there is one."""
-
-
-class OuterLaw(Protocol):
-    """The outer part of a cascade."""
-
-    @property
-    def speed_network(self) -> SpeedNetwork | None:
-        """The second network, on the speed."""
-        ...
-
-    def setpoints(self, situation: Situation) -> tuple[float, float]:
-        """Speed [m/s] and yaw-rate [rad/s] references."""
-        ...
-
-    def feedforward(self, situation: Situation) -> float:
-        """Steering angle that the path asks for by itself [rad]."""
-        ...
-
-    def gain_scale(self, situation: Situation) -> float:
-        """Factor on the yaw-rate error, so that the loop has the same gain at any speed and wheelbase [-]."""
-        ...
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Signals of the law itself."""
-        ...
-
-    def report(self, state: "CascadeState") -> Sequence[float]:
-        """Values of `columns`."""
-        ...
 
 
 class CascadeState(NamedTuple):
@@ -73,7 +43,7 @@ class Cascade(Guidance):
 
     kind: str = "cascade"
     law: Any
-    """The outer law, which is an `OuterLaw`."""
+    """The outer law, a `kinematic.CascadeLaw`."""
     controller: YawController
     """The yaw controller."""
 
