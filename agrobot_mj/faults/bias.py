@@ -1,7 +1,7 @@
 """Readings with an offset: a slipped clamp, a bent linkage, a drifting supply; at once or growing evenly."""
 
 from math import radians
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,7 +13,6 @@ from agrobot_mj.faults.line import LineFault
 class Bias(LineFault):
     """A constant error of a reading; a kind has the key of its offset, in its unit."""
 
-    line: ClassVar[str]
     ramp_s: NonNegative = 0.0
     """Time in which it grows linearly from zero, 0 for at once [s]."""
 
@@ -24,14 +23,13 @@ class Bias(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Shift the reading."""
-        offset = getattr(conditions, self.line).offset + self.offset * self.grown(t, self.ramp_s)
+        offset = self.distortion(conditions).offset + self.offset * self.grown(t, self.ramp_s)
         return None, self.distorted(conditions, offset=offset)
 
 
 class SteeringPotBias(Bias):
     """The steering angle reads too far to one side."""
 
-    line = "steering_pot"
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
     """Offset of the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
@@ -45,7 +43,6 @@ class SteeringPotBias(Bias):
 class PedalPotBias(Bias):
     """The pedal position reads too far forward."""
 
-    line = "pedal_pot"
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
     """Offset of the reading, forward positive [-]. Estimate (0.05-0.2: a clamp that has slipped)."""
@@ -59,7 +56,6 @@ class PedalPotBias(Bias):
 class GyroBias(Bias):
     """The gyro reads a turn that is not there."""
 
-    line = "gyro"
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
     """Offset of the reading, left positive [deg/s]. Estimate (2-20: a shock, a supply that drops)."""
@@ -73,7 +69,6 @@ class GyroBias(Bias):
 class HeadingBias(Bias):
     """The heading from two antennas is turned: ambiguities fixed to wrong integers, an antenna that was hit."""
 
-    line = "heading"
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
     """Offset of the heading, left positive [deg]. Estimate (5-180: a wavelength over the baseline is 11 deg)."""

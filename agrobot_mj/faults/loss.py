@@ -1,6 +1,6 @@
 """Readings that do not arrive: a cut wire, a sensor without power."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from agrobot_mj.core.signals import Conditions
 from agrobot_mj.faults.line import LineFault
@@ -8,8 +8,6 @@ from agrobot_mj.faults.line import LineFault
 
 class Lost(LineFault):
     """A reading that is missing, which the tractor's computer notices."""
-
-    line: ClassVar[str]
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Withhold the reading."""
@@ -19,19 +17,16 @@ class Lost(LineFault):
 class HeadingLoss(Lost):
     """The receiver has no heading from its two antennas, while its position is sound."""
 
-    line = "heading"
     kind: Literal["heading_loss"] = "heading_loss"
 
 
 class GyroLoss(Lost):
     """The gyro is silent."""
 
-    line = "gyro"
     kind: Literal["gyro_loss"] = "gyro_loss"
 
 
 class WheelSpeedLoss(Lost):
     """The wheel speed sensor is silent."""
 
-    line = "wheel_speed"
     kind: Literal["wheel_speed_loss"] = "wheel_speed_loss"

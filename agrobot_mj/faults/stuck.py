@@ -3,7 +3,7 @@
 A valve whose line is stuck holds its spool: at its last voltage, or with `value = "zero"` at neutral, which is dead.
 """
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from agrobot_mj.core.signals import Conditions
 from agrobot_mj.faults.line import LineFault
@@ -12,7 +12,6 @@ from agrobot_mj.faults.line import LineFault
 class Stuck(LineFault):
     """A signal that stays as it was before the window; from the start of a run, at its first value."""
 
-    line: ClassVar[str]
     value: Literal["last", "zero"] = "last"
     """Value that it keeps: the `last` one, or `zero`."""
 
@@ -24,47 +23,40 @@ class Stuck(LineFault):
 class SteeringPotStuck(Stuck):
     """The steering angle's reading stays."""
 
-    line = "steering_pot"
     kind: Literal["steering_pot_stuck"] = "steering_pot_stuck"
 
 
 class PedalPotStuck(Stuck):
     """The pedal position's reading stays."""
 
-    line = "pedal_pot"
     kind: Literal["pedal_pot_stuck"] = "pedal_pot_stuck"
 
 
 class GyroStuck(Stuck):
     """The gyro's reading stays."""
 
-    line = "gyro"
     kind: Literal["gyro_stuck"] = "gyro_stuck"
 
 
 class WheelSpeedStuck(Stuck):
     """The wheel speed's reading stays."""
 
-    line = "wheel_speed"
     kind: Literal["wheel_speed_stuck"] = "wheel_speed_stuck"
 
 
 class HeadingStuck(Stuck):
     """The heading from two antennas stays."""
 
-    line = "heading"
     kind: Literal["heading_stuck"] = "heading_stuck"
 
 
 class ValveStuck(Stuck):
     """The spool of the steering valve stays."""
 
-    line = "valve"
     kind: Literal["valve_stuck"] = "valve_stuck"
 
 
 class PedalValveStuck(Stuck):
     """The spool of the pedal valve stays."""
 
-    line = "pedal_valve"
     kind: Literal["pedal_valve_stuck"] = "pedal_valve_stuck"
