@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from blocks import put
 
 from agrobot_mj.core.version import __version__
+from agrobot_mj.metrics.safety import OFF_M
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 ROOT = Path(__file__).parent.parent
@@ -19,8 +20,8 @@ PAGE, RUNS = ROOT / "docs" / "safety.md", ROOT / "runs" / "safety"
 HEAD = (
     "| failure | runs | stopped | after [s] | off the path at the end [m] | largest [m] | speed over command | reason |"
 )
-FASTEST, OFF_M, LATE_S, FAR_M = 1.5, 1.0, 5.0, 2.0
-"""Bars: speed over command [-]; a tractor so far off its path [m] stands within this time [s] or distance [m]."""
+FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
+"""Bars: speed over command [-]; a tractor `OFF_M` off its path stands within this time [s] or distance [m]."""
 
 Row = dict[str, Any]
 

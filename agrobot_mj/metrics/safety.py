@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from agrobot_mj.control.supervisor import Mode
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.metrics.base import RunView
 
-STOPPING = 4
-"""Value of `supervisor_state` during a stop."""
 OFF_M = 1.0
 """Distance from which the tractor counts as off its path [m]."""
 SLOWEST_M_S = 0.5
@@ -32,7 +31,7 @@ def safety(view: RunView) -> dict[str, Any]:
         return {}
     if not faulty.size:
         return {}
-    first, stops = int(faulty[0]), np.flatnonzero(state == STOPPING)
+    first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
     speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
     offset = np.abs(view.beside.offset[first:])
     off = np.flatnonzero(offset > OFF_M)
