@@ -11,6 +11,7 @@ import os
 import sys
 import tempfile
 from math import prod
+from typing import Any
 
 import numpy as np
 
@@ -25,18 +26,23 @@ _TOLD: set[str] = set()
 
 
 class LongArray:
-    """An array of shape (rows, *shape); rows not written yet hold any number."""
+    """An array of shape (rows, *shape); rows not written yet hold any number. Raises as `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
-        self.shape, self._room, self._map = (rows, *shape), 0, None
-        self._file = tempfile.TemporaryFile() if rows > PIECE else None  # noqa: SIM115 - lives as long as this
-        if self._file is None:
-            self.numbers: Array = np.zeros(self.shape)
-            self._room = rows
-            return
-        self._file.truncate(8 * prod(self.shape))
+        self._file: Any = None
+        self._map: mmap.mmap | None = None
+        try:
+            self.numbers = self._mapped((rows, *shape)) if rows > PIECE else np.zeros((rows, *shape))
+        except OSError as error:
+            self.numbers = _in_memory_instead((rows, *shape), error)
+        self._room = rows if self._map is None else 0
+
+    def _mapped(self, shape: tuple[int, ...]) -> Array:
+        """The numbers of a new file."""
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as this
+        self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
-        self.numbers = np.ndarray(self.shape, buffer=self._map, order="F")
+        return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
         """Reserve room for the rows before `end`. Raises OSError that names the folder if there is none."""
@@ -45,29 +51,31 @@ class LongArray:
 
     def _reserve(self, end: int) -> None:
         self.release()
-        rows, begin = len(self.numbers), self._room
+        (rows, *rest), begin = self.numbers.shape, self._room
         try:
-            if self._file is not None and hasattr(os, "posix_fallocate"):
-                for column in range(prod(self.shape[1:])):
+            if hasattr(os, "posix_fallocate"):
+                for column in range(prod(rest)):
                     os.posix_fallocate(self._file.fileno(), 8 * (column * rows + begin), 8 * (end - begin))
             self._room = end
         except OSError as error:
-            self._move_to_memory(error)
-
-    def _move_to_memory(self, error: OSError) -> None:
-        folder = tempfile.gettempdir()
-        if self.numbers.nbytes > MOST_BYTES:
-            reason = os.strerror(error.errno or errno.EIO)
-            text = f"{reason}; a run of this length keeps its log there, set TMPDIR to a folder with room"
-            raise OSError(error.errno, text, folder) from error
-        if folder not in _TOLD:
-            _TOLD.add(folder)
-            print(f"{folder}: has no room for the log of a long run, which is kept in memory instead", file=sys.stderr)
-        numbers = np.zeros(self.shape)
-        numbers[: self._room] = self.numbers[: self._room]
-        self.numbers, self._room, self._map, self._file = numbers, len(numbers), None, None
+            numbers = _in_memory_instead(self.numbers.shape, error)
+            numbers[:begin] = self.numbers[:begin]
+            self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
         """Give back the memory of what was read and written; the numbers stay in the file."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
+
+
+def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
+    """An array for which the disk has no room, said once for each folder. Raises OSError that names the folder."""
+    folder = tempfile.gettempdir()
+    if 8 * prod(shape) > MOST_BYTES:
+        reason = os.strerror(error.errno or errno.EIO)
+        text = f"{reason}; a run of this length keeps its log there, set TMPDIR to a folder with room"
+        raise OSError(error.errno, text, folder) from error
+    if folder not in _TOLD:
+        _TOLD.add(folder)
+        print(f"{folder}: has no room for the log of a long run, which is kept in memory instead", file=sys.stderr)
+    return np.zeros(shape)

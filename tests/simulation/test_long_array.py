@@ -103,6 +103,19 @@ def test_a_full_disk_costs_memory_and_no_results(small, full_disk, tmp_path, mon
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
+def test_a_disk_that_takes_no_file_of_that_size_costs_memory_and_no_results(small, tmp_path, monkeypatch, capsys):
+    def refused():
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+
+    monkeypatch.setattr(long_array.tempfile, "TemporaryFile", refused)
+    monkeypatch.setattr(long_array, "_TOLD", set())
+    log = run(load_scenario(*SCENARIO))
+    assert not is_in_file(log.rows)
+    assert capsys.readouterr().err.endswith("is kept in memory instead\n")
+    monkeypatch.undo()
+    assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
+
+
 def test_a_full_disk_and_a_full_memory_name_the_folder_and_the_remedy(small, full_disk, monkeypatch, tmp_path):
     monkeypatch.setattr(long_array, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
