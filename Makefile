@@ -28,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: attack bench check coverage demo demo-link dist-check docs explore figures help install learning library lock mutate performance plain reference results ros safety slow snapshots soak test third-party validate verdict
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs explore figures gains help install learning library lock mutate performance plain reference results ros safety slow snapshots soak test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -103,6 +103,12 @@ verdict: $(STAMP) ## Run what docs/verdict.md lacks (an hour or two), and write 
 
 learning: $(STAMP) ## Run the study of docs/learning.md, which takes hours, and write its tables and figures
 	@$(PY) scripts/make_learning.py
+
+gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/guidance.md's table (an hour)
+	@$(PY) scripts/make_gains.py
+
+acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
+	@$(PY) scripts/make_acquisition.py
 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour), and write the tables of docs/safety.md
 	@$(PY) scripts/make_safety.py

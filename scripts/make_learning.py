@@ -34,12 +34,15 @@ LEARNER = {"guidance.kind": "learned_feedforward", **P}
 LAWS: dict[str, dict[str, Any]] = {
     "PI": {"controller.kind": "pi"},
     "P + feed-forward": {**P, "guidance.kind": "feedforward"},
+    "PI + feed-forward": {"controller.kind": "pi", "guidance.kind": "feedforward"},
     "LQR": {"guidance.kind": "lqr"},
+    "nmpc": {"guidance.kind": "nmpc"},
     "learner + P": LEARNER,
     "learner + LQR": {**LEARNER, "guidance.inner.kind": "lqr"},
     "learner + P, type 1": {**LEARNER, "guidance.network.uncertainty": 0.0},
 }
-BASELINES = ("PI", "P + feed-forward", "LQR")
+BASELINES = ("PI + feed-forward", "LQR", "nmpc")
+"""The best laws that do not learn, with the gains of the search for all laws."""
 SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "figure eight": ("figure_eight", BICYCLE),
     # The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.

@@ -11,6 +11,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
 from agrobot_mj.studies.limit.question import MOST_CONFIDENT, Question, check
 from agrobot_mj.studies.tune import check_size, tune
+from agrobot_mj.studies.tuning_cases import read_tuning
 
 
 def real_options():
@@ -66,11 +67,11 @@ def test_a_limit_is_asked_with_numbers_that_can_be_answered(odd, monkeypatch):
 def test_a_search_too_large_is_refused_before_its_cases_are_built(budget, seeds, monkeypatch):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
     with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
-        tune(load_scenario("straight_line", {"guidance.kind": "stanley"}), budget, seeds)
+        tune(load_scenario("straight_line", {"guidance.kind": "stanley"}), read_tuning("surfaces"), budget, seeds)
 
 
 def test_a_search_of_ordinary_size_is_none_too_large():
-    check_size(64, 20)
+    check_size(read_tuning("surfaces"), 64, 20)
 
 
 def test_a_shard_of_too_many_digits_is_told(call):

@@ -60,8 +60,14 @@ def validate(
 def tune(
     source: Source,
     guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
-    budget: Annotated[int, typer.Option(min=8, help="Evaluations of the objective, the same for every law.")] = 64,
-    seeds: Annotated[int, typer.Option(min=1, help="Seeds of each surface and speed.")] = 2,
+    cases: Annotated[
+        str,
+        typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file."),
+    ] = "surfaces",
+    budget: Annotated[
+        int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")
+    ] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds of each case; as TUNING says by default.")] = None,
     jobs: Annotated[int, typer.Option(min=1, max=1000, help="Processes.")] = 1,
     sets: Sets = None,
     plugins: Plugins = None,
@@ -70,26 +76,30 @@ def tune(
 ) -> None:
     """Search the gains of a guidance law.
 
-    They are judged on other surfaces and seeds; tuning.json says how they came about.
+    They are judged on other cases and seeds; tuning.json says how they came about.
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
     from agrobot_mj.simulation.storage import claimed
     from agrobot_mj.studies.tune import tune as search
-    from agrobot_mj.studies.tune import tuning_cases, write_tuning
+    from agrobot_mj.studies.tune import write_tuning
+    from agrobot_mj.studies.tuning_cases import read_tuning, tuning_cases
 
     load_plugins(plugins)
     kind = {} if guidance is None else {"guidance.kind": guidance}
     scenario = load_scenario(source, {**kind, **overrides(sets)})
+    file = read_tuning(cases)
     folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
-    tell_doubts((case.scenario for part in ("training", "test") for case in tuning_cases(scenario, part, 1)), quiet)
+    parts = ("training", "test")
+    tell_doubts((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
+    evaluations = budget or file.budget
     with claimed(folder, ("tuning.json",)), interruptible():
-        with task(f"{scenario.guidance.kind}: {budget} evaluations", budget) as advance:
-            found = search(scenario, budget, seeds, jobs, lambda evaluations: [advance() for _ in range(evaluations)])
+        with task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
+            found = search(scenario, file, budget, seeds, jobs, done=lambda n: [advance() for _ in range(n)])
         path = write_tuning(found, folder)
     if not quiet:
-        for part in ("training", "test"):
-            now, before = (_score(found.provenance[part], name) for name in ("score", "score_of_defaults"))
+        for part in parts:
+            now, before = (_score(found.provenance[part], name) for name in ("score", "score_before"))
             say(f"{part}: {now}, before {before}")
         say(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
         say(path)

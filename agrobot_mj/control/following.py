@@ -30,6 +30,8 @@ ASTRAY_M, ASTRAY = 0.3, radians(20.0)
 """Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
 TURNING_S = 1.0
 """Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
+SWING = radians(6.0)
+"""Turn of the heading beyond which it waits for wheels that are still turning to their command. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 
@@ -75,7 +77,7 @@ class Following(Guidance):
             beside.steer_ahead,
             beside.bias,
         )
-        return state, Command(steer, self._speed(beside, situation))
+        return state, Command(steer, self._speed(beside, situation, steer))
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
         """Command without its feed-forward and the correction of the steering bias [rad]."""
@@ -116,7 +118,7 @@ class Following(Guidance):
             limit=limit,
         )
 
-    def _speed(self, beside: "Beside", situation: Situation) -> float:
+    def _speed(self, beside: "Beside", situation: Situation, steer: float) -> float:
         """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction.
 
         It catches up only near the path: haste makes the rate of the steering a limit on the way back.
@@ -126,7 +128,9 @@ class Following(Guidance):
         astray = max(abs(beside.cross_track) / ASTRAY_M, abs(beside.heading) / ASTRAY)
         ahead = k_s * tanh(k_e * lead) * beside.direction
         pace = beside.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
-        return beside.direction * clip(pace, 0.0, self._approach_speed(beside, situation))
+        return beside.direction * clip(
+            pace, 0.0, min(self._approach_speed(beside, situation), _swing(situation, steer))
+        )
 
     def _approach_speed(self, beside: "Beside", situation: Situation) -> float:
         """Largest speed [m/s] at which it can still turn onto a path that it heads for at a steep angle theta.
@@ -223,6 +227,16 @@ def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float],
     ways = (clip(s - direction * lag * length, low, high) for lag in LAGS)
     curvature = sum(route.ahead(way).curvature for way in ways) / len(LAGS)
     return asin(clip(length * curvature, -0.95, 0.95))
+
+
+def _swing(situation: Situation, steer: float) -> float:
+    """Largest speed [m/s] at which the heading turns by no more than SWING until the wheels are at the angle `steer`.
+
+    With wheels that turn evenly through the difference d in the time T:  u d T / (2 L) = SWING.
+    """
+    machine, d = situation.machine, abs(steer - situation.steer)
+    T = TURNING_S * d / machine.steer_limit
+    return max(2.0 * machine.wheelbase_m * SWING / max(d * T, 1e-6), SLOWEST_M_S)
 
 
 def _distance_at(route: Route, leg: tuple[float, float], t: float) -> float:

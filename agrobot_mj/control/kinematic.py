@@ -13,7 +13,7 @@ arc or on a slope unless the yaw controller integrates.
 """
 
 from math import cos, sin, tanh
-from typing import Literal
+from typing import ClassVar, Literal
 
 from agrobot_mj.control.base import Guidance, Situation, YawController
 from agrobot_mj.control.cascade import Cascade
@@ -30,11 +30,13 @@ class CascadeLaw(Guidance):
     """Saturation k_s, the largest velocity spent on closing an error, per axis [m/s]. Estimate."""
     gain_per_m: Positive = 0.4
     """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate."""
-    scheduled_above_m_s: Positive | None = 1.5
+    scheduled_above_m_s: Positive | None = None
     """Speed up to which the gains of the yaw controller hold; beyond it they fall as its inverse, since the yaw rate
-    answers the steering by u / L. Null: the same at any speed, as in the paper [m/s]. Estimate: above the paper's."""
+    answers the steering by u / L [m/s]. 1.5 with tuned gains; the same at any speed when null, as in the paper."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
+    tunable: ClassVar = {"gain_per_m": (0.1, 1.5)}
+    """Ranges in which the gains are sought."""
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""

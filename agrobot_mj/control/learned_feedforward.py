@@ -13,7 +13,7 @@ cannot know what its inputs do not carry: a side slope without an inertial unit,
 
 from collections.abc import Sequence
 from math import isnan, radians, sqrt
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -65,6 +65,8 @@ class LearnedFeedforward(Guidance):
     max_steer_lag_deg: Positive = 6.0
     """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate: more
     than the angle loop leaves on an arc; while the valve slews, the feedback says nothing of the map."""
+    tunable: ClassVar = {"network.eta": (0.02, 1.0)}
+    """Ranges in which the gains are sought, beside those of the yaw controller."""
 
     def init(self) -> LearnedState:
         """Nothing learnt."""
@@ -105,8 +107,9 @@ class LearnedFeedforward(Guidance):
         return state.feedback
 
     def using(self, controller: YawController) -> Guidance:
-        """With the yaw controller inside the inner law."""
-        return self.model_copy(update={"inner": self.inner.using(controller)})
+        """With the yaw controller inside the inner law, where that takes one."""
+        inner = self.inner.using(controller)
+        return self if inner is self.inner else self.model_copy(update={"inner": inner})
 
     @property
     def follows_path(self) -> bool:

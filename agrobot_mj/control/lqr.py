@@ -63,15 +63,15 @@ class Lqr(Following):
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
     steering_delay_s: Latency = 0.1
     """T, delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
-    offset_m: Positive = 0.2
+    offset_m: Positive = 0.17
     """Cross-track error that costs 1 [m]. Estimate."""
-    heading_deg: Positive = 6.0
+    heading_deg: Positive = 3.1
     """Heading error that costs 1 [deg]. Estimate."""
-    rate_deg_s: Positive = 10.0
+    rate_deg_s: Positive = 7.5
     """Steering rate that costs 1 [deg/s]. Estimate."""
     steer_deg: Positive = 6.0
     """Steering angle beside the feed-forward that costs 1 [deg]. Estimate."""
-    integral_m_s: Positive | None = 1.5
+    integral_m_s: Positive | None = 1.9
     """Integral of the cross-track error that costs 1 [m s]; none at all when null. Estimate."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Largest angle of the integral [deg]. Estimate: holds a side slope of 20 deg."""

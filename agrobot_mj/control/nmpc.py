@@ -61,11 +61,11 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
-    offset_m: Positive = 0.1
+    offset_m: Positive = 0.12
     """Cross-track error that costs 1 [m]. Estimate."""
-    heading_deg: Positive = 4.0
+    heading_deg: Positive = 3.1
     """Course error that costs 1 [deg]. Estimate."""
-    rate_deg_s: Positive = 15.0
+    rate_deg_s: Positive = 28.0
     """Steering rate that costs 1 [deg/s]. Estimate."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""

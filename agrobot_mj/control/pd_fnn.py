@@ -6,7 +6,7 @@ the network are the yaw-rate error [rad/s] and its filtered derivative [rad/s2].
 
 from collections.abc import Sequence
 from math import nan
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.pd import Conventional
@@ -35,6 +35,8 @@ class PdNetwork(Conventional):
     """Network and its learning laws."""
     anti_windup: bool = False
     """Whether learning stops while the steering command is clipped; off as in the paper [-]."""
+    tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
+    """Ranges in which the gains are sought."""
 
     def init(self) -> NeuroState:
         """State at rest."""

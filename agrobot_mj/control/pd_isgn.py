@@ -3,7 +3,7 @@
 u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c): what a network whose normalised firing is constant does.
 """
 
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.pd import Conventional
@@ -29,6 +29,8 @@ class PdIsgn(Conventional):
     """Rate of the integral [rad/s]. Estimate, that of `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
+    tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
+    """Ranges in which the gains are sought."""
 
     def init(self) -> IntegralState:
         """State at rest."""

@@ -26,11 +26,11 @@ class Stanley(Following):
     """Stanley's law at the front axle; in reverse at the rear axle."""
 
     kind: Literal["stanley"] = "stanley"
-    gain_per_s: Positive = 0.5
+    gain_per_s: Positive = 0.66
     """k, speed towards the path per offset [1/s]. Estimate: below 1 / (4 lags) of the steering."""
-    softening_m_s: NonNegative = 0.2
+    softening_m_s: NonNegative = 0.89
     """u_0, keeps the law calm at low speed [m/s]. Estimate."""
-    yaw_damping_s: NonNegative = 0.4
+    yaw_damping_s: NonNegative = 0.51
     """k_d, steering angle per yaw rate beside that of the path, forward [s]. Estimate: the lag of the steering."""
     reverse_heading_gain: Positive = 1.5
     """h, steering angle per heading error in reverse [-]. Estimate: damping 1 at 1 m/s."""

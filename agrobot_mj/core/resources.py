@@ -37,3 +37,8 @@ def scenario_files() -> dict[str, Path]:
 def sweep_files() -> dict[str, Path]:
     """Name to file of every sweep that comes with the package."""
     return {path.stem: path for path in sorted((SCENARIOS / "sweeps").glob("*.toml"))}
+
+
+def tuning_files() -> dict[str, Path]:
+    """Name to file of every tuning that comes with the package."""
+    return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}

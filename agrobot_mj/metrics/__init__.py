@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from agrobot_mj.metrics.acquisition import acquisition
 from agrobot_mj.metrics.base import LogLike, RunView
 from agrobot_mj.metrics.consistency import consistency, saturation
 from agrobot_mj.metrics.implement import implement
@@ -14,6 +15,7 @@ from agrobot_mj.metrics.tracking import errors, tracking
 METRICS = (
     progress,
     tracking,
+    acquisition,
     nn_share,
     consistency,
     saturation,

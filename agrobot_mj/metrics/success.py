@@ -14,7 +14,10 @@ from typing import Any
 
 COMPLETED = "completed"
 """Outcome of a run that drove its path to the end."""
-ERRORS = ("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style")
+ERRORS = (
+    *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
+    "acquisition",
+)
 """First letters of the names of tracking errors."""
 MOST_REASONS = 3
 """Reasons that a text lists."""

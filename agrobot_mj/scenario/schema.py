@@ -18,6 +18,7 @@ import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
+from agrobot_mj.control.gains import Gains, gains_of
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.answers import told, unending
@@ -47,8 +48,8 @@ LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 MOST_ASIDE_M_S2 = 8.0
 """Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
-SAID = {"version", "name", "title", "expected_outcome", "expected_reason"}
-"""Keys that change nothing in a run."""
+SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains"}
+"""Keys that change nothing in a run, or nothing that others would not say."""
 REASONED = ("stopped", "unfinished", "diverged")
 """Outcomes that come with a reason."""
 SHORTEST_S = 0.001
@@ -109,6 +110,8 @@ class Scenario(Spec):
     """Scripted faults and disturbances, `[[fault]]`."""
     guidance: Guidance = Kinematic()
     """Guidance law: from estimate and path to steering angle and speed."""
+    gains: Gains = "tuned"
+    """Gains that are not given, of a law with a yaw controller: searched, or those of the paper's figures."""
     supervisor: Supervisor = Supervisor()
     """Limits of autonomous driving, and a controlled stop."""
     speed: SpeedLoop = SpeedLoop()
@@ -192,10 +195,26 @@ class Scenario(Spec):
         return (resolve if files else validated)(data, self.name or "scenario")
 
     @model_validator(mode="after")
+    def _gains_filled(self) -> "Scenario":
+        for key, value in gains_of(self.law, self.gains).items():
+            _fill(self, key.split("."), value)
+        return self
+
+    @model_validator(mode="after")
     def _parts_fit(self) -> "Scenario":
         if errors := list(_misfits(self)):
             raise ValueError("\n".join(errors))
         return self
+
+
+def _fill(part: Spec, keys: list[str], value: Any) -> None:
+    """Set a key that was not given as its default would be: it does not count as given afterwards."""
+    if len(keys) > 1:
+        inner = getattr(part, keys[0]).model_copy()  # defaults are shared
+        _fill(inner, keys[1:], value)
+        part.__dict__[keys[0]] = inner
+    elif keys[0] not in part.model_fields_set:
+        part.__dict__[keys[0]] = value
 
 
 def _misfits(s: Scenario) -> list[str]:

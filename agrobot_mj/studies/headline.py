@@ -18,17 +18,25 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pool import cores, spread
 
+PRINTED, TUNED = {"gains": "paper"}, {"gains": "tuned"}
+"""Gains with which the paper's figures are reproduced, and those of the search for all laws."""
+NETWORK, NETWORK_TUNED = "network as printed", "network tuned"
 LAWS: dict[str, dict[str, Any]] = {
-    "P (pd)": {"controller.kind": "pd"},
-    "P + network (pd_t2fnn)": {"controller.kind": "pd_t2fnn"},
-    "P + integral of sgn": {"controller.kind": "pd_isgn"},
-    "PI on yaw rate": {"controller.kind": "pi"},
+    "P as printed": {**PRINTED, "controller.kind": "pd"},
+    NETWORK: {**PRINTED, "controller.kind": "pd_t2fnn"},
+    "integral of sgn as printed": {**PRINTED, "controller.kind": "pd_isgn"},
+    "P tuned": {**TUNED, "controller.kind": "pd"},
+    NETWORK_TUNED: {**TUNED, "controller.kind": "pd_t2fnn"},
+    "integral of sgn tuned": {**TUNED, "controller.kind": "pd_isgn"},
+    "PI": {"controller.kind": "pi"},
     "P + feed-forward": {"guidance.kind": "feedforward", "controller.kind": "pd"},
+    "PI + feed-forward": {"guidance.kind": "feedforward", "controller.kind": "pi"},
     "pure pursuit": {"guidance.kind": "pure_pursuit"},
     "Stanley": {"guidance.kind": "stanley"},
     "LQR": {"guidance.kind": "lqr"},
+    "nmpc": {"guidance.kind": "nmpc"},
 }
-"""Overrides by law; gains are the shipped ones."""
+"""Overrides by law; all gains are tuned but those `as printed`."""
 IMU = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 SURFACES: dict[str, dict[str, Any]] = {
     "level": {},
@@ -46,7 +54,7 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
 }
 """Overrides by estimator."""
 TURN = {"path.turns": 1, "supervisor.enabled": False}
-MODERN = ("P + network (pd_t2fnn)", "PI on yaw rate", "P + feed-forward", "Stanley", "LQR")
+MODERN = (NETWORK, NETWORK_TUNED, "PI", "P + feed-forward", "PI + feed-forward", "Stanley", "LQR", "nmpc")
 """Laws that are run with `ekf_full` too."""
 
 

@@ -1,35 +1,45 @@
 """Gains of a guidance law by search: the same objective, cases and budget for every law, judged on other cases.
 
-Objective: the mean over surfaces, speeds and seeds of  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S.  A run that
-fails (`metrics.success`) costs more than any that succeeds, the more the less of its path it drove. Every speed drives
-the same piece of the path. A worn valve among the cases is what a loss of margin costs. Differential evolution over the
-ranges that the law declares (`tunable`), begun with its defaults, so that the result is never worse on the training
-cases than these; test surfaces and seeds are never seen by the search. The result says how it came about.
+Objective: the mean over cases (`tuning_cases`) and seeds of what a run costs. Beside a path that is
+  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S,
+on the way onto a line (`metrics.acquisition`)
+  acquired_s / ACQUIRED_S + overshoot / OVERSHOOT_M + steering travel / TRAVEL_DEG_S,
+and, if it is not on the line at the end, the whole time and its distance at the end / XTE_M. A run that fails
+(`metrics.success`), or loses its line, costs more than any that succeeds, the more the less it did of what it should.
+Differential evolution over the ranges that the law declares (`tunable`), begun with the scenario's gains, so that the
+result is never worse on the training cases than these; test cases and their seeds are never seen by the search. The
+result says how it came about.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import product
-from math import degrees, exp, log
+from math import degrees, inf, log
+from operator import attrgetter
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
 
 from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.success import COMPLETED, error_of, failures
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.pieces import at_speed
 from agrobot_mj.studies.pool import pool
+from agrobot_mj.studies.tuning_cases import TuningCase, TuningFile, tuning_cases
 
 XTE_M = 0.05
 """Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
+OVERSHOOT_M = 0.1
+"""Overshoot over a line that costs 1 [m]. Estimate: a pass in which seed is missing."""
+ACQUIRED_S = 20.0
+"""Time onto a line that costs 1 [s]. Estimate: a swath of 25 m."""
+LOST_M = 0.2
+"""Distance from a line at the end of a run beyond which it was not acquired at all [m]. Estimate."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
 MOST = 20.0
@@ -38,39 +48,13 @@ FAILED = 25.0
 """Least that a run costs which fails; one that drove nothing of its path costs MOST more [-]."""
 POPULATION = 8
 """Candidates in a generation."""
-WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
-"""Valve with 40 % of its flow and 0.8 V more dead band."""
-COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
-
-Overrides = dict[str, Any]
-TRAINING: dict[str, Overrides] = {
-    "as the scenario": {},
-    "soil": {"plant.tyre.kind": "soil"},
-    "worn valve": {"fault": [WORN]},
-}
-"""Surfaces of the search."""
-TEST: dict[str, Overrides] = {
-    "rough D": {"terrain.kind": "rough", "terrain.iso_class": "D"},
-    "side slope 10 deg": {"terrain.kind": "slope", "terrain.grade_deg": 10.0, **COMPENSATED},
-    "worn valve on soil": {"plant.tyre.kind": "soil", "fault": [WORN]},
-}
-"""Surfaces of the judgement."""
-SPEEDS = {"training": (0.8, 1.5), "test": (1.2,)}
-"""Speeds of the path [m/s]."""
+MUTATION, CROSSOVER = (0.5, 1.0), 0.7
+"""Factor on the difference of two candidates, drawn for each generation, and share of keys that change [Storn1997]."""
 MOST_RUNS = 100_000
 """Most runs of a search and its judgement."""
-FIRST_TEST_SEED = 1000
-"""Seeds of the search count up from the scenario's, those of the judgement from here."""
-
-
-class TuningCase(NamedTuple):
-    """One run of the objective."""
-
-    surface: str
-    speed: float
-    """Speed on the path [m/s]."""
-    seed: int
-    scenario: Scenario
+Overrides = dict[str, Any]
+Limits = tuple[float, float]
+"""Lowest and highest value of a gain, in its unit."""
 
 
 class Judgement(NamedTuple):
@@ -91,21 +75,21 @@ class Tuning(NamedTuple):
     """How it came about and how it scores, ready for JSON."""
 
 
-def tunable(scenario: Scenario) -> dict[str, tuple[float, float]]:
+def tunable(scenario: Scenario) -> dict[str, Limits]:
     """Dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
+    driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
-    if law.using(controller) is not law:
+    if driving is not law:
         found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
-    if not found:
+    if not (found and driving.follows_path):
         raise ScenarioError(f"guidance.kind: {law.kind!r} declares nothing to tune; name a law that does")
     return found
 
 
-def check_size(budget: int, seeds: int) -> None:
+def check_size(file: TuningFile, budget: int, seeds: int) -> None:
     """Raise `ScenarioError` if a search takes more runs than `MOST_RUNS`."""
-    surfaces = {"training": len(TRAINING), "test": len(TEST)}
-    of_one = {part: surfaces[part] * len(SPEEDS[part]) * seeds for part in SPEEDS}
+    of_one = {part: file.runs(part) * seeds for part in ("training", "test")}
     runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
     if runs > MOST_RUNS:
         raise ScenarioError(
@@ -114,83 +98,95 @@ def check_size(budget: int, seeds: int) -> None:
         )
 
 
-def tuning_cases(scenario: Scenario, part: str, seeds: int) -> list[TuningCase]:
-    """The cases of "training" or "test"; surfaces that the plant cannot have are left out."""
-    surfaces = TRAINING if part == "training" else TEST
-    first = scenario.seed if part == "training" else FIRST_TEST_SEED
-    found = []
-    for (surface, changes), speed in product(surfaces.items(), SPEEDS[part]):
-        try:
-            changed = at_speed(scenario.changed(changes), speed)
-        except ScenarioError:
-            continue
-        found += [TuningCase(surface, speed, s, changed.changed({"seed": s})) for s in range(first, first + seeds)]
-    return found
-
-
-def judge(scenario: Scenario, gains: Overrides) -> Judgement:
+def judge(case: TuningCase, gains: Overrides) -> Judgement:
     """One run under these gains."""
-    done = run(scenario.changed(gains))
+    done = run(case.scenario.changed(gains))
     row = {**done.metrics, "outcome": done.outcome, "expected": done.as_expected}
-    return Judgement(_cost(row, done), row)
+    return (_acquisition if case.measure == "acquisition" else _tracking)(row, done)
 
 
-def _cost(row: dict[str, Any], done: Log) -> float:
+def _tracking(row: dict[str, Any], done: Log) -> Judgement:
     xte = error_of(row, "xte_rms")
     if xte is None:
-        return FAILED + MOST * (1.0 - min(max(float(row.get("progress") or 0.0), 0.0), 1.0))
+        return Judgement(FAILED + MOST * (1.0 - min(max(float(row.get("progress") or 0.0), 0.0), 1.0)), row)
+    return Judgement(min(xte / XTE_M + _travel(done), MOST), row)
+
+
+def _acquisition(row: dict[str, Any], done: Log) -> Judgement:
+    way = row["acquisition"]
+    acquired, aside = way["acquired_s"], way["end_abs_max_m"]
+    if not row["expected"] or aside > LOST_M:
+        reason = row.get("stop_reason") or f"not within {LOST_M:g} m of its line at the end"
+        row = {**row, "expected": False, "stop_reason": reason}
+        return Judgement(FAILED + min(aside / XTE_M, MOST), row)
+    late = float(done.column("t")[-1]) / ACQUIRED_S + aside / XTE_M if acquired is None else acquired / ACQUIRED_S
+    return Judgement(min(late + way["overshoot_m"] / OVERSHOOT_M + _travel(done), MOST), row)
+
+
+def _travel(done: Log) -> float:
+    """What the steering travel of a run costs [-]."""
     travel = degrees(float(np.abs(np.diff(done.column("steer"))).sum())) / float(done.column("t")[-1])
-    return min(xte / XTE_M + travel / TRAVEL_DEG_S, MOST)
+    return travel / TRAVEL_DEG_S
 
 
-def mean_cost(cases: Sequence[TuningCase], gains: Overrides) -> float:
-    """The objective [-]."""
-    return fmean(judge(case.scenario, gains).cost for case in cases)
+def mean_cost(cases: Sequence[TuningCase], gains: Overrides, bound: float = inf) -> float:
+    """The objective, or, as soon as it is sure to be above `bound`, what is sure of it [-]."""
+    total = 0.0
+    for case in cases:
+        total += judge(case, gains).cost
+        if total > bound * len(cases):
+            break
+    return total / len(cases)
 
 
 def tune(
     scenario: Scenario,
-    budget: int = 64,
-    seeds: int = 2,
+    file: TuningFile,
+    budget: int | None = None,
+    seeds: int | None = None,
     jobs: int = 1,
+    known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> Tuning:
-    """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations."""
+    """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations.
+
+    It begins with the scenario's gains, with those that are `known` to be good, and with others over their ranges.
+    """
+    budget, seeds = budget or file.budget, seeds or file.seeds
     ranges = tunable(scenario)
-    check_size(budget, seeds)
+    check_size(file, budget, seeds)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
             f"{scenario.name}: expects {scenario.expected_outcome}, and only a run that completes has an error to make "
             f"small; add --set expected_outcome={COMPLETED}"
         )
-    training, test = (tuning_cases(scenario, part, seeds) for part in ("training", "test"))
+    training, test = (tuning_cases(scenario, file, part, seeds) for part in ("training", "test"))
     if not training:
-        raise ScenarioError(f"{scenario.name}: none of the surfaces of a tuning fits this scenario")
-    space = [(log(low), log(high)) if low > 0 else (low, high) for low, high in ranges.values()]
-    objective = partial(_objective, training, ranges)
-    start = _candidates(scenario, ranges, space)
+        raise ScenarioError(f"{scenario.name}: none of the cases of this tuning fits this scenario")
+    present = {key: attrgetter(key)(scenario) for key in ranges}
+    trace: list[tuple[dict[str, float], float]] = []
     with pool(jobs) as executor:
 
-        def evaluate(function: Callable[[Any], float], candidates: Iterable[Any]) -> list[float]:
-            found = list((executor.map if jobs > 1 else map)(function, list(candidates)))
+        def evaluate(points: Array, bounds: Sequence[float]) -> list[float]:
+            some = [_gains(ranges, x) for x in points]
+            found = list((executor.map if jobs > 1 else map)(partial(mean_cost, training), some, bounds))
+            trace.extend(zip(some, found, strict=True))
             done(len(found))
             return found
 
-        best = differential_evolution(
-            objective, space, init=start, maxiter=max(budget // POPULATION - 1, 0), polish=False, seed=1,
-            updating="deferred", workers=evaluate, tol=0.0,
-        )  # fmt: skip
-    gains = _gains(ranges, best.x)
+        _evolve(_first([present, {**present, **(known or {})}], ranges), max(budget // POPULATION, 1), evaluate)
+    gains = min(trace, key=lambda tried: tried[1])[0]
     provenance = {
         "version": __version__,
         "scenario": scenario.name,
-        "guidance": scenario.guidance.kind,
-        "controller": scenario.controller.kind if any(key.startswith("controller") for key in ranges) else None,
-        "evaluations": int(best.nfev),
+        "law": scenario.law,
+        "evaluations": len(trace),
         "ranges": {key: list(limits) for key, limits in ranges.items()},
+        "before": present,
         "gains": gains,
         "training": _judged(training, gains),
         "test": _judged(test, gains),
+        "trace": [[*ranges, "cost"], *([*tried.values(), round(cost, 4)] for tried, cost in trace)],
     }
     return Tuning(gains, provenance)
 
@@ -201,42 +197,60 @@ def write_tuning(tuning: Tuning, folder: Path) -> Path:
     return folder / "tuning.json"
 
 
-def _objective(cases: Sequence[TuningCase], ranges: dict[str, tuple[float, float]], x: Any) -> float:
-    return mean_cost(cases, _gains(ranges, x))
+def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
+    """Differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
+
+    A trial counts only if it is better than the point that it would replace, which bounds its evaluation.
+    """
+    rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
+    for _ in range(generations - 1):
+        best, factor = points[int(np.argmin(costs))], rng.uniform(*MUTATION)
+        trials = points.copy()
+        for k in range(POPULATION):
+            one, other = points[rng.choice([j for j in range(POPULATION) if j != k], 2, replace=False)]
+            changed = rng.random(points.shape[1]) < CROSSOVER
+            changed[rng.integers(points.shape[1])] = True
+            trials[k, changed] = (best + factor * (one - other))[changed]
+        outside = (trials < 0.0) | (trials > 1.0)
+        trials[outside] = rng.random(int(outside.sum()))
+        found = evaluate(trials, costs)
+        better = [k for k in range(POPULATION) if found[k] <= costs[k]]
+        points[better] = trials[better]
+        costs = [min(pair) for pair in zip(costs, found, strict=True)]
 
 
-def _gains(ranges: dict[str, tuple[float, float]], x: Any) -> dict[str, float]:
-    """Gains from a point of the search; those whose range excludes 0 are sought by their logarithm."""
-    return {
-        key: float(f"{exp(value) if low > 0 else value:.4g}")
-        for (key, (low, _)), value in zip(ranges.items(), np.asarray(x).tolist(), strict=True)
-    }
+def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
+    """Gains of two digits from a point of the search; those whose range excludes 0 are sought by their logarithm."""
+    found = {}
+    for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
+        value = low * (high / low) ** share if low > 0 else low + share * (high - low)
+        found[key] = min(max(float(f"{value:.2g}"), low), high)
+    return found
 
 
-def _candidates(scenario: Scenario, ranges: dict[str, tuple[float, float]], space: list[tuple[float, float]]) -> Any:
-    """First generation, shape (POPULATION, keys): the present gains, and a Latin hypercube."""
-    rng, n = np.random.default_rng(1), len(space)
+def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
+    """First generation, shape (POPULATION, keys): the gains that it begins with, and a Latin hypercube."""
+    rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
-    low, high = np.array(space).T
-    points = low + (cells + rng.random((POPULATION, n))) / POPULATION * (high - low)
-    for k, (key, (lowest, _)) in enumerate(ranges.items()):
-        part, name = key.split(".")
-        now = getattr(getattr(scenario, part), name)
-        if now is not None:
-            points[0, k] = np.clip(log(now) if lowest > 0 and now > 0 else now, low[k], high[k])
+    points: Array = (cells + rng.random((POPULATION, n))) / POPULATION
+    for row, gains in enumerate(begun):
+        for k, (key, (low, high)) in enumerate(ranges.items()):
+            if (now := gains[key]) is not None:
+                now = min(max(now, low), high)
+                points[row, k] = log(now / low) / log(high / low) if low > 0 else (now - low) / (high - low)
     return points
 
 
 def _judged(cases: Sequence[TuningCase], gains: Overrides) -> dict[str, Any]:
-    """Score of these gains and of the present ones, by surface."""
-    surfaces = list(dict.fromkeys(case.surface for case in cases))
+    """Score of these gains and of the present ones, by case."""
+    names = list(dict.fromkeys(case.name for case in cases))
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),
     }
-    for name, chosen in (("score", gains), ("score_of_defaults", {})):
-        judged = {surface: [judge(c.scenario, chosen) for c in cases if c.surface == surface] for surface in surfaces}
-        scores = {surface: fmean(each.cost for each in some) for surface, some in judged.items()}
-        failed = failures([each.row for some in judged.values() for each in some])
-        found[name] = {**scores, "mean": sum(scores.values()) / max(len(scores), 1), "failed": failed}
+    for name, chosen in (("score", gains), ("score_before", {})):
+        judged = {each: [judge(c, chosen) for c in cases if c.name == each] for each in names}
+        scores = {each: round(fmean(one.cost for one in some), 4) for each, some in judged.items()}
+        failed = failures([one.row for some in judged.values() for one in some])
+        found[name] = {**scores, "mean": fmean(scores.values()) if scores else 0.0, "failed": failed}
     return found

@@ -64,7 +64,7 @@ else:
 keys = ("guidance", "controller", "estimator", "path")
 short = {"duration_s": 1, "plant.kind": "bicycle"}
 log = run(load_scenario("straight_line", {**short, **{f"{key}.kind": "own" for key in keys}}))
-same = run(load_scenario("straight_line", {**short, "controller.kind": "pd"}))
+same = run(load_scenario("straight_line", {**short, "controller.kind": "pd", "gains": "paper"}))  # those of the class
 assert log.outcome == "completed"
 assert log.signals.column("x").equals(same.signals.column("x"))
 """

@@ -10,19 +10,11 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
 from agrobot_mj.studies.pieces import pieces
-from agrobot_mj.studies.tune import (
-    FAILED,
-    MOST,
-    POPULATION,
-    Judgement,
-    judge,
-    tunable,
-    tune,
-    tuning_cases,
-    write_tuning,
-)
+from agrobot_mj.studies.tune import FAILED, MOST, POPULATION, Judgement, judge, mean_cost, tunable, tune, write_tuning
+from agrobot_mj.studies.tuning_cases import TuningCase, read_tuning, tuning_cases
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
+SURFACES, GAINS = read_tuning("surfaces"), read_tuning("gains")
 
 
 @pytest.mark.parametrize("kind", [kind for kind in every(Guidance) if not kind().outside])
@@ -42,8 +34,8 @@ def test_a_law_without_ranges_is_named() -> None:
 
 def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
     scenario = load_scenario("figure_eight")
-    training, test = (tuning_cases(scenario, part, 2) for part in ("training", "test"))
-    assert not {case.surface for case in training} & {case.surface for case in test}
+    training, test = (tuning_cases(scenario, SURFACES, part, 2) for part in ("training", "test"))
+    assert not {case.name for case in training} & {case.name for case in test}
     assert not {case.seed for case in training} & {case.seed for case in test}
     assert len(training) == 3 * 2 * 2
     assert len(test) == 3 * 1 * 2
@@ -51,18 +43,66 @@ def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
 
 def test_the_bicycle_leaves_out_what_it_does_not_have() -> None:
     bicycle = load_scenario("figure_eight", {"plant.kind": "bicycle"})
-    assert {case.surface for case in tuning_cases(bicycle, "training", 1)} >= {"as the scenario", "worn valve"}
-    assert not {case.surface for case in tuning_cases(bicycle, "test", 1)} & {"rough D", "side slope 10 deg"}
+    assert {case.name for case in tuning_cases(bicycle, SURFACES, "training", 1)} >= {"as the scenario", "worn valve"}
+    assert not {case.name for case in tuning_cases(bicycle, SURFACES, "test", 1)} & {"rough D", "side slope 10 deg"}
+
+
+def tuning(tmp_path, text):
+    """A tuning file with one training case of this text."""
+    path = tmp_path / "mine.toml"
+    path.write_text(f'[[training]]\nname = "one"\n{text}\n[[test]]\nname = "two"\n')
+    return path
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_a_misspelt_key_of_a_case_is_no_matter_of_the_plant(tmp_path, plant):
+    file = read_tuning(tuning(tmp_path, 'set = { "terrain.kindd" = "slope" }'))
+    with pytest.raises(ScenarioError, match=r"terrain\.kindd"):
+        tuning_cases(load_scenario("figure_eight", {"plant.kind": plant}), file, "training", 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('measure = "speed"', r"training\[0\].measure: must be one of"),
+        ("speeds_m_s = []", r"training\[0\].speeds_m_s: must have at least 1"),
+        ("seed = 3", r"training\[0\].seed: unknown key"),
+    ],
+)
+def test_faults_of_a_tuning_file_are_told(tmp_path, text, told):
+    with pytest.raises(ScenarioError, match=told):
+        read_tuning(tuning(tmp_path, text))
+
+
+def test_an_unknown_tuning_is_told_with_those_that_there_are():
+    with pytest.raises(ScenarioError, match=r"unknown tuning 'gain'.*gains.*surfaces"):
+        read_tuning("gain")
+
+
+@pytest.mark.parametrize("part", ["training", "test"])
+def test_the_search_for_the_gains_that_ship_covers_what_a_tractor_does(part):
+    """Speeds to 3.5 m/s and more, starts beside the path, a worn valve and a slope, in either part."""
+    cases = tuning_cases(load_scenario("figure_eight", GAINS.set), GAINS, part, 1)
+    assert max(case.speed for case in cases) >= 3.5
+    assert min(case.speed for case in cases) <= 0.8
+    assert any(case.scenario.fault for case in cases)
+    assert any(case.scenario.terrain.kind == "slope" for case in cases)
+    assert sum(case.measure == "acquisition" for case in cases) >= 3
 
 
 def cost(scenario, gains) -> float:
-    return judge(scenario, gains).cost
+    return judge(tracking(scenario), gains).cost
+
+
+def tracking(scenario) -> TuningCase:
+    """A case of this scenario."""
+    return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
 def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_farther_it_came() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
-    early, late = (judge(scenario, {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
+    early, late = (judge(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
     assert {early.row["outcome"], late.row["outcome"]} == {"stopped"}
     assert FAILED > MOST > cost(scenario, {})
     assert early.cost > late.cost > FAILED
@@ -70,7 +110,7 @@ def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_far
 
 def test_every_speed_covers_the_same_piece_of_the_path() -> None:
     for scenario in (load_scenario("lane_change", {"duration_s": 9.0}), load_scenario("lane_change")):
-        cases = tuning_cases(scenario, "training", 1) + tuning_cases(scenario, "test", 1)
+        cases = tuning_cases(scenario, SURFACES, "training", 1) + tuning_cases(scenario, SURFACES, "test", 1)
         assert len({case.speed for case in cases}) == 3
         assert set(pieces(case.scenario for case in cases)) == {1}
 
@@ -78,26 +118,33 @@ def test_every_speed_covers_the_same_piece_of_the_path() -> None:
 def test_a_scenario_that_expects_no_error_is_refused() -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
     with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
-        tune(scenario)
+        tune(scenario, SURFACES)
 
 
 def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """On a cheap stand-in for the runs with its optimum at twice the default gain."""
     calls: list[float] = []
 
-    def stand_in(scenario, gains) -> Judgement:
-        gain = scenario.changed(gains).guidance.gain_per_s
+    def stand_in(case, gains) -> Judgement:
+        gain = case.scenario.changed(gains).guidance.gain_per_s
         calls.append(gain)
         return Judgement(abs(gain - 1.0), {"outcome": "completed"})
 
     monkeypatch.setattr(study, "judge", stand_in)
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
-    found = tune(scenario, budget=3 * POPULATION, seeds=1)
+    found = tune(scenario, SURFACES, budget=3 * POPULATION, seeds=1)
     assert found.provenance["evaluations"] == 3 * POPULATION
     training = found.provenance["training"]
-    assert training["score"]["mean"] <= training["score_of_defaults"]["mean"] == pytest.approx(0.5)
+    assert (
+        training["score"]["mean"]
+        <= training["score_before"]["mean"]
+        == pytest.approx(abs(scenario.guidance.gain_per_s - 1.0))
+    )
     assert found.gains["guidance.gain_per_s"] == pytest.approx(1.0, abs=0.35)
-    assert found == tune(scenario, budget=3 * POPULATION, seeds=1)
+    (*_, name), *trace = found.provenance["trace"]
+    assert (name, len(trace)) == ("cost", 3 * POPULATION)
+    assert min(trace, key=lambda row: row[-1])[:-1] == list(found.gains.values())
+    assert found == tune(scenario, SURFACES, budget=3 * POPULATION, seeds=1)
     assert json.loads(write_tuning(found, tmp_path).read_text())["gains"] == found.gains
 
 
@@ -105,3 +152,30 @@ def test_a_real_run_costs_error_and_steering() -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley"})
     assert 0 < cost(scenario, {}) < 2
     assert cost(scenario, {"guidance.gain_per_s": 0.2}) != cost(scenario, {})
+
+
+def test_an_evaluation_ends_when_it_is_sure_to_be_worse(monkeypatch):
+    driven = []
+    monkeypatch.setattr(study, "judge", lambda case, gains: driven.append(case) or Judgement(3.0, {}))
+    cases = tuning_cases(load_scenario("figure_eight"), SURFACES, "training", 1)
+    assert mean_cost(cases, {}, bound=1.6) > 1.6
+    assert len(driven) == 4
+    assert mean_cost(cases, {}) == pytest.approx(3.0)
+
+
+def acquisition(law, **changes) -> Judgement:
+    line = {"plant.kind": "bicycle", "path.start_offset_m": 1.0, "supervisor.enabled": False, "duration_s": 25.0}
+    scenario = load_scenario("straight_line", {**line, "guidance.kind": law})
+    return judge(TuningCase("line", "acquisition", 1, scenario), changes)
+
+
+def test_the_way_onto_a_line_costs_time_overshoot_and_steering():
+    assert acquisition("lqr").cost < 2.0
+    assert acquisition("lqr").cost < acquisition("lqr", **{"guidance.offset_m": 2.0}).cost
+
+
+def test_a_line_that_is_not_reached_is_a_failure_and_the_farther_off_the_worse():
+    near, far = (acquisition("lqr", **{"duration_s": end}) for end in (5.0, 2.5))
+    assert FAILED < near.cost < far.cost
+    assert not near.row["expected"]
+    assert "not within 0.2 m of its line" in near.row["stop_reason"]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.palette import BLUE, GREEN, LIGHT_GREY, VERMILION
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.headline import LAWS as HEADLINE_LAWS
+from agrobot_mj.studies.headline import NETWORK, NETWORK_TUNED
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
@@ -33,12 +34,11 @@ FITTED = {
 }
 """Gyro, wheel speed, inertial unit, and the filter that uses them."""
 PAPER = "the paper's stack"
+DRIVEN = (NETWORK, NETWORK_TUNED, "PI", "P + feed-forward", "PI + feed-forward", "pure pursuit", "Stanley", "LQR")
+"""Laws beside it."""
 SURVIVORS: dict[str, dict[str, Any]] = {
-    PAPER: {"controller.kind": "pd_t2fnn"},
-    **{
-        law: {**FITTED, **HEADLINE_LAWS[law]}
-        for law in ("P + network (pd_t2fnn)", "PI on yaw rate", "P + feed-forward", "pure pursuit", "Stanley", "LQR")
-    },
+    PAPER: HEADLINE_LAWS[NETWORK],
+    **{law: {**FITTED, **HEADLINE_LAWS[law]} for law in DRIVEN},
 }
 """Overrides by law; all but the paper's stack drive with the same sensors and filter."""
 

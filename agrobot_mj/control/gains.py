@@ -1,0 +1,74 @@
+"""Gains of the laws in cascade, which depend on the pair of guidance law and yaw controller.
+
+`tuned`, the default, are the results of the one search for all laws, `scenarios/tunings/gains.toml`; its traces are in
+docs/tuning/. `paper` leaves the laws of the paper - its network, and what it is compared with - the defaults of their
+own keys, with which the paper's figures are reproduced; the paper prints no gains. The defaults of the laws that follow
+a path by its nearest point are tuned, whatever the scenario asks for.
+"""
+
+from collections.abc import Mapping
+from typing import Literal
+
+Gains = Literal["tuned", "paper"]
+
+PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
+"""Laws that have gains of the paper."""
+TUNED: Mapping[str, Mapping[str, float]] = {
+    "kinematic with pd_t2fnn": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.76,
+        "controller.kp": 0.43,
+        "controller.kd": 0.084,
+        "controller.network.alpha": 0.049,
+    },
+    "kinematic with pi": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.69,
+        "controller.kp": 0.4,
+        "controller.ki": 0.11,
+    },
+    "feedforward with pi": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.45,
+        "controller.kp": 0.54,
+        "controller.ki": 0.16,
+    },
+    "feedforward with pd": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.59,
+        "controller.kp": 0.49,
+        "controller.kd": 0.048,
+    },
+    "kinematic with pd": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 1.0,
+        "controller.kp": 0.45,
+        "controller.kd": 0.056,
+    },
+    "kinematic with pd_isgn": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.5,
+        "controller.kp": 0.43,
+        "controller.kd": 0.083,
+        "controller.alpha": 0.065,
+    },
+    "kinematic with pd_t1fnn": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.5,
+        "controller.kp": 0.43,
+        "controller.kd": 0.083,
+        "controller.network.alpha": 0.065,
+    },
+    "learned_feedforward with pd": {
+        "guidance.inner.scheduled_above_m_s": 1.5,
+        "guidance.network.eta": 0.44,
+        "controller.kp": 0.54,
+        "controller.kd": 0.11,
+    },
+}
+"""Gains by dotted key of the scenario, by law as `Scenario.law` names it."""
+
+
+def gains_of(law: str, which: Gains) -> Mapping[str, float]:
+    """The gains of a law, by dotted key, that are not the defaults of their own keys."""
+    return {} if which == "paper" and law in PAPER else TUNED.get(law, {})

@@ -1,0 +1,144 @@
+"""The file of a tuning: the runs that a search of gains is trained on, and those that judge what it found.
+
+A case is a set of overrides over the scenario that is tuned, as for `--set`. Its `measure` says what costs: `tracking`
+the error beside the path, `acquisition` the way onto a line that the tractor starts beside.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, ValidationError
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.messages import explain
+from agrobot_mj.core.resources import tuning_files
+from agrobot_mj.core.spec import Positive, Spec
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.overrides import absolute_paths
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.studies.pieces import at_speed
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+FIRST_TEST_SEED = 1000
+"""Seeds of the search count up from the scenario's, those of the judgement from here."""
+
+
+class CaseSpec(Spec):
+    """A run, or one at each of some speeds."""
+
+    name: Name
+    """Name in the table of scores."""
+    measure: Literal["tracking", "acquisition"] = "tracking"
+    """What costs: the error beside the path, or the way onto the line."""
+    speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
+    """Speeds at which the same piece of the path is driven; that of the scenario when left out [m/s]."""
+    set: dict[str, Any] = Field(default_factory=dict)
+    """Overrides by dotted key."""
+
+
+class LawSpec(Spec):
+    """A law whose gains are sought."""
+
+    set: dict[str, Any]
+    """Overrides that make it, with its gains before."""
+    known: dict[str, float] = Field(default_factory=dict)
+    """Gains that are known to be good, with which the search begins too."""
+
+
+class TuningFile(Spec):
+    """A tuning as its file says it."""
+
+    title: str = ""
+    """One line for lists and reports."""
+    version: str = __version__
+    """Version of agrobot_mj that wrote the file; for information."""
+    budget: Annotated[int, Field(ge=8)] = 64
+    """Evaluations of the objective, unless others are asked for."""
+    seeds: Annotated[int, Field(ge=1)] = 2
+    """Seeds of each case, unless others are asked for."""
+    set: dict[str, Any] = Field(default_factory=dict)
+    """Overrides common to all cases."""
+    training: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
+    """Cases of the search, `[[training]]`."""
+    test: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
+    """Cases of the judgement, which the search does not see, `[[test]]`."""
+    laws: dict[str, LawSpec] = Field(default_factory=dict)
+    """Laws by name, for `make gains`."""
+
+    def part(self, name: str) -> tuple[CaseSpec, ...]:
+        """The cases of "training" or "test"."""
+        return self.training if name == "training" else self.test
+
+    def runs(self, name: str) -> int:
+        """How many runs a seed of "training" or "test" takes."""
+        return sum(len(case.speeds_m_s or (0,)) for case in self.part(name))
+
+
+class TuningCase(NamedTuple):
+    """One run of the objective."""
+
+    name: str
+    measure: str
+    """`tracking` or `acquisition`."""
+    seed: int
+    scenario: Scenario
+
+    @property
+    def speed(self) -> float:
+        """Speed on the path [m/s]."""
+        return self.scenario.path.speed_m_s
+
+
+def read_tuning(source: str | Path) -> TuningFile:
+    """Read the file of a tuning, by name or path. Raises `ScenarioError` with every fault of the file."""
+    path = _find(source)
+    data = read_toml(path)
+    absolute_paths(data, path.parent.resolve())
+    try:
+        return TuningFile.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ScenarioError(explain(error, path.name, data, TuningFile)) from None
+    except ValueError:
+        raise ScenarioError(f"{path.name}: holds a number of thousands of digits") from None
+
+
+def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
+    """The cases of "training" or "test"; those that the scenario's plant cannot have are left out."""
+    first = scenario.seed if part == "training" else FIRST_TEST_SEED
+    return [
+        TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
+        for case in file.part(part)
+        for changed in _driven(scenario, {**file.set, **case.set}, case)
+        for seed in range(first, first + seeds)
+    ]
+
+
+def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
+    """The scenario of a case at each of its speeds; none if the plant cannot have it. Raises `ScenarioError`."""
+    try:
+        changed = scenario.changed(changes)
+    except ScenarioError as error:
+        if scenario.plant.kind == "mujoco":
+            raise ScenarioError("\n".join(f"case {case.name!r}: {line}" for line in str(error).splitlines())) from None
+        scenario.changed({"plant.kind": "mujoco"} | changes)  # raises where it is no matter of the plant
+        return
+    yield from [at_speed(changed, speed) for speed in case.speeds_m_s] if case.speeds_m_s else [changed]
+
+
+def _find(source: str | Path) -> Path:
+    """The file of a tuning. Raises `ScenarioError`."""
+    shipped, path = tuning_files(), Path(source)
+    if path.is_dir():
+        raise ScenarioError(f"{path}: is a folder; name a tuning file")
+    if path.is_file():
+        return path
+    if str(source) in shipped:
+        return shipped[str(source)]
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise ScenarioError(f"{path}: no such file")
+    raise ScenarioError(
+        f"unknown tuning {str(source)!r}{suggestion(str(source), list(shipped))} (known: {', '.join(shipped)})"
+    )

@@ -1,0 +1,85 @@
+"""The gains that ship are those of the search for all laws, and the paper's are there by name."""
+
+import json
+import tomllib
+from operator import attrgetter
+from pathlib import Path
+
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.control.gains import PAPER, TUNED
+from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.studies.tune import tunable
+from agrobot_mj.studies.tuning_cases import read_tuning
+
+SEARCH = read_tuning("gains")
+TRACES = Path(__file__).parents[2] / "docs" / "tuning"
+
+
+def shipped(law: str) -> Scenario:
+    """A scenario that names a law of the search and no gains."""
+    kinds = {key: value for key, value in SEARCH.laws[law].set.items() if key.endswith(".kind")}
+    return load_scenario("straight_line", kinds)
+
+
+@pytest.mark.parametrize("law", SEARCH.laws)
+def test_gains_are_what_the_search_found(law):
+    found, scenario = json.loads((TRACES / f"{law}.json").read_text()), shipped(law)
+    assert {key: attrgetter(key)(scenario) for key in found["gains"]} == found["gains"]
+    assert found["law"] == scenario.law
+    assert {key: tuple(limits) for key, limits in found["ranges"].items()} == tunable(scenario)
+    (*keys, cost), *trace = found["trace"]
+    assert (keys, cost) == (list(found["gains"]), "cost")
+    assert len(trace) == found["evaluations"] == SEARCH.budget
+    best = min(trace, key=lambda row: row[-1])
+    assert dict(zip(keys, best, strict=False)) == found["gains"]
+
+
+@pytest.mark.parametrize("law", SEARCH.laws)
+def test_no_law_is_worse_than_before_on_the_cases_of_the_search(law):
+    training = json.loads((TRACES / f"{law}.json").read_text())["training"]
+    assert training["score"]["mean"] <= training["score_before"]["mean"]
+
+
+def test_every_law_of_the_table_was_searched():
+    assert set(TUNED) <= {shipped(law).law for law in SEARCH.laws}
+
+
+@pytest.mark.parametrize("kind", ["pd", "pd_t2fnn", "pd_t1fnn", "pd_isgn"])
+def test_the_figure_eight_of_the_paper_keeps_its_gains(kind):
+    paper = load_scenario("figure_eight", {"controller.kind": kind})
+    assert paper.law in PAPER
+    assert (paper.guidance.gain_per_m, paper.controller.kp, paper.controller.kd) == (0.4, 0.4, 0.0)
+    assert paper.guidance.scheduled_above_m_s is None
+    learns = getattr(paper.controller, "network", paper.controller)
+    assert getattr(learns, "alpha", 0.02) == 0.02
+    assert (
+        paper.changed({"gains": "tuned"}).controller
+        == load_scenario("lane_change", {"controller.kind": kind}).controller
+    )
+
+
+@pytest.mark.parametrize("keys", [{"controller.kind": "pi"}, {"guidance.kind": "feedforward", "controller.kind": "pd"}])
+def test_laws_that_are_not_the_papers_are_tuned_in_its_scenario_too(keys):
+    paper, other = load_scenario("figure_eight", keys), load_scenario("lane_change", keys)
+    assert (paper.guidance, paper.controller) == (other.guidance, other.controller)
+
+
+def test_a_gain_that_is_given_stays_and_one_of_the_set_goes_with_its_law():
+    given = load_scenario("lane_change", {"controller.kp": 0.33})
+    assert given.controller.kp == 0.33
+    assert given.changed({"controller.kind": "pi"}).controller.kp == 0.33
+    law = load_scenario("lane_change")
+    assert (
+        law.changed({"controller.kind": "pi"}).controller
+        == load_scenario("lane_change", {"controller.kind": "pi"}).controller
+    )
+
+
+@pytest.mark.parametrize("name", ["figure_eight", "lane_change"])
+def test_the_resolved_scenario_says_its_gains_and_reads_back_as_the_same(name):
+    scenario = load_scenario(name)
+    assert f"kp = {scenario.controller.kp}" in scenario.to_toml()
+    assert resolve(tomllib.loads(scenario.to_toml()), name) == scenario
+    assert scenario.hash8 == scenario.changed({"controller.kp": scenario.controller.kp}).hash8

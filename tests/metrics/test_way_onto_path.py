@@ -1,0 +1,40 @@
+"""The way onto a path: time and overshoot of tracks with known ones."""
+
+import numpy as np
+import pytest
+from test_metrics import FakeLog
+
+from agrobot_mj.metrics import RunView
+from agrobot_mj.metrics.acquisition import STAYS_S, acquisition
+from agrobot_mj.paths import Line
+
+T = np.arange(0.0, 20.0, 0.05)
+
+
+def found(offset, left, t=T):
+    """The metric of a tractor that starts `offset` [m] to the left of a line and is `left` of it at the times `t`."""
+    line = Line(start_offset_m=offset, ramp_s=0)
+    return acquisition(RunView(FakeLog(line, t, x=line.speed_m_s * t, y=left))).get("acquisition")
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_track_that_goes_over_the_line_once(side):
+    y = side * np.select([T < 5.0, T < 7.0], [2.0 - 0.4 * T, -0.3], 0.01)
+    way = found(2.0 * side, y)
+    assert way["acquired_s"] == pytest.approx(7.0, abs=0.06)
+    assert way["overshoot_m"] == pytest.approx(0.3)
+    assert way["end_abs_max_m"] == pytest.approx(0.01)
+
+
+def test_a_track_that_stops_before_the_line_has_no_overshoot():
+    assert found(2.0, np.maximum(2.0 - 0.2 * T, 0.02))["overshoot_m"] == 0.0
+
+
+def test_a_weave_that_lasts_is_no_acquisition():
+    way = found(1.0, np.cos(T))
+    assert way["acquired_s"] is None
+    assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - STAYS_S < T])).max())
+
+
+def test_a_tractor_that_starts_on_its_path_has_nothing_to_acquire():
+    assert found(0.0, np.zeros(len(T))) is None
