@@ -7,12 +7,15 @@ of its own family, `[controller]`; other laws need none. Both keep their state o
 """
 
 from collections.abc import Mapping
-from math import nan
+from math import atan, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference
 from agrobot_mj.machine.tractor import TractorParameters
+
+SLOWEST_M_S = 0.3
+"""Speed below which the lateral acceleration and gains are those of this speed [m/s]."""
 
 
 class Route(Protocol):
@@ -55,6 +58,11 @@ class Situation(NamedTuple):
     """Measured steering angle, left positive [rad]."""
     roll: float = nan
     """Measured roll, left side up positive; NaN without an inertial unit [rad]."""
+
+    def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
+        """Largest steering angle either way at which the turn stays below this lateral acceleration [rad]."""
+        m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
+        return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / u**2))
 
 
 class Guidance(Reporting):
@@ -139,7 +147,7 @@ class YawController(Reporting):
         raise NotImplementedError
 
     def relieve(self, state: Any, excess: float) -> Any:
-        """State after the whole command, feed-forward included, was `excess` [rad] beyond the steering's limit.
+        """State after the whole command, feed-forward included, was `excess` [rad] beyond the limit or the wheels.
 
         For anti-windup; a controller without an integral that could wind up has nothing to do.
         """

@@ -5,7 +5,7 @@ knows beforehand (`feedforward`).
 """
 
 from collections.abc import Sequence
-from math import isfinite, nan
+from math import isfinite, nan, radians
 from typing import Any, NamedTuple
 
 from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
@@ -19,6 +19,10 @@ SPEED_COLUMNS = (
     Column("speed_tau_n", "m/s", "output of the network on the speed; the speed command is raised by tau_c - tau_n"),
 )
 """Signals of the second network, where there is one."""
+
+
+UNDER_WAY = radians(5.0)
+"""Angle by which the wheels may be behind their command before what integrates waits for them [rad]. Estimate."""
 
 
 class CascadeState(NamedTuple):
@@ -58,7 +62,8 @@ class Cascade(Guidance):
             raise NotFiniteError(
                 f"speed {speed_ref} m/s and yaw rate {yaw_rate_ref} rad/s, made by the guidance law ({self.law.kind})"
             )
-        e_yaw_rate, limit = yaw_rate_ref - situation.estimate.yaw_rate, situation.machine.steer_limit
+        e_yaw_rate = yaw_rate_ref - situation.estimate.yaw_rate
+        limit = situation.steer_limit(self.law.lateral_acceleration_m_s2)
         scaled = self.law.gain_scale(situation) * e_yaw_rate
         controller, command = self.controller.update(state.controller, situation.t, scaled, dt, limit)
         if not isfinite(command.steer + command.tau_c + command.tau_n):
@@ -67,7 +72,7 @@ class Cascade(Guidance):
             raise NotFiniteError(f"steer {steer} rad, tau_c {tau_c} rad, tau_n {tau_n} rad, {maker}")
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
-        excess = command.tau_c - command.tau_n + ahead - steer
+        excess = command.tau_c - command.tau_n + ahead - steer or _behind(steer - situation.steer)
         if excess:
             controller = self.controller.relieve(controller, excess)
         speed, network = state.speed, self.law.speed_network
@@ -96,3 +101,8 @@ class Cascade(Guidance):
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()
         return (*own, *self.law.report(state), *self.controller.report(state.controller), *speed)
+
+
+def _behind(lag: float) -> float:
+    """How far the wheels are behind their command, 0 where it is little [rad]."""
+    return lag if abs(lag) > UNDER_WAY else 0.0

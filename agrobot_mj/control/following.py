@@ -16,22 +16,25 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import Guidance, Route, Situation
+from agrobot_mj.control.base import SLOWEST_M_S, Guidance, Route, Situation
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.signals import Column, Command, PathPoint
 from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
 
-SLOWEST_M_S = 0.3
-"""Laws whose gains depend on the speed take no smaller one [m/s]."""
 LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
 ASTRAY_M, ASTRAY = 0.3, radians(20.0)
 """Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
 TURNING_S = 1.0
 """Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
+STEEP = radians(10.0)
+"""Heading error from which it comes onto the path rather than follows it [rad]. Estimate."""
 SWING = radians(6.0)
 """Turn of the heading beyond which it waits for wheels that are still turning to their command. Estimate."""
+RISE_M_S2 = 1.0
+"""Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 
@@ -47,6 +50,8 @@ class Following(Guidance):
     """Largest lateral acceleration that a command may ask for [m/s2]. Estimate: a third of what tips the tractor."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Time by which the feed-forward angle is taken ahead [s]. Estimate: delay and lag of the steering."""
+    approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
+    """Largest angle at which it heads for a path far away [deg]. Estimate: steeper, the turn onto it is tighter."""
     compensate_steer_bias: bool = True
     """Whether a steering bias that the estimator knows is added to the command."""
 
@@ -67,6 +72,10 @@ class Following(Guidance):
         beside = self._beside(state, situation, dt)
         memory, wanted = self.steering(state.memory, beside, situation, dt)
         steer = clip(wanted + beside.bias, -beside.limit, beside.limit)
+        speed = self._speed(beside, situation, steer)
+        if state.speed is not None:
+            highest = max(abs(state.speed), SLOWEST_M_S) + RISE_M_S2 * dt
+            speed = clip(speed, -highest, highest)
         state = FollowingState(
             memory,
             beside.place.s,
@@ -76,8 +85,9 @@ class Following(Guidance):
             beside.heading,
             beside.steer_ahead,
             beside.bias,
+            speed,
         )
-        return state, Command(steer, self._speed(beside, situation, steer))
+        return state, Command(steer, speed)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
         """Command without its feed-forward and the correction of the steering bias [rad]."""
@@ -102,35 +112,36 @@ class Following(Guidance):
         beta = sideslip(route, place.s, direction, leg, l_r)
         later = sideslip(route, place.s + abs(estimate.speed) * self.preview_s, direction, leg, l_r)
         bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
-        u, m = max(abs(estimate.speed), SLOWEST_M_S), situation.machine
-        limit = min(m.steer_limit, atan(m.wheelbase_m * self.lateral_acceleration_m_s2 / u**2))
         return Beside(
             place=place,
             leg=leg,
             direction=direction,
-            speed=direction * u,
+            speed=direction * max(abs(estimate.speed), SLOWEST_M_S),
             yaw=place.yaw - beta,
             cross_track=place.offset,
             heading=wrap(estimate.yaw - place.yaw + beta),
             steer_here=atan(L * tan(beta) / l_r),
             steer_ahead=atan(L * tan(later) / l_r),
             bias=clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
-            limit=limit,
+            limit=situation.steer_limit(self.lateral_acceleration_m_s2),
         )
 
     def _speed(self, beside: "Beside", situation: Situation, steer: float) -> float:
         """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction.
 
-        It catches up only near the path: haste makes the rate of the steering a limit on the way back.
+        It catches up only near the path: haste makes the rate of the steering a limit on the way back. It waits for
+        wheels that are on their way to the command, and, at a steep angle to the path, for wheels that are turned far.
         """
         r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
         along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
         astray = max(abs(beside.cross_track) / ASTRAY_M, abs(beside.heading) / ASTRAY)
         ahead = k_s * tanh(k_e * lead) * beside.direction
         pace = beside.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
-        return beside.direction * clip(
-            pace, 0.0, min(self._approach_speed(beside, situation), _swing(situation, steer))
-        )
+        turning = abs(steer - situation.steer)
+        if abs(beside.heading) > STEEP:
+            turning = max(turning, abs(situation.steer - beside.bias - beside.steer_here))
+        most = min(self._approach_speed(beside, situation), _swing(situation.machine, turning))
+        return beside.direction * clip(pace, 0.0, most)
 
     def _approach_speed(self, beside: "Beside", situation: Situation) -> float:
         """Largest speed [m/s] at which it can still turn onto a path that it heads for at a steep angle theta.
@@ -139,7 +150,7 @@ class Following(Guidance):
         distance e from the path:  u^2 / a (1 - cos theta) + u T sin theta = e;  never less than full lock allows.
         """
         theta, e, a = abs(beside.heading), abs(beside.cross_track), self.lateral_acceleration_m_s2
-        if theta < ASTRAY or beside.cross_track * beside.heading * beside.direction > 0.0:
+        if theta < STEEP or beside.cross_track * beside.heading * beside.direction > 0.0:
             return inf
         bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
         tightest = situation.machine.wheelbase_m / tan(situation.machine.steer_limit)
@@ -179,6 +190,8 @@ class FollowingState(NamedTuple):
     """Last feed-forward angle [rad]."""
     bias: float = 0.0
     """Last correction of the steering bias [rad]."""
+    speed: float | None = None
+    """Last speed command; None before the first tick [m/s]."""
 
 
 class Beside(NamedTuple):
@@ -229,14 +242,13 @@ def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float],
     return asin(clip(length * curvature, -0.95, 0.95))
 
 
-def _swing(situation: Situation, steer: float) -> float:
-    """Largest speed [m/s] at which the heading turns by no more than SWING until the wheels are at the angle `steer`.
+def _swing(machine: TractorParameters, turning: float) -> float:
+    """Largest speed [m/s] at which the heading turns by no more than SWING while the wheels turn by `turning` [rad].
 
-    With wheels that turn evenly through the difference d in the time T:  u d T / (2 L) = SWING.
+    With wheels that turn evenly through it in the time T:  u turning T / (2 L) = SWING.
     """
-    machine, d = situation.machine, abs(steer - situation.steer)
-    T = TURNING_S * d / machine.steer_limit
-    return max(2.0 * machine.wheelbase_m * SWING / max(d * T, 1e-6), SLOWEST_M_S)
+    T = TURNING_S * turning / machine.steer_limit
+    return max(2.0 * machine.wheelbase_m * SWING / max(turning * T, 1e-6), SLOWEST_M_S)
 
 
 def _distance_at(route: Route, leg: tuple[float, float], t: float) -> float:

@@ -30,6 +30,8 @@ class CascadeLaw(Guidance):
     """Saturation k_s, the largest velocity spent on closing an error, per axis [m/s]. Estimate."""
     gain_per_m: Positive = 0.4
     """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate."""
+    lateral_acceleration_m_s2: Positive = 2.0
+    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate: a third of what tips the tractor."""
     scheduled_above_m_s: Positive | None = None
     """Speed up to which the gains of the yaw controller hold; beyond it they fall as its inverse, since the yaw rate
     answers the steering by u / L [m/s]. 1.5 with tuned gains; the same at any speed when null, as in the paper."""

@@ -11,7 +11,7 @@ Gains come from the discrete Riccati equation on a grid of speeds, once a proces
 The integral q is kept as the part of it that no transient explains:  v = q + P_qx x / P_qq,  with P the solution of
 the Riccati equation and x the other states. The cost is x' P x + P_qq v^2 without a product of the two, so that v = 0
 is the best start from any x: a line is acquired without winding up on the way. v is kept as an angle and rests while
-the command is at a limit or the tractor stands.
+the command is at a limit, on the way onto the path (far away or at a steep angle) and while the tractor stands.
 
 Forward and in reverse, at any speed of the grid. It leaves no offset behind steady disturbances (slope, steering
 bias, payload); a disturbance that changes faster than the integral - each arc, where the estimated heading is biased
@@ -28,7 +28,7 @@ from pydantic import Field
 from scipy.linalg import expm, solve_discrete_are
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import Beside, Following, FollowingState
+from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import Latency, Positive
@@ -63,20 +63,18 @@ class Lqr(Following):
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
     steering_delay_s: Latency = 0.1
     """T, delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
-    offset_m: Positive = 0.17
+    offset_m: Positive = 0.14
     """Cross-track error that costs 1 [m]. Estimate."""
-    heading_deg: Positive = 3.1
+    heading_deg: Positive = 3.9
     """Heading error that costs 1 [deg]. Estimate."""
-    rate_deg_s: Positive = 7.5
+    rate_deg_s: Positive = 35.0
     """Steering rate that costs 1 [deg/s]. Estimate."""
     steer_deg: Positive = 6.0
     """Steering angle beside the feed-forward that costs 1 [deg]. Estimate."""
-    integral_m_s: Positive | None = 1.9
+    integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that costs 1 [m s]; none at all when null. Estimate."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Largest angle of the integral [deg]. Estimate: holds a side slope of 20 deg."""
-    approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
-    """Largest angle at which it heads for a path far away [deg]. Estimate: the model is linear."""
     tunable: ClassVar = {
         "offset_m": (0.02, 0.5),
         "heading_deg": (2.0, 30.0),
@@ -100,7 +98,8 @@ class Lqr(Following):
         wanted = beside.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
         possible = clip(wanted, -beside.limit - beside.bias, beside.limit - beside.bias)
         moved = sum(t * (x - last) for t, x, last in zip(transient, errors, memory.errors or errors, strict=True))
-        step = -gains[-1] * (offset * dt + moved) if offset == beside.cross_track else 0.0
+        near = offset == beside.cross_track and abs(beside.heading) < STEEP
+        step = -gains[-1] * (offset * dt + moved) if near else 0.0
         integral = self._integral(memory, situation, step, wanted - possible)
         under_way = (*memory.under_way, possible - beside.steer_ahead)[1:]
         return LqrState(integral, under_way, errors), wanted

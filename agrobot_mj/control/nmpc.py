@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import Beside, Following, FollowingState, sideslip
+from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState, sideslip
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
@@ -34,6 +34,8 @@ STEP_S = 2 * TICK_S
 """Step of the prediction [s]."""
 STEPS = 20
 """Steps in the horizon of 2 s."""
+HORIZON_S = STEPS * STEP_S
+"""Length of the horizon [s]."""
 ITERATIONS = 2
 """Gauss-Newton steps in a tick."""
 DISTURBANCES = np.zeros(4)
@@ -61,11 +63,11 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
-    offset_m: Positive = 0.12
+    offset_m: Positive = 0.18
     """Cross-track error that costs 1 [m]. Estimate."""
-    heading_deg: Positive = 3.1
+    heading_deg: Positive = 4.9
     """Course error that costs 1 [deg]. Estimate."""
-    rate_deg_s: Positive = 28.0
+    rate_deg_s: Positive = 32.0
     """Steering rate that costs 1 [deg/s]. Estimate."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
@@ -105,14 +107,18 @@ class Nmpc(Following):
         m, solver = situation.machine, _solver()
         ways = [beside.place.s + abs(beside.speed) * STEP_S * (k + 0.5) for k in range(STEPS)]
         curvatures = [situation.route.ahead(min(way, beside.leg[1])).curvature for way in ways]
-        e_y, e, last = beside.cross_track, _tangent_error(beside, situation), memory.under_way[-1]
+        u, theta = abs(beside.speed), radians(self.approach_deg)
+        far = max(
+            u * HORIZON_S * sin(theta), theta * (self.offset_m / radians(self.heading_deg)) ** 2 / (u * HORIZON_S)
+        )
+        e_y, e, last = clip(beside.cross_track, -far, far), _tangent_error(beside, situation), memory.under_way[-1]
         weights = 1 / self.offset_m, 1 / radians(self.heading_deg), 1 / radians(self.rate_deg_s)
         rear = float(beside.direction < 0)
         keep = exp(-STEP_S / self.steering_lag_s), exp(-STEP_S / 2 / self.steering_lag_s)
         now = e_y, e, delta, mean[2], mean[3], sum(memory.under_way) / 2, last
         model = beside.speed, m.wheelbase_m, m.cg_to_rear_axle, *keep
         p = np.array((*now, *model, *weights, rear, *curvatures, *self._sideslips(curvatures, beside, situation)))
-        limit = max(m.steer_limit, abs(last))
+        limit = max(beside.limit, abs(last))
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], beside: Beside, situation: Situation) -> list[float]:
@@ -132,6 +138,9 @@ class Nmpc(Following):
         self, memory: NmpcState, beside: Beside, situation: Situation, delta: float, dt: float
     ) -> tuple[Array, Array]:
         """Mean and covariance of e_y, e, b and d from those of the tick before; a Kalman filter."""
+        if abs(beside.heading) > STEEP:  # tyres slip, and the lag of the steering counts
+            place = beside.cross_track, _tangent_error(beside, situation)
+            return np.array([*place, *memory.mean[2:]]), memory.covariance
         (e_y, e, b, d), u, m = memory.mean.tolist(), situation.estimate.speed, situation.machine
         gamma, kappa = u * (tan(delta) / m.wheelbase_m + d), beside.place.curvature
         v = m.cg_to_rear_axle * gamma
@@ -215,8 +224,11 @@ def _residuals(ca: Any, rates: Any, p: Any) -> Any:
         v = l_r * gamma
         half = e + STEP_S / 2 * (gamma - kappa * u)
         along = (u * ca.cos(half) - v * ca.sin(half)) / (1 - kappa * e_y)
-        course = ca.sin(half) + v / u * ca.cos(half) + b
-        e_y, e = e_y + STEP_S * u * course, e + STEP_S * (gamma - kappa * along)
+        e_y += STEP_S * (u * (ca.sin(half) + b) + v * ca.cos(half))
+        e += STEP_S * (gamma - kappa * along)
+        course = (
+            half + v / u * ca.cos(half) + b
+        )  # the angle: its sine would be small of a tractor that turned round, too
         answered = command = command + STEP_S * rates[k]
         askew = e + p[16 + STEPS + k]  # of the rear axle
         offset = e_y - rear * l_r * askew

@@ -12,13 +12,14 @@ steering error leaves an offset, and corners of the curvature are cut by about t
 radii. With a distance too short for the lag that the prediction leaves, the tractor weaves.
 """
 
-from math import atan, cos, sin
+from math import atan, copysign, cos, radians, sin, tan
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import Beside, Following, sideslip
+from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.spec import NonNegative, Positive
 
@@ -27,13 +28,15 @@ class PurePursuit(Following):
     """Pure pursuit at the rear axle."""
 
     kind: Literal["pure_pursuit"] = "pure_pursuit"
-    lookahead_s: NonNegative = 0.41
+    lookahead_s: NonNegative = 0.28
     """Look-ahead distance over speed [s]. Estimate: three times delay and lag of the steering."""
-    lookahead_m: Positive = 1.8
+    lookahead_m: Positive = 1.9
     """Look-ahead distance at rest [m]. Estimate: weaves on a worn valve below 1 m."""
-    prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.43
+    prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.57
     """Time ahead at which the arc begins [s]. Estimate: delay and lag of the steering."""
-    tunable: ClassVar = {"lookahead_s": (0.2, 3.0), "lookahead_m": (0.2, 2.0), "prediction_s": (0.0, 1.0)}
+    approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
+    """Largest angle at which it heads for a path far away [deg]. Estimate: from steeper ones it swings over."""
+    tunable: ClassVar = {"lookahead_s": (0.2, 3.0), "lookahead_m": (0.2, 3.0), "prediction_s": (0.0, 1.0)}
     """Ranges in which the gains are sought."""
 
     def steering(self, memory: None, beside: Beside, situation: Situation, dt: float) -> tuple[None, float]:
@@ -43,14 +46,21 @@ class PurePursuit(Following):
         dx, dy = from_heading(e.yaw + turn / 2, way, 0.0)
         x, y = self._goal(beside, abs(way), situation)
         ahead, left = to_heading(e.yaw + turn, x - e.rear_x - dx, y - e.rear_y - dy)
+        if ahead * beside.direction < 0.0:  # the goal is where it comes from: turn as tightly as it goes
+            return None, copysign(beside.limit, left)
         return None, atan(L * 2 * left / (ahead**2 + left**2))
 
     def _goal(self, beside: Beside, way: float, situation: Situation) -> tuple[float, float]:
-        """Point on the path of the rear axle [m], from `way` [m] on; straight on beyond the end of the leg."""
+        """Goal of the rear axle [m], from `way` [m] on: on its path, or, far from it, beside that on the way there.
+
+        Straight on beyond the end of the leg.
+        """
         l_r, route, end = situation.machine.cg_to_rear_axle, situation.route, beside.leg[1]
         reach = way + self.lookahead_m + self.lookahead_s * abs(situation.estimate.speed)
+        far = reach * tan(radians(self.approach_deg))
         s = min(beside.place.s + reach, end)
         goal, beta = route.ahead(s), sideslip(route, s, beside.direction, beside.leg, l_r)
         psi = goal.yaw - beta
-        dx, dy = from_heading(goal.yaw, beside.direction * (beside.place.s + reach - s), 0.0)
+        aside = beside.cross_track - clip(beside.cross_track, -far, far)
+        dx, dy = from_heading(goal.yaw, beside.direction * (beside.place.s + reach - s), aside)
         return goal.x + dx - l_r * cos(psi), goal.y + dy - l_r * sin(psi)

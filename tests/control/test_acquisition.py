@@ -8,7 +8,15 @@ from agrobot_mj import load_scenario
 from agrobot_mj.simulation.run import run
 
 SENSORS = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
-STARTS = [(0.5, 0.0, 1.2), (3.0, 0.0, 2.0), (6.0, 0.0, 2.0), (-1.5, 45.0, 4.0), (2.0, 0.0, 4.0), (3.0, 90.0, 1.2)]
+STARTS = [
+    (0.5, 0.0, 1.2),
+    (3.0, 0.0, 2.0),
+    (6.0, 0.0, 2.0),
+    (-1.5, 45.0, 4.0),
+    (2.0, 0.0, 4.0),
+    (3.0, 90.0, 1.2),
+    (0.5, 90.0, 3.0),
+]
 """Offset to the left [m], heading from the line [deg], speed [m/s]."""
 each_start = pytest.mark.parametrize("start", STARTS)
 
@@ -29,7 +37,8 @@ def test_a_line_is_acquired_and_kept(law, start):
 
 
 @each_start
-@pytest.mark.parametrize(("law", "most"), [("lqr", 0.10), ("stanley", 0.10), ("pure_pursuit", 0.25)])
-def test_little_overshoot(law, most, start):
-    """Pure pursuit cuts onto the line at the end of an approach that it takes at 4 m/s."""
-    assert way(law, start)["overshoot_m"] <= most
+@pytest.mark.parametrize("law", ["lqr", "stanley", "pure_pursuit"])
+def test_little_overshoot(law, start):
+    """Pure pursuit turns onto the line evenly, and comes too late from a steep angle close to it."""
+    steep = law == "pure_pursuit" and start == (-1.5, 45.0, 4.0)
+    assert way(law, start)["overshoot_m"] <= (0.15 if steep else 0.10)

@@ -56,7 +56,7 @@ def test_no_error_rests_on_an_arc(law: Following, speed: float, curvature: float
 def test_a_step_of_curvature_costs_little(law: Following) -> None:
     """Less than the 9 cm that a look-ahead of 2.7 m cuts off the corner: its square over eight radii."""
     d = drive(law, Bend(1.2, 0.1), 15.0)
-    assert abs(d.offset).max() < 0.08
+    assert abs(d.offset).max() < 0.09
 
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
@@ -90,7 +90,7 @@ class Mirrored(Bend):
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", INTEGRATING)
 def test_laws_with_disturbance_estimate_leave_no_offset_behind_a_steering_bias(law: Following, speed: float) -> None:
-    d = drive(law, Bend(speed), 60.0, bias=radians(3.0))
+    d = drive(law, Bend(speed), 80.0, bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
 
 

@@ -34,12 +34,13 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     """Integral beside the path's feed-forward while the yaw rate stays what it is [rad]."""
     path = Bend(1.0, kappa, 0.0)
     route, law = SampledRoute(path), Feedforward().using(Pi(kp=0.1, ki=0.2))
-    state = law.init()
+    state, steer = law.init(), 0.0
     for k in range(round(seconds / TICK_S)):
         t = k * TICK_S
         r = path.at(t)
         e = Estimate(r.x, r.y, r.yaw, 1.0, yaw_rate, r.x, r.y, np.eye(3))
-        state, command = law.update(state, Situation(t, e, r, route, MACHINE, 0.0), TICK_S)
+        state, command = law.update(state, Situation(t, e, r, route, MACHINE, steer), TICK_S)
+        steer = command.steer
         assert abs(command.steer) <= MACHINE.steer_limit
     return float(state.controller.integral)
 
@@ -48,5 +49,15 @@ def test_the_integral_counts_the_feed_forward_to_the_limit() -> None:
     """On an arc that needs most of the steering the integral stops at what is left of it."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)
-    assert integral_after(kappa, -0.4) == pytest.approx(MACHINE.steer_limit - ahead, abs=0.1)
-    assert integral_after(0.0, -0.4) > 2 * integral_after(kappa, -0.4)
+    assert integral_after(kappa, -0.25) == pytest.approx(MACHINE.steer_limit - ahead, abs=0.1)
+    assert integral_after(0.0, -0.25) > 2 * integral_after(kappa, -0.25)
+
+
+def test_the_integral_rests_on_the_way_onto_a_path_and_while_the_wheels_are_under_way() -> None:
+    assert integral_after(0.0, -0.4) == 0.0
+    law, path = Feedforward().using(Pi(kp=0.1, ki=0.2)), Bend(1.0, 0.0, 0.0)
+    r = path.at(0.0)
+    e = Estimate(r.x, r.y, r.yaw, 1.0, -0.25, r.x, r.y, np.eye(3))
+    for steer, moves in ((0.0, True), (-0.2, False)):
+        situation = Situation(0.0, e, r, SampledRoute(path), MACHINE, steer)
+        assert (law.update(law.init(), situation, TICK_S)[0].controller.integral > 0.0) == moves

@@ -5,7 +5,7 @@ import pytest
 from test_metrics import FakeLog
 
 from agrobot_mj.metrics import RunView
-from agrobot_mj.metrics.acquisition import STAYS_S, acquisition
+from agrobot_mj.metrics.acquisition import END_S, HELD_S, acquisition
 from agrobot_mj.paths import Line
 
 T = np.arange(0.0, 20.0, 0.05)
@@ -33,7 +33,20 @@ def test_a_track_that_stops_before_the_line_has_no_overshoot():
 def test_a_weave_that_lasts_is_no_acquisition():
     way = found(1.0, np.cos(T))
     assert way["acquired_s"] is None
-    assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - STAYS_S < T])).max())
+    assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - END_S < T])).max())
+
+
+def test_a_short_excursion_later_is_no_matter_of_the_way_onto_the_line():
+    away = (T > 12.0) & (T < 12.5)
+    assert found(2.0, np.where(away, 0.07, np.maximum(2.0 - 0.4 * T, 0.02)))["acquired_s"] == pytest.approx(
+        4.9, abs=0.06
+    )
+
+
+def test_it_is_held_until_the_end_or_for_long_enough():
+    begins = T[-1] - HELD_S + 0.5
+    assert found(2.0, np.where(begins > T, 0.3, 0.0))["acquired_s"] is None
+    assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)
 
 
 def test_a_tractor_that_starts_on_its_path_has_nothing_to_acquire():
