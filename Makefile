@@ -28,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs explore figures gains help install learning library lock mutate performance plain reference results ros safety slow snapshots soak test third-party validate verdict
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore figures gains help install learning library lock mutate performance plain reference results ros safety slow snapshots soak test third-party validate verdict
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -95,7 +95,7 @@ soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive ov
 figures: $(STAMP) ## Run the paper's experiment and write its table and figure in docs/results.md
 	@$(PY) scripts/make_figures.py
 
-results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (half an hour)
+results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (two hours)
 	@$(PY) scripts/make_results.py
 
 verdict: $(STAMP) ## Run what docs/verdict.md lacks (an hour or two), and write its tables and figures
@@ -103,6 +103,9 @@ verdict: $(STAMP) ## Run what docs/verdict.md lacks (an hour or two), and write 
 
 learning: $(STAMP) ## Run the study of docs/learning.md, which takes hours, and write its tables and figures
 	@$(PY) scripts/make_learning.py
+
+estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
+	@$(PY) scripts/make_estimators.py
 
 gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/guidance.md's table (an hour)
 	@$(PY) scripts/make_gains.py

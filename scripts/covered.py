@@ -4,13 +4,14 @@ python scripts/covered.py [--least 95] [--missing]
 """
 
 import argparse
-import io
 import json
 import tempfile
 from collections import defaultdict
 from pathlib import Path
 
 from coverage import Coverage
+
+from agrobot_mj.core.markdown import markdown_table
 
 
 def folders(report: dict[str, dict[str, dict[str, int]]]) -> dict[str, tuple[int, int]]:
@@ -38,11 +39,9 @@ def main() -> int:
         coverage.json_report(outfile=str(file))
         table = folders(json.loads(file.read_text()))
     lines, covered = (sum(row[k] for row in table.values()) for k in (0, 1))
-    out = io.StringIO()
-    print("| folder | statements | executed |\n|---|---|---|", file=out)
-    for name, (all_of, some) in (*table.items(), ("together", (lines, covered))):
-        print(f"| {name} | {all_of} | {some / all_of:.1%} |" if all_of else f"| {name} | 0 | - |", file=out)
-    print(out.getvalue(), end="")
+    every = (*table.items(), ("together", (lines, covered)))
+    rows = [(name, all_of, f"{some / all_of:.1%}" if all_of else "-") for name, (all_of, some) in every]
+    print(markdown_table(("folder", "statements", "executed"), rows))
     return int(100.0 * covered < given.least * lines)
 
 

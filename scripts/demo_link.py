@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.links.agopengps.command import Arguments, link
+from agrobot_mj.simulation.progress import task
 
 LEVEL, SLOPE = "straight_line", "side_slope_10"
 TWO_ANTENNAS = {"guidance.position": "paogi", "sensors.gnss.dual_antenna.enabled": True}
@@ -52,8 +54,8 @@ def free_ports() -> tuple[int, int]:
         return a.getsockname()[1], b.getsockname()[1]
 
 
-def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> str:
-    """Drive one row; its line of the table."""
+def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> tuple[str, ...]:
+    """Drive one row of the table; its cells."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={other}", f"--board-port={own}"]
@@ -71,16 +73,18 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     settled = f"{t[far[-1] + 1]:.0f}" if len(far) and far[-1] + 1 < len(t) else "never"
     late = off[t > t[-1] - 40]
     rms, mean = np.sqrt(np.mean(late**2)), np.mean(late)
-    return f"| {name} | `{host or '-'}` | {max(-off.min(), 0):.0f} | {settled} | {rms:.1f} | {mean:+.1f} |"
+    return name, f"`{host or '-'}`", f"{max(-off.min(), 0):.0f}", settled, f"{rms:.1f}", f"{mean:+.1f}"
 
 
 def main() -> None:
-    print("| run | host | overshoot [cm] | below 5 cm after [s] | rms of the last 40 s [cm] | mean [cm] |")
-    print("|---|---|---|---|---|---|", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        for name, parts in ROWS.items():
-            if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]:
-                print(row(name, *parts, Path(folder)), flush=True)
+    heads = ("run", "host", "overshoot [cm]", "below 5 cm after [s]", "rms of the last 40 s [cm]", "mean [cm]")
+    some = {name: parts for name, parts in ROWS.items() if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]}
+    with tempfile.TemporaryDirectory() as folder, task(f"{len(some)} runs", len(some)) as advance:
+        rows = []
+        for name, parts in some.items():
+            rows.append(row(name, *parts, Path(folder)))
+            advance()
+    print(markdown_table(heads, rows))
 
 
 if __name__ == "__main__":

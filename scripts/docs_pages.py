@@ -7,6 +7,7 @@ import click
 import typer.main
 
 from agrobot_mj.cli import app
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.reference import TableClass, document, first_line, places, usual_kind
 from agrobot_mj.scenario.schema import Scenario
@@ -69,15 +70,15 @@ def _table(place: TableClass) -> list[str]:
             continue
         doc = document(place, name)
         source = f" *{doc.source}.*" if doc.source else ""
-        rows.append(f"| `{name}` | `{doc.default}` | {doc.kind} | {_cell(doc.text)}{_cell(source)} |")
-    return ["| key | default | value | what |", "|---|---|---|---|", *rows] if rows else []
+        rows.append((f"`{name}`", f"`{doc.default}`", doc.kind, f"{_cell(doc.text)}{_cell(source)}"))
+    return [markdown_table(("key", "default", "value", "what"), rows)] if rows else []
 
 
 def _cell(text: str) -> str:
     """Text as a cell of a table takes it."""
     line = " ".join(text.split())
     lead = " " if text.startswith(" ") else ""
-    return lead + line.replace("|", "\\|").replace("<", "&lt;")
+    return lead + line.replace("<", "&lt;")
 
 
 def commands_page() -> str:
@@ -99,8 +100,8 @@ def _usage(name: str, command: Any) -> list[str]:
         if said is None or "--help" in parameter.opts:
             continue
         flags, text = said
-        rows.append(f"| `{flags.replace('|', chr(92) + '|')}` | {_cell(text)} |")
-    return [*lines, "| argument or option | what |", "|---|---|", *rows] if rows else lines
+        rows.append((f"`{flags}`", _cell(text)))
+    return [*lines, markdown_table(("argument or option", "what"), rows)] if rows else lines
 
 
 def api_page() -> str:

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import pytest
 from mutants import Mutant
 
+from agrobot_mj.core.markdown import markdown_table
+
 TIME, UNDECIDED = "SIGXCPU", ("status", "SIGALRM", "SIGKILL")
 """Signal where the CPU time is up, and ends that tell nothing of the mutant."""
 
@@ -51,17 +53,18 @@ def brings_in_an_absent_name(mutant: Mutant, fate: Fate) -> bool:
 def table(rows: list[dict[str, Any]]) -> str:
     """Mutants by group and how they were killed, and the survivors, as Markdown; those that do not count left out."""
     rows = [row for row in rows if not row["absent"]]
-    lines = ["| group | seed | mutants | killed | by an assertion | by an error | by time |", f"|{7 * '---|'}"]
+    lines = []
     groups = [*dict.fromkeys((row["group"], row["seed"]) for row in rows), ("together", "")]
     for name, seed in groups:
         some = [row for row in rows if name == "together" or (row["group"], row["seed"]) == (name, seed)]
         dead = [row["how"] for row in some if row["killed"]]
         asserted, late = dead.count("AssertionError"), dead.count(TIME)
         counts = (len(some), len(dead), asserted, len(dead) - asserted - late, late)
-        lines.append(f"| {name} | {seed} | {' | '.join(map(str, counts))} |")
-    lines += ["", "| survivor | change |", "|---|---|"]
-    for row in rows:
-        if not row["killed"]:
-            change = f"`{row['before']}` becomes `{row['text']}`".replace("|", "\\|").replace("\n", " ")
-            lines.append(f"| {row['module']}:{row['line']} | {change} |")
-    return "\n".join(lines)
+        lines.append((name, seed, *counts))
+    heads = ("group", "seed", "mutants", "killed", "by an assertion", "by an error", "by time")
+    survivors = [
+        (f"{row['module']}:{row['line']}", f"`{row['before']}` becomes `{row['text']}`".replace("\n", " "))
+        for row in rows
+        if not row["killed"]
+    ]
+    return f"{markdown_table(heads, lines)}\n\n{markdown_table(('survivor', 'change'), survivors)}"

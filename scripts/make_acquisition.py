@@ -6,6 +6,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from blocks import put
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
@@ -21,23 +22,23 @@ def table(rows: list[dict]) -> str:
     for row in rows:
         if (seconds := acquired_s(row)) is not None:
             best[start(row)] = min(seconds, best.get(start(row), seconds))
-    lines = ["| law | speed [m/s] | starts acquired | overshoot [m] | time, mean, longest [s] | over the best |"]
-    lines.append("|---|---:|---:|---:|---:|---:|")
+    lines = []
     for law in sorted({row[LAW] for row in rows}):
         for speed in sorted({row[SPEED] for row in rows}):
             lines.append(line(law, speed, [row for row in rows if (row[LAW], row[SPEED]) == (law, speed)], best))
-    return "\n".join(lines)
+    heads = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, longest [s]", "over the best")
+    return markdown_table(heads, lines, 1)
 
 
-def line(law: str, speed: float, some: list[dict], best: dict[tuple, float]) -> str:
+def line(law: str, speed: float, some: list[dict], best: dict[tuple, float]) -> tuple[str, ...]:
     """How a law comes onto the line at a speed, and its time over that of the fastest law from the same starts."""
     times = {start(row): seconds for row in some if (seconds := acquired_s(row)) is not None}
     over = max(row["acquisition.overshoot_m"] for row in some)
     if not times:
-        return f"| `{law}` | {speed:g} | 0 of {len(some)} | {over:.2f} | - | - |"
+        return f"`{law}`", f"{speed:g}", f"0 of {len(some)}", f"{over:.2f}", "-", "-"
     mean, ratio = sum(times.values()) / len(times), sum(times.values()) / sum(best[key] for key in times)
-    counts = f"{len(times)} of {len(some)} | {over:.2f} | {mean:.1f}, {max(times.values()):.1f}"
-    return f"| `{law}` | {speed:g} | {counts} | {ratio:.2f} |"
+    counts = f"{len(times)} of {len(some)}", f"{over:.2f}", f"{mean:.1f}, {max(times.values()):.1f}"
+    return f"`{law}`", f"{speed:g}", *counts, f"{ratio:.2f}"
 
 
 def start(row: dict) -> tuple:

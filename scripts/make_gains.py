@@ -11,6 +11,7 @@ from pathlib import Path
 from blocks import put
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.tune import tune
 from agrobot_mj.studies.tuning_cases import TuningFile, read_tuning
@@ -36,15 +37,15 @@ def write(path: Path, name: str, file: TuningFile, jobs: int) -> None:
 
 def table(names: list[str]) -> str:
     """What was found, a law a row."""
-    lines = ["| law | gains | training | test |", "|---|---|---:|---:|"]
+    lines = []
     for name in names:
         found = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
         gains = ", ".join(f"`{key.split('.', 1)[1]}` {value:g}" for key, value in found["gains"].items())
         scores = [
             " / ".join(_score(found[part][k]) for k in ("score_before", "score")) for part in ("training", "test")
         ]
-        lines.append(f"| {found['law']} | {gains} | {scores[0]} | {scores[1]} |")
-    return "\n".join(lines)
+        lines.append((found["law"], gains, *scores))
+    return markdown_table(("law", "gains", "training", "test"), lines, 2)
 
 
 def _score(score: dict) -> str:

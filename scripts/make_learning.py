@@ -1,93 +1,52 @@
 """docs/learning.md's numbers and figures: what the printed law does, and learners against laws that do not learn.
 
-Runs leave one line each in runs/learning/*.jsonl and are not repeated: an interrupted study goes on where it stopped,
-and several processes can share it by seeds (`--part comparison --seeds 1:8`). `--part publish` writes the page.
+Parts: the sweep `learning_printed`, `figures`, and a surface each: the sweep `learning`, changed in places. Those on
+MuJoCo, which take hours, are run only where they are named with `--part`.
 """
 
-import argparse
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from blocks import put
+from estimates import Row, by_seed, difference, field
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from sweeps import KeptRun, Study, shipped, variants
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.path_network import PathInput, PathNetworkState
 from agrobot_mj.control.t2fnn_laws import sgn
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.base import RunView
 from agrobot_mj.metrics.success import failures, has_errors
 from agrobot_mj.simulation.log import Log
+from agrobot_mj.studies.statistics import bootstrap_interval
 from agrobot_mj.studies.style import STYLE, save
 
-ROOT = Path(__file__).parent.parent
-RUNS, PAGE, IMAGES = ROOT / "runs" / "learning", ROOT / "docs" / "learning.md", ROOT / "docs" / "images"
-BICYCLE = {"plant.kind": "bicycle"}
-MUJOCO = {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}
-HEADING = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
-P = {"controller.kind": "pd"}
-LEARNER = {"guidance.kind": "learned_feedforward", **P}
-LAWS: dict[str, dict[str, Any]] = {
-    "PI": {"controller.kind": "pi"},
-    "P + feed-forward": {**P, "guidance.kind": "feedforward"},
-    "PI + feed-forward": {"controller.kind": "pi", "guidance.kind": "feedforward"},
-    "LQR": {"guidance.kind": "lqr"},
-    "nmpc": {"guidance.kind": "nmpc"},
-    "learner + P": LEARNER,
-    "learner + LQR": {**LEARNER, "guidance.inner.kind": "lqr"},
-    "learner + P, type 1": {**LEARNER, "guidance.network.uncertainty": 0.0},
-}
+GRID = shipped("learning")
 BASELINES = ("PI + feed-forward", "LQR", "nmpc")
 """The best laws that do not learn, with the gains of the search for all laws."""
-SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
-    "figure eight": ("figure_eight", BICYCLE),
-    # The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
-    "swaths": ("one_hectare", {**BICYCLE, "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}),
-    "figure eight on MuJoCo": ("figure_eight", MUJOCO),
-    "figure eight on MuJoCo with a heading": ("figure_eight", {**MUJOCO, **HEADING}),
+PAIRS = [*product(("learner + P", "learner + LQR"), BASELINES), ("learner + P", "learner + P, type 1")]
+"""Laws that are compared seed by seed."""
+MUJOCO = {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}
+HEADING = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+# The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
+SWATHS = {**GRID["set"], "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}
+SURFACES: dict[str, dict[str, Any]] = {
+    "figure eight": {},
+    "swaths": {"base": "one_hectare", "set": SWATHS},
+    "figure eight on MuJoCo": {"set": MUJOCO},
+    "figure eight on MuJoCo with a heading": {"set": {**MUJOCO, **HEADING}},
 }
-MEASURES = {
-    "figure eight": {"xte_1": "turn 1", "xte_2": "turn 2"},
-    "swaths": {"pass_rms": "passes", "headland_rms": "headlands"},
-    "figure eight on MuJoCo": {"xte_1": "turn 1", "xte_2": "turn 2"},
-    "figure eight on MuJoCo with a heading": {"xte_1": "turn 1", "xte_2": "turn 2"},
-}
-YAW_LAWS = ("pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn")
-RADII = {6: {"path.straight_m": 17, "path.run_in_m": 8}, 15: {"path.straight_m": 42}}
+"""What differs from the sweep, by the name of the page's block."""
+TURNS, PASSES = {"xte_1": "turn 1", "xte_2": "turn 2"}, {"pass_rms": "passes", "headland_rms": "headlands"}
+"""Measures [m] and their names."""
 
 
-class Row(NamedTuple):
-    """One run of the printed laws: its label and what it sets."""
-
-    label: str
-    sets: dict[str, Any]
-
-
-def printed_rows() -> list[Row]:
-    """Laws at equal alpha, start values of f, radii and speeds."""
-    rows = [Row("pd", P)]
-    for alpha in (0.02, 0.05):
-        for law in YAW_LAWS[1:]:
-            key = "controller.alpha" if law == "pd_isgn" else "controller.network.alpha"
-            rows.append(Row(f"{law} alpha {alpha}", {"controller.kind": law, key: alpha}))
-    rows.append(Row("pd_isgn alpha 0.04", {"controller.kind": "pd_isgn", "controller.alpha": 0.04}))
-    network = {"controller.kind": "pd_t2fnn"}
-    rows.append(Row("q frozen", {**network, "controller.network.adapt_q": False}))
-    starts = (0.001, 0.003, 0.03, 0.1, 0.2)
-    rows += [Row(f"f_init {f}", {**network, "controller.network.f_init": f}) for f in starts]
-    for radius, path in RADII.items():
-        sets = {"path.radius_m": radius, **path}
-        rows += [Row(f"radius {radius} {law}", {"controller.kind": law, **sets}) for law in YAW_LAWS]
-    for speed in (0.8, 2.0):
-        rows += [Row(f"speed {speed} {law}", {"controller.kind": law, "path.speed_m_s": speed}) for law in YAW_LAWS]
-    return [*rows, Row("pd_t2fnn 8 turns", {**network, "path.turns": 8})]
-
-
-def denominator(log: Log) -> np.ndarray:
+def denominator(log: Log | KeptRun) -> np.ndarray:
     """f (W_lower - W_upper), the denominator of q's law, at every tick [rad]."""
     network = log.scenario.controller.network
     rules = [f"{i}_{j}" for i in range(network.rules_1) for j in range(network.rules_2)]
@@ -95,7 +54,7 @@ def denominator(log: Log) -> np.ndarray:
     return np.sum(parts, axis=0)
 
 
-def effective_rate(log: Log, rows: np.ndarray) -> float:
+def effective_rate(log: Log | KeptRun, rows: np.ndarray) -> float:
     """Least-squares rate of tau_n over -alpha sgn(tau_c) in these rows [-]."""
     network = log.scenario.controller.network
     sign = np.array([sgn(x, network.delta_s) for x in log.column("tau_c")])[:-1]
@@ -104,152 +63,93 @@ def effective_rate(log: Log, rows: np.ndarray) -> float:
     return float((rate * sign)[some].sum() / (sign[some] ** 2).sum() / network.alpha)
 
 
-def printed_numbers(log: Log) -> dict[str, Any]:
-    """Per turn: lateral error, and for the network its denominator, effective rate, resting q, broken condition."""
-    found: dict[str, Any] = {"mse": [turn["lateral_mse"] for turn in log.metrics["per_turn"]]}
-    if "fnn" not in log.scenario.controller.kind:
-        return found
-    q, size = log.column("q"), np.abs(denominator(log))
-    tau_rate = np.abs(np.diff(log.column("tau_c") - log.column("tau_n"))) / TICK_S
+def printed_numbers(run: KeptRun) -> dict[str, list[Any]]:
+    """A network by turn: its denominator's median, rate, resting q, and how often its condition is broken."""
+    if "fnn" not in run.scenario.controller.kind:
+        return {}
+    q, size, network = run.column("q"), np.abs(denominator(run)), run.scenario.controller.network
+    tau_rate = np.abs(np.diff(run.column("tau_c") - run.column("tau_n"))) / TICK_S
     ticks = np.arange(len(q))
-    turns = [((ticks >= rows.start) & (ticks < rows.stop))[:-1] for rows in RunView(log).turns]
-    found["den"] = [[float(np.median(size[:-1][rows])), float(size[:-1][rows][-1])] for rows in turns]
-    found["eff"] = [effective_rate(log, np.append(rows, False)) for rows in turns]
-    found["q_rests"] = [float(np.mean(np.diff(q)[rows] == 0)) for rows in turns]
-    found["alpha_broken"] = [float(np.mean(tau_rate[rows] >= log.scenario.controller.network.alpha)) for rows in turns]
-    return found
+    turns = [((ticks >= rows.start) & (ticks < rows.stop))[:-1] for rows in RunView(run).turns]
+    return {
+        "den": [float(np.median(size[:-1][rows])) for rows in turns],
+        "eff": [effective_rate(run, np.append(rows, False)) for rows in turns],
+        "q_rests": [100 * float(np.mean(np.diff(q)[rows] == 0)) for rows in turns],
+        "alpha_broken": [100 * float(np.mean(tau_rate[rows] >= network.alpha)) for rows in turns],
+    }
 
 
-def compared_numbers(log: Log) -> dict[str, Any]:
-    """Cross-track errors per turn, or on passes and headlands [m], and the travel of the steering [deg]."""
-    view, metrics = RunView(log), log.metrics
-    found = {f"xte_{turn['turn']}": turn["xte_rms"] for turn in metrics["per_turn"]}
-    found["travel_deg"] = float(np.degrees(np.abs(np.diff(log.column("steer"))).sum()))
-    if hasattr(log.scenario.path, "passes_s"):
-        t, offset = log.column("t"), view.beside.offset.whole()
-        on_pass = np.any([(t > start) & (t <= end) for start, end in log.scenario.path.passes_s], axis=0)
+def compared_numbers(row: Row, run: KeptRun) -> Row:
+    """A run's row with its errors per turn, or on passes and headlands [m], and the travel of the steering [deg]."""
+    path, found = run.scenario.path, {f"xte_{turn['turn']}": turn["xte_rms"] for turn in row["per_turn"]}
+    found["travel_deg"] = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
+    if hasattr(path, "passes_s"):
+        t, offset = run.column("t"), RunView(run).beside.offset
+        on_pass = np.any([(t > start) & (t <= end) for start, end in path.passes_s], axis=0)
         found["pass_rms"] = float(np.sqrt(np.mean(offset[on_pass] ** 2)))
         found["headland_rms"] = float(np.sqrt(np.mean(offset[~on_pass] ** 2)))
-        found["headland_max"] = float(np.abs(offset[~on_pass]).max())
-    return found
+    return {**row, **found}
 
 
-def read(name: str) -> list[dict[str, Any]]:
-    """Rows of a study so far."""
-    file = RUNS / f"{name}.jsonl"
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
-
-
-def add(name: str, row: Mapping[str, Any]) -> None:
-    """One more row; a line is written at once, so that several processes can share the file."""
-    RUNS.mkdir(parents=True, exist_ok=True)
-    with (RUNS / f"{name}.jsonl").open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
-    print({key: row[key] for key in ("surface", "law", "seed", "label", "outcome") if key in row}, flush=True)
-
-
-def study_printed() -> None:
-    """Runs of the printed laws that are not there yet."""
-    have = {row["label"] for row in read("printed")}
-    for label, sets in printed_rows():
-        if label not in have:
-            log = run(load_scenario("figure_eight", {**BICYCLE, **sets}))
-            add("printed", {"label": label, "outcome": log.outcome, **printed_numbers(log)})
-
-
-def study_comparison(surfaces: Sequence[str], seeds: Sequence[int]) -> None:
-    """Runs of the comparison that are not there yet."""
-    have = {(row["surface"], row["law"], row["seed"]) for row in read("comparison")}
-    todo = [(surface, law, seed) for surface in surfaces for seed in seeds for law in LAWS]
-    for surface, law, seed in todo:
-        if (surface, law, seed) not in have:
-            name, sets = SURFACES[surface]
-            log = run(load_scenario(name, {**sets, **LAWS[law], "seed": seed}))
-            key = {"surface": surface, "law": law, "seed": seed, "outcome": log.outcome}
-            add("comparison", {**key, **compared_numbers(log)})
-
-
-def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Bootstrap 95 % interval of the mean, 10,000 draws."""
-    data = np.asarray(values)
-    means = data[np.random.default_rng(1).integers(0, data.size, (10_000, data.size))].mean(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
-
-
-def comparison_table(surface: str) -> str:
+def comparison_table(rows: Sequence[Row], measures: dict[str, str]) -> str:
     """Mean error of each law, and the paired differences of the learners from each baseline, in cm."""
-    rows = {(row["law"], row["seed"]): row for row in read("comparison") if row["surface"] == surface}
-    measures = MEASURES[surface]
-    lines = [f"| law | seeds | {' | '.join(f'{name} [cm]' for name in measures.values())} | steering travel [deg] |"]
-    lines.append("|---|---:|" + "---:|" * (len(measures) + 1))
-    for law in LAWS:
-        every = [row for (name, _), row in rows.items() if name == law]
-        if mine := [row for row in every if has_errors(row)]:
-            means = [f"{100 * np.mean([row[key] for row in mine]):.2f}" for key in measures]
-            travel = np.mean([row["travel_deg"] for row in mine])
-            seeds = str(len(mine)) if len(mine) == len(every) else f"{len(mine)} (failed {failures(every)})"
-            lines.append(f"| {law} | {seeds} | {' | '.join(means)} | {travel:.0f} |")
-        elif every:
-            lines.append(f"| {law} | 0 (failed {failures(every)}) | {' | '.join('-' * (len(measures) + 1))} |")
-    lines += ["", f"| paired difference | seeds | {' | '.join(f'{name} [cm]' for name in measures.values())} |"]
-    lines.append("|---|---:|" + "---:|" * len(measures))
-    pairs = [(law, base) for law in ("learner + P", "learner + LQR") for base in BASELINES]
-    for law, base in [*pairs, ("learner + P", "learner + P, type 1")]:
-        pairs_of = [seed for name, seed in rows if name == law and (base, seed) in rows]
-        both = [seed for seed in pairs_of if has_errors(rows[law, seed]) and has_errors(rows[base, seed])]
-        count = str(len(both)) if len(both) == len(pairs_of) else f"{len(both)} of {len(pairs_of)}"
-        if len(both) > 1:
-            cells = [_difference([rows[law, s][key] - rows[base, s][key] for s in both]) for key in measures]
-            lines.append(f"| {law} less {base} | {count} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    laws = {law: [row for row in rows if row["variant"] == law] for law in variants("learning")}
+    heads = [f"{name} [cm]" for name in measures.values()]
+    lines = [(law, *_means(some, list(measures))) for law, some in laws.items() if some]
+    means = markdown_table(("law", "seeds", *heads, "steering travel [deg]"), lines, 1)
+    pairs = []
+    for law, base in PAIRS:
+        found = [
+            difference(*(by_seed(laws[name], field(key)) for name in (law, base)), bootstrap_interval)
+            for key in measures
+        ]
+        if found[0].n > 1:
+            seeds = f"{found[0].n} of {found[0].n + found[0].failed}" if found[0].failed else found[0].n
+            pairs.append((f"{law} less {base}", seeds, *(each._replace(failed=0).text(2, 100, "+") for each in found)))
+    return f"{means}\n\n{markdown_table(('paired difference', 'seeds', *heads), pairs, 1)}"
 
 
-def _difference(values: Sequence[float]) -> str:
-    low, high = interval(values)
-    return f"{100 * np.mean(values):+.2f} ({100 * low:+.2f} to {100 * high:+.2f})"
+def _means(every: Sequence[Row], measures: Sequence[str]) -> list[str]:
+    """How many runs of a law count, their mean errors [cm] and travel [deg]."""
+    mine = [row for row in every if has_errors(row)]
+    if not mine:
+        return [f"0 (failed {failures(every)})", *["-"] * (len(measures) + 1)]
+    seeds = str(len(mine)) if len(mine) == len(every) else f"{len(mine)} (failed {failures(every)})"
+    means = [f"{100 * np.mean([row[key] for row in mine]):.2f}" for key in measures]
+    return [seeds, *means, f"{np.mean([row['travel_deg'] for row in mine]):.0f}"]
 
 
-def printed_table() -> str:
-    """Lateral mean square error by turn, its gain, and the network's own numbers."""
-    names = (
-        "turn 1 [m2]",
-        "turn 2 [m2]",
-        "turn 2 / 1",
-        "rate / alpha",
-        "denominator [rad]",
-        "q rests",
-        "condition broken",
-    )
-    lines = [f"| run | {' | '.join(names)} |", "|---|" + "---:|" * len(names)]
-    for row in read("printed"):
-        first, second, *more = row["mse"]
+def printed_tables(rows: Sequence[tuple[Row, dict[str, list[Any]]]]) -> dict[str, str]:
+    """Lateral mean square error by turn, its gain and the network's own numbers; and turn by turn over eight turns."""
+    lines, turns = [], ""
+    for row, own in rows:
+        first, second, *more = (turn["lateral_mse"] for turn in row["per_turn"])
         if more:
+            turns = turns_table([first, second, *more], own)
             continue
-        own = ["-"] * 4
-        if "eff" in row and "pd_t1fnn" not in row["label"]:
-            shares = [f"{100 * row[key][0]:.0f}, {100 * row[key][1]:.0f} %" for key in ("q_rests", "alpha_broken")]
-            sizes = f"{row['den'][0][0]:.4f}, {row['den'][1][0]:.4f}"
-            own = [f"{row['eff'][0]:.2f}, {row['eff'][1]:.2f}", sizes, *shares]
-        lines.append(f"| {row['label']} | {first:.4f} | {second:.4f} | {second / first:.2f} | {' | '.join(own)} |")
-    return "\n".join(lines)
+        cells = ["-"] * 4
+        if own and "pd_t1fnn" not in row["variant"]:
+            texts = (("eff", ".2f", ""), ("den", ".4f", ""), ("q_rests", ".0f", " %"), ("alpha_broken", ".0f", " %"))
+            cells = [f"{own[key][0]:{digits}}, {own[key][1]:{digits}}{unit}" for key, digits, unit in texts]
+        lines.append((row["variant"], f"{first:.4f}", f"{second:.4f}", f"{second / first:.2f}", *cells))
+    heads = ("run", "turn 1 [m2]", "turn 2 [m2]", "turn 2 / 1", "rate / alpha", "denominator [rad]", "q rests")
+    return {"printed": markdown_table((*heads, "condition broken"), lines, 1), "turns": turns}
 
 
-def turns_table() -> str:
-    """Turn by turn over eight turns: the network's denominator, resting q and rate, and its error."""
-    row = next(row for row in read("printed") if row["label"] == "pd_t2fnn 8 turns")
+def turns_table(errors: Sequence[float], own: dict[str, list[Any]]) -> str:
+    """Turn by turn: the network's denominator, resting q and rate, and its error."""
+    columns = zip(own["den"], own["q_rests"], own["eff"], errors, strict=True)
     lines = [
-        "| turn | denominator, median [rad] | q rests [%] | rate / alpha | lateral MSE [m2] |",
-        "|---|" + "---:|" * 4,
+        (k, f"{d:.3f}", f"{rests:.0f}", f"{rate:.2f}", f"{mse:.4f}")
+        for k, (d, rests, rate, mse) in enumerate(columns, 1)
     ]
-    for k, (den, rests, rate, mse) in enumerate(zip(row["den"], row["q_rests"], row["eff"], row["mse"], strict=True)):
-        lines.append(f"| {k + 1} | {den[0]:.3f} | {100 * rests:.0f} | {rate:.2f} | {mse:.4f} |")
-    return "\n".join(lines)
+    heads = ("turn", "denominator, median [rad]", "q rests [%]", "rate / alpha", "lateral MSE [m2]")
+    return markdown_table(heads, lines, 1)
 
 
-def draw_printed() -> None:
+def draw_printed(images: Path) -> None:
     """q, its law's denominator and tau_n over four turns."""
-    log = run(load_scenario("figure_eight", {**BICYCLE, "path.turns": 4}))
+    log = run(load_scenario("figure_eight", {**GRID["set"], "path.turns": 4}))
     t = log.column("t")
     with rc_context(STYLE):
         figure = Figure(figsize=(7.0, 4.2), layout="constrained")
@@ -263,17 +163,17 @@ def draw_printed() -> None:
         axes[2].set_ylabel("steering [rad]")
         axes[2].set_xlabel("time [s]")
         axes[2].legend(loc="upper right", ncols=2)
-        save(figure, IMAGES / "learning_printed.png")
+        save(figure, images / "learning_printed.png")
 
 
-def draw_map() -> None:
+def draw_map(images: Path) -> None:
     """The learnt map after each turn of the figure eight, and after the swaths, beside atan(L kappa)."""
     curvature = np.linspace(-0.4, 0.4, 161)
     with rc_context(STYLE):
         figure = Figure(figsize=(7.0, 2.8), layout="constrained")
         for axis, surface in zip(figure.subplots(1, 2, sharey=True), ("figure eight", "swaths"), strict=True):
-            name, sets = SURFACES[surface]
-            log = run(load_scenario(name, {**sets, **LEARNER}))
+            changed = GRID | SURFACES[surface]
+            log = run(load_scenario(changed["base"], {**changed["set"], **variants("learning")["learner + P"]}))
             network, rules = log.scenario.guidance.network, [c for c in log.rows.columns if c.startswith("map_")]
             f = np.array([log.column(rule) for rule in rules])
             for label, row in zip(("halfway", "at the end"), (f.shape[1] // 2, -1), strict=True):
@@ -290,35 +190,29 @@ def draw_map() -> None:
             axis.set_xlabel("curvature ahead [1/m]")
             axis.legend(loc="upper left")
         figure.axes[0].set_ylabel("steering angle [deg]")
-        save(figure, IMAGES / "learning_map.png")
+        save(figure, images / "learning_map.png")
 
 
-def publish() -> None:
-    """Tables of the rows that are there."""
-    text = PAGE.read_text(encoding="utf-8")
-    present = [surface for surface in SURFACES if any(row["surface"] == surface for row in read("comparison"))]
-    tables = {surface: comparison_table(surface) for surface in present}
-    tables |= {"printed": printed_table(), "turns": turns_table()}
-    for name, made in tables.items():
-        text = put(text, name, made)
-    PAGE.write_text(text, encoding="utf-8")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--part", choices=("all", "printed", "comparison", "publish", "figures"), default="all")
-    parser.add_argument("--surfaces", default="figure eight,swaths", help="comma-separated")
-    parser.add_argument("--seeds", default="1:21", help="first:last + 1")
-    given = parser.parse_args()
-    if given.part in ("all", "printed"):
-        study_printed()
-    if given.part in ("all", "comparison"):
-        study_comparison(given.surfaces.split(","), range(*map(int, given.seeds.split(":"))))
-    if given.part in ("all", "publish"):
-        publish()
-    if given.part in ("all", "figures"):
-        draw_printed()
-        draw_map()
+def main(arguments: list[str] | None = None) -> None:
+    study = Study("learning", __doc__, arguments)
+    blocks = {}
+    for surface, changes in SURFACES.items():
+        name = surface.replace(" ", "_")
+        due = "MuJoCo" not in surface or (study.parts and name in study.parts)
+        rows = study.rows(name, "learning", **changes) if due else study.there(name)
+        if rows:
+            numbers = [compared_numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
+            blocks[surface] = comparison_table(numbers, PASSES if surface == "swaths" else TURNS)
+    rows = study.rows("learning_printed")
+    runs = [(row, study.kept("learning_printed", row)) for row in rows]
+    if runs:
+        blocks |= printed_tables(
+            [(row, printed_numbers(run) if "fnn" in run.scenario.controller.kind else {}) for row, run in runs]
+        )
+    study.write(blocks)
+    if study.only_draw or study.runs_part("figures"):
+        draw_printed(study.images)
+        draw_map(study.images)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.kinematic import CascadeLaw
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.passes import LABEL
 from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
@@ -153,7 +154,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
     """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
-        f"| {name_of(kind)} | {m['pass_to_pass_p95_m']:.3f} | {m['pass_xte_abs_p95_m']:.3f} |"
+        (name_of(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
         for kind, m in found.items()
         if m is not None
     ]
@@ -163,33 +164,35 @@ def passes(logs: dict[str, Log]) -> list[str]:
 def implements(logs: dict[str, Log]) -> list[str]:
     """Where the implement worked, relative to the path."""
     rows = [
-        f"| {name_of(kind)} | {m['implement_xte_rms']:.3f} | {m['implement_xte_abs_p95']:.3f} "
-        f"| {100 * m['implement_xte_mean']:+.1f} | {m['hitch_pull_mean'] / 1e3:.2f} "
-        + (f"| {np.degrees(m['hitch_angle_abs_p95']):.1f} |" if m["hitch_angle_abs_p95"] else "| - |")
+        (
+            *(name_of(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
+            *(f"{100 * m['implement_xte_mean']:+.1f}", f"{m['hitch_pull_mean'] / 1e3:.2f}"),
+            f"{np.degrees(m['hitch_angle_abs_p95']):.1f}" if m["hitch_angle_abs_p95"] else "-",
+        )
         for kind, m in ((kind, log.metrics) for kind, log in logs.items())
         if m.get("implement_xte_rms") is not None
     ]
     return with_heads(IMPLEMENT_HEADS, rows)
 
 
-def with_heads(heads: tuple[str, ...], rows: list[str]) -> list[str]:
+def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     """A table behind an empty line; nothing without rows."""
-    return ["", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows] if rows else []
+    return ["", markdown_table(heads, rows)] if rows else []
 
 
-def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> str:
-    """The scenario's line in the table at the head."""
+def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]:
+    """The scenario's cells in the table at the head."""
     found = [logs[kind].metrics["lateral_abs_p95"] if kind in logs else None for kind in CONTROLLERS]
-    cells = " | ".join("-" if n is None else f"{n:.2f}" for n in found)
-    return f"| `{name}` | {scenario.title} | {scenario.expected_outcome.replace('_', ' ')} | {cells} |"
+    cells = ("-" if n is None else f"{n:.2f}" for n in found)
+    return f"`{name}`", scenario.title, scenario.expected_outcome.replace("_", " "), *cells
 
 
-def row(kind: str, log: Log) -> str:
-    """One line of a scenario's table."""
+def row(kind: str, log: Log) -> tuple[str, ...]:
+    """One row of a scenario's table."""
     m: dict[str, Any] = log.metrics
     numbers = [m["lateral_rms"], m["lateral_abs_p95"], m["xte_abs_p95"]]
     cells = [f"{log.column('t')[-1]:.0f}", *("-" if n is None else f"{n:.3f}" for n in numbers)]
-    return f"| {kind} | {log.outcome} | {' | '.join(cells)} | {np.degrees(m['yaw_rate_error_rms'] or 0):.2f} |"
+    return kind, log.outcome, *cells, f"{np.degrees(m['yaw_rate_error_rms'] or 0):.2f}"
 
 
 def main() -> None:
@@ -198,7 +201,7 @@ def main() -> None:
     chosen = parser.parse_args().names
     names = chosen or list(scenario_files())
     IMAGES.mkdir(parents=True, exist_ok=True)
-    sections, index = [], ["| name | what it is | ends | lateral p95 [m]: PD | PD + T2FNN |", "|---|---|---|---|---|"]
+    sections, index = [], []
     with task(f"{len(names)} scenarios", len(names)) as advance:
         for name in names:
             scenario = load_scenario(name)
@@ -211,8 +214,9 @@ def main() -> None:
         print("\n".join(sections))
         return
     text = PAGE.read_text(encoding="utf-8")
-    for name, lines in ((INDEX, index), (PAGES, sections)):
-        text = put(text, name, "\n" + "\n".join(lines).rstrip() + "\n")
+    heads = ("name", "what it is", "ends", "lateral p95 [m]: PD", "PD + T2FNN")
+    for name, content in ((INDEX, markdown_table(heads, index)), (PAGES, "\n".join(sections).rstrip())):
+        text = put(text, name, f"\n{content}\n")
     PAGE.write_text(text, encoding="utf-8")
 
 

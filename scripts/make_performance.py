@@ -30,10 +30,11 @@ from bench import (
 from blocks import block, put
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from peers import PEERS, Row, drive_on, in_turn, moving
+from peers import PEERS, drive_on, in_turn, moving
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.t2fnn import T2Fnn
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.stepping import Simulation
@@ -56,11 +57,6 @@ Curve = dict[float, float]
 """Cost by size."""
 
 
-def lines(head: str, rows: list[str]) -> str:
-    """A table with this head."""
-    return "\n".join([head, "|" + "---|" * (head.count("|") - 1), *rows])
-
-
 def aims(scenario: Scenario, cost: Cost) -> str:
     """The project's aims and what is measured."""
     simulated, us = scenario.ticks * TICK_S, 1e6 / steps_of(scenario)
@@ -81,38 +77,33 @@ def aims(scenario: Scenario, cost: Cost) -> str:
         own: (f"{cost.bare_s * us:.1f} us", ""),
         f"the same {whole}": (f"{cost.drawn_s * us:.1f} us", ""),
     }
-    return lines("| what | measured | aim |", [f"| {what} | {value} | {aim} |" for what, (value, aim) in rows.items()])
+    return markdown_table(("what", "measured", "aim"), [(what, *found) for what, found in rows.items()])
 
 
 def parts(found: dict[str, float]) -> str:
     """What a tick of 50 ms consists of."""
     total = sum(found.values())
-    rows = [f"| {part} | {1e6 * time:.0f} | {time / total:.0%} |" for part, time in found.items()]
-    return lines("| part of a tick | us | share |", [*rows, f"| sum | {1e6 * total:.0f} | |"])
+    rows = [(part, f"{1e6 * time:.0f}", f"{time / total:.0%}") for part, time in found.items()]
+    return markdown_table(("part of a tick", "us", "share"), [*rows, ("sum", f"{1e6 * total:.0f}", "")])
 
 
 def physics(ratios: dict[str, float]) -> str:
     """Physics with each tyre and implement over bare steps."""
-    rows = [f"| `{kind}` | {ratio:.2f} | {aim_of(kind)} |" for kind, ratio in ratios.items()]
-    return lines("| tyre, or implement on the default tyre | over bare `mj_step` | aim: at most |", rows)
+    rows = [(f"`{kind}`", f"{ratio:.2f}", aim_of(kind)) for kind, ratio in ratios.items()]
+    return markdown_table(("tyre, or implement on the default tyre", "over bare `mj_step`", "aim: at most"), rows)
 
 
 def peers(text: str) -> str:
     """The table of peers; what cannot be measured keeps its last row."""
-    old = [line for line in block(text, "peers").splitlines() if line.startswith("| ")][1:]
+    old = [line.strip("| ").split(" | ") for line in block(text, "peers").splitlines()[2:]]
     rows = []
     for package, measure in PEERS.items():
         try:
-            rows += [cells(package, row) for row in measure()]
+            rows += [(package, row.what, row.ours, row.theirs, row.ratio) for row in measure()]
         except ImportError as error:
             print(f"skipped: {package} ({error})", file=sys.stderr)
-            rows += [line for line in old if line.startswith(f"| {package} ")]
-    return lines("| package | what | ours | theirs | theirs over ours |", rows)
-
-
-def cells(package: str, row: Row) -> str:
-    """A line of the table of peers."""
-    return f"| {package} | {row.what} | {row.ours} | {row.theirs} | {row.ratio} |"
+            rows += [cells for cells in old if cells[0] == package]
+    return markdown_table(("package", "what", "ours", "theirs", "theirs over ours"), rows)
 
 
 def by_terrain() -> Curve:
@@ -183,8 +174,8 @@ def growth(curves: dict[str, tuple[str, Curve]]) -> str:
     rows = []
     for what, (unit, curve) in curves.items():
         sizes, costs = ", ".join(f"{size:g}" for size in curve), ", ".join(f"{cost:.3g}" for cost in curve.values())
-        rows.append(f"| {what} | {sizes} | {costs} {unit} |")
-    return lines("| what grows | sizes | cost |", rows)
+        rows.append((what, sizes, f"{costs} {unit}"))
+    return markdown_table(("what grows", "sizes", "cost"), rows)
 
 
 def draw_tick(found: dict[str, float]) -> None:

@@ -11,14 +11,16 @@ import numpy as np
 import pyarrow.parquet as pq
 from blocks import put
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.safety import OFF_M
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 ROOT = Path(__file__).parent.parent
 PAGE, RUNS = ROOT / "docs" / "safety.md", ROOT / "runs" / "safety"
-HEAD = (
-    "| failure | runs | stopped | after [s] | off the path at the end [m] | largest [m] | speed over command | reason |"
+HEADS = (
+    *("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]"),
+    *("speed over command", "reason"),
 )
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
 """Bars: speed over command [-]; a tractor `OFF_M` off its path stands within this time [s] or distance [m]."""
@@ -53,7 +55,7 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)
-    lines = [HEAD, "|---|---|---|---|---|---|---|---|"]
+    lines = []
     for name, some in groups.items():
         reasons = Counter(str(row["stop_reason"]) for row in some if row["outcome"] == "stopped")
         numbers = (
@@ -61,10 +63,10 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
         )
         stopped = sum(row["safety.stop_s"] is not None for row in some)
         reason = reasons.most_common(1)[0][0] if reasons else ""
-        lines.append(f"| {name} | {len(some)} | {stopped} | {' | '.join(numbers)} | {reason} |")
+        lines.append((name, len(some), stopped, *numbers, reason))
     stops = Counter(str(row["stop_reason"]) for row in sane if row["outcome"] == "stopped")
-    lines.append(f"| nothing | {len(sane)} | {stops.total()} | - | - | - | - | {'; '.join(stops)} |")
-    return "\n".join(lines)
+    lines.append(("nothing", len(sane), stops.total(), *"----", "; ".join(stops)))
+    return markdown_table(HEADS, lines)
 
 
 def bars_table(rows: list[Row]) -> str:
@@ -75,9 +77,8 @@ def bars_table(rows: list[Row]) -> str:
         "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
         "never": f"farther off than {OFF_M:g} m and not stopped",
     }
-    lines = ["| bar | failure | law | runs |", "|---|---|---|---|"]
-    lines += [f"| {words[bar]} | {name} | {law} | {n} |" for (bar, name, law), n in sorted(broken.items())]
-    return "\n".join(lines) if broken else "No run is beyond a bar."
+    lines = [(words[bar], name, law, n) for (bar, name, law), n in sorted(broken.items())]
+    return markdown_table(("bar", "failure", "law", "runs"), lines) if broken else "No run is beyond a bar."
 
 
 def sane_text(rows: list[Row]) -> str:

@@ -1,12 +1,9 @@
 """Blocks of the documentation that scripts write again."""
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from blocks import block, put
 
 DOCS = Path(__file__).parents[1] / "docs"

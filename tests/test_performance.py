@@ -1,9 +1,8 @@
 """The benchmark restores all that a round changes, its page keeps what cannot be measured, and the model that runs is
 the model as drawn. No test here asks how long anything takes."""
 
-import sys
-from pathlib import Path
-
+import bench
+import make_performance
 import mujoco
 import numpy as np
 import pytest
@@ -18,10 +17,6 @@ from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.terrain import Flat, Rough
 from agrobot_mj.tyres import Contact, MagicFormula, Ruts
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-import bench
-import make_performance
 
 PAGE = """# Title
 <!-- peers -->

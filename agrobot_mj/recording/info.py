@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import NAMES
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
@@ -48,19 +49,19 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
-    heads = " | ".join(f"{name} [{UNITS[name]}]" for name in COMPARED)
-    lines = [
-        f"| {name.replace('|', '/')} | #{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')} | {log.outcome} "
-        f"| {_cells([log.metrics[metric] for metric in COMPARED])} |"
+    heads = ("run", "colour", "outcome", *(f"{name} [{UNITS[name]}]" for name in COMPARED))
+    rows = [
+        (
+            *(name, f"#{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')}", log.outcome),
+            *(_cell(log.metrics[metric]) for metric in COMPARED),
+        )
         for name, colour, log in runs
     ]
-    table = [f"| run | colour | outcome | {heads} |", "|---" * (len(COMPARED) + 3) + "|", *lines]
     return (
         f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}; "
         "the scenario beside is that of the first run\n\nThe solid tractor is that of the last run, the others are "
         "translucent. Errors are position less reference: left of the path and ahead are positive.\n\n"
-        + "\n".join(table)
-        + "\n"
+        f"{markdown_table(heads, rows)}\n"
     )
 
 
@@ -78,9 +79,12 @@ def resolved(scenario: Scenario) -> str:
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:
     """The numbers and words of a table, without what is nested in it."""
-    rows = [(name, value) for name, value in metrics.items() if isinstance(value, int | float | str)]
-    lines = [f"| {name} | {_cell(value)} | {UNITS.get(name, _unit(name))} |" for name, value in rows]
-    return "\n".join([f"## {title}", "", "| metric | value | unit |", "|---|---|---|", *lines])
+    rows = [
+        (name, _cell(value), UNITS.get(name, _unit(name)))
+        for name, value in metrics.items()
+        if isinstance(value, int | float | str)
+    ]
+    return f"## {title}\n\n{markdown_table(('metric', 'value', 'unit'), rows)}"
 
 
 def _unit(name: str) -> str:
@@ -94,14 +98,10 @@ def _turns(metrics: dict[str, Any]) -> str:
     if not turns:
         return ""
     names = [name for name in turns[0] if name not in ("turn", "complete")]
-    lines = [f"| {name} | {_cells([turn[name] for turn in turns])} | {UNITS.get(name, '-')} |" for name in names]
-    heads = " | ".join(f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns)
-    return "\n".join(
-        [
-            *("## Turn by turn", "", f"| metric | {heads} | unit |", "|---" * (len(turns) + 2) + "|"),
-            *(*lines, f"| nn_share | {_cells(shares)} | - |"),
-        ]
-    )
+    heads = [f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns]
+    rows = [(name, *(_cell(turn[name]) for turn in turns), UNITS.get(name, "-")) for name in names]
+    rows.append(("nn_share", *map(_cell, shares), "-"))
+    return f"## Turn by turn\n\n{markdown_table(('metric', *heads, 'unit'), rows)}"
 
 
 def _passes(metrics: dict[str, Any]) -> str:
@@ -111,22 +111,13 @@ def _passes(metrics: dict[str, Any]) -> str:
         return ""
     total = [(name, value) for name, value in found.items() if name not in ("label", "per_pass")]
     names = [name for name in found["per_pass"][0] if name not in ("pass", "complete")]
-    heads = " | ".join(f"{name} [m]" for name in names)
-    return "\n".join(
-        [
-            *(f"## Pass to pass, {found['label']}", "", "| metric | value | unit |", "|---|---|---|"),
-            *(f"| {name} | {_cells([value])} | m |" for name, value in total),
-            *("", f"| pass | {heads} |", "|---" * (len(names) + 1) + "|"),
-            *(
-                f"| {one['pass']}{'' if one['complete'] else ' (in part)'} | {_cells([one[name] for name in names])} |"
-                for one in found["per_pass"]
-            ),
-        ]
-    )
-
-
-def _cells(values: list[float | None]) -> str:
-    return " | ".join(map(_cell, values))
+    whole = markdown_table(("metric", "value", "unit"), [(name, _cell(value), "m") for name, value in total])
+    rows = [
+        (f"{one['pass']}{'' if one['complete'] else ' (in part)'}", *(_cell(one[name]) for name in names))
+        for one in found["per_pass"]
+    ]
+    passes = markdown_table(("pass", *(f"{name} [m]" for name in names)), rows)
+    return f"## Pass to pass, {found['label']}\n\n{whole}\n\n{passes}"
 
 
 def _cell(value: float | str | None) -> str:

@@ -1,13 +1,9 @@
 """Tables of a comparison: plain text that is valid Markdown."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors
 
 
@@ -21,18 +17,15 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
     names = [name for name in ("plant", "variant", "guidance", "controller", "seed", "piece") if _tells(rows, name)]
-    text = Table(box=box.MARKDOWN)
-    for name in (*names, "outcome"):
-        text.add_column(name)
-    for name in ("lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2"):
-        text.add_column(name, justify="right")
-    for row in rows:
-        given = ["-" if row.get(name) is None else str(row[name]).replace("|", "/") for name in names]
-        text.add_row(*given, row.get("outcome", "-"), *_numbers(row, pd_mse.get(_place(row))))
-    console = Console(file=io.StringIO(), width=400, color_system=None, markup=False, emoji=False)
-    with console.capture() as captured:
-        console.print(text, highlight=False)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
+    lines = [
+        (
+            *("-" if row.get(name) is None else row[name] for name in names),
+            *(row.get("outcome", "-"), *_numbers(row, pd_mse.get(_place(row)))),
+        )
+        for row in rows
+    ]
+    heads = (*names, "outcome", "lateral MSE [m2]", "turn 1", "turn 2", "/ pd", "xte rms [m]", "nn 1", "nn 2")
+    return markdown_table(heads, lines, len(names) + 1, aligned=True)
 
 
 def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:

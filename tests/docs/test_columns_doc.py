@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from make_reference import reference
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
-from agrobot_mj.simulation.reference import reference
 from agrobot_mj.simulation.storage import write_log
 
 PAGE = Path(__file__).parents[2] / "docs" / "columns.md"

@@ -5,12 +5,7 @@ from math import atan2, cos, degrees, radians, sin, sqrt
 
 import numpy as np
 import pytest
-
-from agrobot_mj.core.geometry import wrap
-from agrobot_mj.estimation.full_model import C, K, S
-from agrobot_mj.estimation.levelling import SmoothedTilt
-from agrobot_mj.estimation.wheel_slip import WheelSlip
-from agrobot_mj.studies.validation.consistency import (
+from consistency import (
     CASES,
     DRIVES,
     LOSSES_S,
@@ -20,7 +15,12 @@ from agrobot_mj.studies.validation.consistency import (
     loss_rows,
     whole_row,
 )
-from agrobot_mj.studies.validation.filters import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
+from recorded_drives import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.estimation.full_model import C, K, S
+from agrobot_mj.estimation.levelling import SmoothedTilt
+from agrobot_mj.estimation.wheel_slip import WheelSlip
 
 LQR = {"guidance": {"kind": "lqr"}, "estimator": FULL}
 DT = 0.05

@@ -4,16 +4,7 @@ from math import cos, degrees, isfinite, nan, radians, sin
 
 import numpy as np
 import pytest
-
-from agrobot_mj import load_scenario
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.randomness import stream
-from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
-from agrobot_mj.estimation import EkfFull
-from agrobot_mj.estimation.full_core import forget_correlated
-from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, C, K, X, Y
-from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.studies.validation.filters import (
+from recorded_drives import (
     BIAS,
     FULL,
     PAPER,
@@ -29,6 +20,15 @@ from agrobot_mj.studies.validation.filters import (
     rms,
     settled,
 )
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
+from agrobot_mj.estimation import EkfFull
+from agrobot_mj.estimation.full_core import forget_correlated
+from agrobot_mj.estimation.full_model import B_G, B_S, G_E, G_N, OMEGA, PSI, C, K, X, Y
+from agrobot_mj.machine.tractor import TractorParameters
 
 DT, TRACTOR = 0.05, TractorParameters()
 

@@ -4,6 +4,7 @@ from math import nan
 
 import numpy as np
 import pytest
+from recorded_drives import BIAS, FULL, PAPER, follow, record
 
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.signals import NOMINAL, Quality
@@ -12,7 +13,6 @@ from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.estimation.base import NIS_MOST, Health, largest_sigma
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.sensors import Sensors
-from agrobot_mj.studies.validation.filters import BIAS, FULL, PAPER, follow, record
 
 DT = 0.05
 

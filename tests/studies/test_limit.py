@@ -11,8 +11,8 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Question, check, metric_names
-from agrobot_mj.studies.limit.rates import runs_needed, wilson
 from agrobot_mj.studies.limit.search import SHOWN_RUNS, find_limit
+from agrobot_mj.studies.statistics import runs_needed, wilson_interval
 from agrobot_mj.studies.sweep.work import Done, failure
 
 KEY = "steering.valve.dead_band_v"
@@ -94,15 +94,15 @@ def test_an_unknown_metric_is_named_with_those_there_are():
 
 def test_the_interval_is_wilsons():
     """Newcombe (1998), Statistics in Medicine 17, table I, score method without correction: 81 of 263 at 95 %."""
-    assert wilson(81, 263, 0.95) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson(0, 20, 0.95) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert wilson_interval(81, 263, 0.95) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson_interval(0, 20, 0.95) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
 @pytest.mark.parametrize(("reliability", "confidence"), [(0.8, 0.8), (0.9, 0.8), (0.5, 0.95)])
 def test_runs_needed_are_just_enough(reliability, confidence):
     n = runs_needed(reliability, confidence)
-    assert wilson(n, n, confidence)[0] >= reliability
-    assert n == 1 or wilson(n - 1, n - 1, confidence)[0] < reliability
+    assert wilson_interval(n, n, confidence)[0] >= reliability
+    assert n == 1 or wilson_interval(n - 1, n - 1, confidence)[0] < reliability
 
 
 # --- the search ---------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried
-from agrobot_mj.studies.limit.rates import runs_needed
+from agrobot_mj.studies.statistics import runs_needed
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:

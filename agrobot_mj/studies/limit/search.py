@@ -20,7 +20,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.limit.answer import answer, answer_beside, answer_fixed
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, as_value, at_value
-from agrobot_mj.studies.limit.rates import runs_needed, wilson
+from agrobot_mj.studies.statistics import runs_needed, wilson_interval
 from agrobot_mj.studies.sweep.plan import base_text
 from agrobot_mj.studies.sweep.work import WALL, Done, Task
 
@@ -148,7 +148,7 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
     rate = 1 - failed / n
-    low, high = wilson(n - failed, n, q.confidence) if independent else (rate, rate)
+    low, high = wilson_interval(n - failed, n, q.confidence) if independent else (rate, rate)
     return Tried(
         value,
         n,

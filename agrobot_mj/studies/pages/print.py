@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agrobot_mj.metrics.success import error_of
-from agrobot_mj.studies.limit.rates import wilson
 from agrobot_mj.studies.pages.document import COLOURS
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, is_number, parameters_of
+from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -31,7 +31,7 @@ def ranking(groups: list[Group]) -> Figure:
     places = list(range(len(groups)))
     for k, group in enumerate(groups):
         rate = group.successes / len(group.rows)
-        low, high = wilson(group.successes, len(group.rows), CONFIDENCE)
+        low, high = wilson_interval(group.successes, len(group.rows), CONFIDENCE)
         ends = [[100 * max(rate - low, 0.0)], [100 * max(high - rate, 0.0)]]
         left.errorbar([100 * rate], [k], xerr=ends, color=COLOURS[0], marker="o", markersize=4, capsize=2)
     shown = [(k, group.values) for k, group in enumerate(groups) if len(group.values)]

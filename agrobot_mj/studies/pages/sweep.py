@@ -19,10 +19,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.limit.rates import wilson
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.pieces import pieces
+from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.sweep.plan import decides
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -172,7 +172,7 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
         )
     page.section("Ranking", text)
     rates = [100 * g.successes / len(g.rows) for g in groups]
-    limits: list[tuple[float, float]] = [wilson(g.successes, len(g.rows), CONFIDENCE) for g in groups]
+    limits: list[tuple[float, float]] = [wilson_interval(g.successes, len(g.rows), CONFIDENCE) for g in groups]
     names = [g.name for g in groups]
     bars = {
         "type": "scatter", "mode": "markers", "x": rates, "y": names, "marker": {"size": 9, "color": COLOURS[0]},

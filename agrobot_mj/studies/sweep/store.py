@@ -302,8 +302,9 @@ def _in_order(table: pa.Table) -> pa.Table:
     end = [name for name in ("wall_s", "version") if name in table.column_names]
     table = table.select([name for name in table.column_names if name not in end] + end)
     empty = {"error": pa.string()}
-    fields = [
-        field.with_type(empty.get(field.name, pa.float64())) if pa.types.is_null(field.type) else field
-        for field in table.schema
-    ]
-    return table.cast(pa.schema(fields))
+    # Not by `Table.cast`: it fails on lists of records that have a field without any value.
+    columns = {
+        name: pa.nulls(len(table), empty.get(name, pa.float64())) if pa.types.is_null(column.type) else column
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
+    return pa.table(columns)

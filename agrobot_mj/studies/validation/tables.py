@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.studies.validation.base import BICYCLE, Check
 
 HEAD = """# Validation
@@ -62,7 +63,7 @@ def table(checks: Sequence[Check]) -> str:
     for check in checks:
         quantities.setdefault((check.quantity, check.unit), {})[check.subject] = check
     head = ["quantity", "theory", *subjects, "band"]
-    lines = [head, ["---", *["---:"] * (len(head) - 1)]]
+    rows = []
     for (quantity, unit), by_subject in quantities.items():
         found = list(by_subject.values())
         theories = {check.theory for check in found if check.theory is not None}
@@ -70,8 +71,8 @@ def table(checks: Sequence[Check]) -> str:
         bands = dict.fromkeys(check.band for check in found if check.band != "reported")
         cells = [_cell(by_subject.get(subject), not common) for subject in subjects]
         theory = number(theories.pop()) if common else "(each)" if theories else ""
-        lines.append([f"{quantity} [{unit}]" if unit else quantity, theory, *cells, ", ".join(bands) or "-"])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        rows.append([f"{quantity} [{unit}]" if unit else quantity, theory, *cells, ", ".join(bands) or "-"])
+    return markdown_table(head, rows, 1)
 
 
 def _cell(check: Check | None, own_theory: bool) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import BLUE, LIGHT_GREY, ORANGE
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 from agrobot_mj.studies.sweep.importance.shares import Influence, Share
@@ -20,12 +21,12 @@ def importance_table(found: Sequence[Influence]) -> str:
     screening = found[0].unexplained is not None
     columns = ["rank", "share of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
-    lines = ["| number | " + " | ".join(names) + " |", "|---|" + "---:|" * len(names)]
+    rows = []
     for leading in found[0].shares:
         shares = [next(share for share in each.shares if share.key == leading.key) for each in found]
         cells = [cell for share, each in zip(shares, found, strict=True) for cell in _cells(share, not each.flaws)]
-        lines.append(f"| `{leading.key}` | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append((f"`{leading.key}`", *cells))
+    return markdown_table(("number", *names), rows, 1)
 
 
 def _cells(share: Share, trusted: bool) -> list[str]:

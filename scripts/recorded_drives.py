@@ -1,15 +1,12 @@
-"""Estimators on recorded drives; `python -m agrobot_mj.studies.validation.filters` prints the
-tables of docs/estimators.md.
+"""Recorded drives, and estimators that follow them.
 
-A drive is the truth of a run of the paper's stack, recorded once. Sensors with other seeds measure it again and an
-estimator follows, at a tenth of the cost of the run: twenty seeds per case for `ekf_full`, over four drives. Gyro,
-wheel speed and inertial unit are on, with the errors of `SENSORS`.
+A drive is the truth of a run, recorded once. Sensors with other seeds measure it again and an estimator follows, at a
+tenth of the cost of the run. Gyro, wheel speed and inertial unit are on, with the errors of `SENSORS`.
 """
 
-import sys
 import time
 from collections.abc import Callable
-from math import degrees, nan, radians
+from math import degrees, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +25,8 @@ SENSORS = {
 """Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
 BEGIN_S = 20.0
 """Time before which nothing counts [s]."""
-DRIVES, SEEDS, OTHER_SEEDS, DURATION_S = 4, 20, 4, 120.0
-"""Recorded drives, seeds of the sensors for `ekf_full` and for the others, and length of a drive [s]."""
+DURATION_S = 120.0
+"""Length of a drive [s]."""
 
 Day = Callable[[float], Conditions]
 """Conditions at a time [s]."""
@@ -114,13 +111,13 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
     squares = [d @ np.linalg.solve(e.covariance[:2, :2], d) for d, e in zip(error, estimates, strict=True)]
     yaw = np.array([e.yaw for e in estimates])
     sideslip = np.array([e.sideslip for e in estimates])
-    heading = _wrapped(yaw - sideslip - np.array([t.yaw for t in truths]))
+    heading = wrapped(yaw - sideslip - np.array([t.yaw for t in truths]))
     return ErrorTrace(
         t=np.array([t.t for t in truths]),
         east=error[:, 0],
         north=error[:, 1],
         heading=heading,
-        course=_wrapped(yaw - np.arctan2(v_y, v_x)),
+        course=wrapped(yaw - np.arctan2(v_y, v_x)),
         yaw_rate=np.array([e.yaw_rate - t.yaw_rate for t, e in zip(truths, estimates, strict=True)]),
         nees=np.array(squares),
         heading_nees=heading**2 / np.array([e.covariance[2, 2] for e in estimates]),
@@ -184,96 +181,10 @@ def alignment(trace: ErrorTrace) -> tuple[float, float]:
     return (float(trace.travelled[found[0]]) if found.size else nan), abs(degrees(trace.heading[there]))
 
 
-def _wrapped(angles: Array) -> Array:
+def wrapped(angles: Array) -> Array:
     return np.array([wrap(angle) for angle in angles.tolist()])
 
 
 FULL, BIAS, PAPER = {"kind": "ekf_full"}, {"kind": "ekf_bias"}, {"kind": "ekf"}
-KINDS = (PAPER, BIAS, FULL)
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
-CASES: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
-    "level": ({}, {}, nominal),
-    "level, fixes 0.2 s late": ({}, {}, late(0.2)),
-    "soil": ({"plant.tyre.kind": "soil"}, {}, nominal),
-    "side slope 10 deg, compensated": (SLOPE, TILT, nominal),
-    "rough ground of class D, compensated": ({"terrain": {"kind": "rough", "iso_class": "D"}}, TILT, nominal),
-}
-"""Figure eights: overrides of the run, of the estimator, and the day."""
-LOSS_STARTS_S = (25.0, 75.0)
-"""Beginnings of the losses, each 20 s or more before the end of an arc [s]."""
-HEADINGS_DEG = (0, 45, 90, 135, 180, -90)
-"""Errors of the start heading [deg]."""
-
-HEADS = (
-    *("case", "estimator", "position [cm]", "heading [deg]", "course [deg]", "yaw rate [deg/s]"),
-    *("NEES", "NIS", "time [us]"),
-)
-
-
-def main() -> None:
-    """Print the tables."""
-    say = sys.stdout.write
-    drives: dict[str, list[RecordedDrive]] = {}
-    say(f"| {' | '.join(HEADS)} |\n| --- | --- |{' ---: |' * (len(HEADS) - 2)}\n")
-    for case, (run, keys, day) in CASES.items():
-        key = str(run)
-        drives[key] = drives.get(key) or [record("figure_eight", {**run, "seed": k + 1}) for k in range(DRIVES)]
-        for kind in KINDS:
-            numbers = [settled(follow(drive, {**kind, **keys}, seed, day)) for drive, seed in _runs(drives[key], kind)]
-            say(f"| {case} | {kind['kind']} | {' | '.join(f'{v:.3g}' for v in np.mean(numbers, axis=0))} |\n")
-            sys.stdout.flush()
-    level = drives[str({})]
-    for lines in (_coasting(level), _outliers(level), _alignments(level)):
-        say(lines)
-        sys.stdout.flush()
-
-
-def _runs(
-    drives: list[RecordedDrive], kind: dict[str, Any], until: float = DURATION_S
-) -> list[tuple[RecordedDrive, int]]:
-    """Drives up to a time [s], each with a seed of its sensors."""
-    seeds = SEEDS if kind is FULL else OTHER_SEEDS
-    ticks = round(until / TICK_S)
-    short = [drive._replace(truths=drive.truths[:ticks]) for drive in drives]
-    return [(short[k % DRIVES], 100 + k) for k in range(seeds)]
-
-
-def _coasting(drives: list[RecordedDrive]) -> str:
-    lines = ["\n| loss in an arc | estimator | rms [cm] | worst [cm] |\n| --- | --- | ---: | ---: |\n"]
-    for seconds in (5.0, 20.0):
-        for kind in KINDS:
-            ends = [(start, start + seconds) for start in LOSS_STARTS_S]
-            off = np.array([
-                coasted(follow(drive, kind, seed, loss(start, seconds)), end)
-                for start, end in ends
-                for drive, seed in _runs(drives, kind, end)
-            ])  # fmt: skip
-            lines.append(f"| {seconds:g} s | {kind['kind']} | {rms(off):.3g} | {off.max():.3g} |\n")
-    return "".join(lines)
-
-
-def _outliers(drives: list[RecordedDrive]) -> str:
-    lines = ["\n| one fix off by 2 m | moves the estimate by, worst [cm] |\n| --- | ---: |\n"]
-    for kind in KINDS:
-        moved = []
-        for drive, seed in _runs(drives, kind, 40.0):
-            clean, struck = (follow(drive, kind, seed, day) for day in (nominal, outlier(30.0, 2.0)))
-            moved.append(100 * float(np.hypot(struck.east - clean.east, struck.north - clean.north).max()))
-        lines.append(f"| {kind['kind']} | {max(moved):.2g} |\n")
-    return "".join(lines)
-
-
-def _alignments(drives: list[RecordedDrive]) -> str:
-    lines = ["\n| start heading off by | found after, worst [m] | heading after 5 m, rms [deg] | worst [deg] |\n"]
-    lines.append("| ---: | ---: | ---: | ---: |\n")
-    for error in HEADINGS_DEG:
-        runs = _runs(drives, FULL, 15.0)
-        found = [alignment(follow(drive, FULL, seed, yaw_error=radians(error))) for drive, seed in runs]
-        metres, off = np.transpose(found)
-        lines.append(f"| {error} deg | {metres.max():.2f} | {rms(off):.2f} | {off.max():.2f} |\n")
-    return "".join(lines)
-
-
-if __name__ == "__main__":
-    main()

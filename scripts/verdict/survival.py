@@ -10,18 +10,18 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+from estimates import select
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from sweeps import Row, variants
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import BLUE, GREEN, LIGHT_GREY, VERMILION
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.headline import LAWS as HEADLINE_LAWS
-from agrobot_mj.studies.headline import NETWORK, NETWORK_TUNED
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
 from agrobot_mj.studies.sweep.work import perform
-from agrobot_mj.studies.verdict.rows import ResultRow, select
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
@@ -34,11 +34,14 @@ FITTED = {
 }
 """Gyro, wheel speed, inertial unit, and the filter that uses them."""
 PAPER = "the paper's stack"
-DRIVEN = (NETWORK, NETWORK_TUNED, "PI", "P + feed-forward", "PI + feed-forward", "pure pursuit", "Stanley", "LQR")
+DRIVEN = (
+    *("network as printed", "network tuned", "PI", "P + feed-forward", "PI + feed-forward"),
+    *("pure pursuit", "Stanley", "LQR"),
+)
 """Laws beside it."""
 SURVIVORS: dict[str, dict[str, Any]] = {
-    PAPER: HEADLINE_LAWS[NETWORK],
-    **{law: {**FITTED, **HEADLINE_LAWS[law]} for law in DRIVEN},
+    PAPER: variants("results")["network as printed"],
+    **{law: {**FITTED, **variants("results")[law]} for law in DRIVEN},
 }
 """Overrides by law; all but the paper's stack drive with the same sensors and filter."""
 
@@ -97,20 +100,19 @@ HARDSHIPS = (
 )
 
 
-def survival_jobs() -> dict[str, tuple[str, Hardship]]:
-    """All searches by key, a law and a hardship each."""
-    return {f"{hardship.name}|{law}": (law, hardship) for hardship in HARDSHIPS for law in SURVIVORS}
+JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
+"""All searches, a law and a hardship each."""
 
 
-def survival_search(job: tuple[str, tuple[str, Hardship]], seeds: int = SEEDS) -> dict[str, Any]:
+def survival_search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     """The row of one search."""
-    key, (law, hard) = job
+    law, hard = job
     overrides = {**COMMON, "duration_s": hard.duration_s, **hard.overrides, **SURVIVORS[law]}
     scenario = load_scenario("figure_eight", overrides)
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
     found = find_limit(law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), _quiet, hard.sound)
-    about = {"key": key, "law": law, "hardship": hard.name, "seeds": seeds}
+    about = {"law": law, "hardship": hard.name, "seeds": seeds}
     interval = None if found.interval is None else [value - hard.offset for value in found.interval]
     sound = found.beside and {
         "verdict": found.beside.verdict,
@@ -135,7 +137,7 @@ def _quiet(tried: object) -> None:
     """Nothing is told of a value tried."""
 
 
-def survived(row: ResultRow) -> tuple[float | None, bool]:
+def survived(row: Row) -> tuple[float | None, bool]:
     """The worst value, from the start of the range on, that the law holds; whether that is the end of the range.
 
     None where it fails at the start already.
@@ -148,17 +150,17 @@ def survived(row: ResultRow) -> tuple[float | None, bool]:
     return value, True
 
 
-def survival_table(rows: Sequence[ResultRow]) -> str:
+def survival_table(rows: Sequence[Row]) -> str:
     """Markdown table: a row per law, its error without hardship, and the worst value of each that it survives."""
-    names = ["no hardship: p95 [m]", *(f"{hard.name} [{hard.unit}]" for hard in HARDSHIPS)]
-    lines = ["| law | " + " | ".join(names) + " |", "|---|" + "---:|" * len(names)]
+    lines = []
     for law in SURVIVORS:
         cells = [_cells(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
-        lines.append("| " + " | ".join([law, _without(select(rows, law=law)), *cells]) + " |")
-    return "\n".join(lines)
+        lines.append((law, _without(select(rows, law=law)), *cells))
+    heads = ("law", "no hardship: p95 [m]", *(f"{hard.name} [{hard.unit}]" for hard in HARDSHIPS))
+    return markdown_table(heads, lines, 1)
 
 
-def _without(rows: Sequence[ResultRow]) -> str:
+def _without(rows: Sequence[Row]) -> str:
     """Median error of the drive without hardship, and how many of its runs fail."""
     runs = [row["sound"]["tried"][0] for row in rows if (row.get("sound") or {}).get("verdict") == "fixed"]
     if not runs:
@@ -168,7 +170,7 @@ def _without(rows: Sequence[ResultRow]) -> str:
     return ("-" if error is None else f"{error:.2f}") + failed
 
 
-def _cells(found: Sequence[ResultRow], hard: Hardship) -> str:
+def _cells(found: Sequence[Row], hard: Hardship) -> str:
     """The limit under a hardship, and without it where that was searched."""
     if not found:
         return "-"
@@ -177,7 +179,7 @@ def _cells(found: Sequence[ResultRow], hard: Hardship) -> str:
     return _cell(found[0], hard) + beside
 
 
-def _cell(row: ResultRow, hard: Hardship) -> str:
+def _cell(row: Row, hard: Hardship) -> str:
     """Last value that holds, and the first at which it fails; a star where runs at these values disagree."""
     value, whole = survived(row)
     if value is None:
@@ -191,7 +193,7 @@ def _cell(row: ResultRow, hard: Hardship) -> str:
     return f"{value:.3g}, not {fails['value']:.3g}{star}{again}"
 
 
-def survival_figure(rows: Sequence[ResultRow]) -> Figure:
+def survival_figure(rows: Sequence[Row]) -> Figure:
     """A panel per hardship: for each law what it survives in green, what it does not in red, between both grey."""
     with mpl.rc_context(STYLE):
         figure = Figure((2 * PANEL_WIDTH_IN, 4.4), layout="constrained")
@@ -207,7 +209,7 @@ def survival_figure(rows: Sequence[ResultRow]) -> Figure:
         return figure
 
 
-def _bar(axes: Axes, y: int, row: ResultRow, hard: Hardship) -> None:
+def _bar(axes: Axes, y: int, row: Row, hard: Hardship) -> None:
     """One law in a panel, a mark for every value tried."""
     begin, end = hard.start - hard.offset, hard.stop - hard.offset
     value, whole = survived(row)

@@ -6,40 +6,15 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from estimates import Estimate, Value, mean, select
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
+from verdict.claims import FASTER, GAINS, ISGN, LONG_TURNS, LQR, PATHS, PD, PI, PLANTS, SIGMAS, T1, T2
+from verdict.judgement import PAPER_RATIO, Rows, against_type_1, mse, over_pd, second_turn, share, turn, xte
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
-from agrobot_mj.studies.verdict.claims import (
-    FASTER,
-    GAINS,
-    ISGN,
-    LONG_TURNS,
-    LQR,
-    PD,
-    PI,
-    PLANTS,
-    RADII,
-    SIGMAS,
-    SPEEDS,
-    T1,
-    T2,
-)
-from agrobot_mj.studies.verdict.judgement import (
-    PAPER_RATIO,
-    Rows,
-    against_type_1,
-    mse,
-    over_pd,
-    second_turn,
-    share,
-    turn,
-    xte,
-)
-from agrobot_mj.studies.verdict.rows import select
-from agrobot_mj.studies.verdict.statistics import MeanWithInterval, by_seed, estimate
 
 LAW_COLOURS = {PD: VERMILION, ISGN: ORANGE, T1: GREEN, T2: BLUE, PI: PINK, LQR: SKY_BLUE, FASTER: DARK_GREY}
 LAW_NAMES = {
@@ -63,7 +38,7 @@ def write_claim_figures(rows: Rows, folder: Path) -> list[Path]:
         return [save(draw(rows), folder / f"verdict_{draw.__name__}.png") for draw in CLAIM_FIGURES]
 
 
-def mark(axes: Axes, x: float, found: MeanWithInterval, colour: str, plant: str, label: str | None = None) -> None:
+def mark(axes: Axes, x: float, found: Estimate, colour: str, plant: str, label: str | None = None) -> None:
     """An estimate with its interval, upright, that a single seed does not give; a cross where seeds failed."""
     if np.isfinite(found.low):
         axes.plot([x, x], [found.low, found.high], color=colour, linewidth=1.2)
@@ -86,8 +61,7 @@ def better(rows: Rows) -> Figure:
     left.set_xticks(range(5), ["PD", "integral\nof sgn", "type 1", "type 2", "PI"])
     for law in (PD, ISGN, T2):
         for plant in PLANTS:
-            runs = [select(rows, study="gain", plant=plant, law=law, x=gain) for gain in GAINS]
-            line = [estimate(by_seed(each, mse).values()) for each in runs]
+            line = [mean(select(rows, study="gain", plant=plant, law=law, x=gain), mse) for gain in GAINS]
             curve(right, GAINS, line, LAW_COLOURS[law], plant)
     right.set(yscale="log", ylabel="lateral MSE [m²]", xlabel="gain of the PD, k_P [-]")
     plain_ticks(right, (0.005, 0.01, 0.02, 0.05, 0.1, 0.2))
@@ -109,7 +83,7 @@ def takes_over(rows: Rows) -> Figure:
     turns = np.arange(1, LONG_TURNS + 1)
     for plant in PLANTS:
         runs = select(rows, study="settling", plant=plant)
-        line = [estimate(by_seed(runs, turn("share_turns", int(k))).values()) for k in turns]
+        line = [mean(runs, turn("share_turns", int(k))) for k in turns]
         curve(right, turns, line, LAW_COLOURS[T2], plant)
     right.set(xlabel="turn", ylabel="share of the network [-]", ylim=(0.45, 0.8))
     return legends(figure, (ISGN, T1, T2))
@@ -119,15 +93,14 @@ def second(rows: Rows) -> Figure:
     """Error of the second turn over that of the first, by case."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.6), layout="constrained")
     axes = figure.subplots()
-    cases = [("radius", 6.0, "radius 6 m"), ("paper", 0.0, "10 m, 1.2 m/s\n(the paper's)")]
-    cases += [("radius", max(RADII), "radius 15 m"), *(("speed", v, f"{v:g} m/s") for v in SPEEDS)]
-    for k, (study, x, _) in enumerate(cases):
+    cases: list[tuple[str, float | str]] = [("paper", 0.0), *(("paths", path) for path in PATHS)]
+    for k, (study, x) in enumerate(cases):
         for law, shift in ((PD, -0.25), (ISGN, 0.0), (T2, 0.25)):
             for plant, aside in zip(PLANTS, (-0.05, 0.05), strict=True):
                 mark(axes, k + shift + aside, second_turn(rows, plant, law, study, x), LAW_COLOURS[law], plant)
     axes.axhline(1.0, color="black", linestyle="--", linewidth=0.8)
     axes.set(ylabel="lateral MSE, turn 2 / turn 1 [-]", ylim=(0.7, 1.5), xlim=(-0.5, len(cases) - 0.5))
-    axes.set_xticks(range(len(cases)), [name for *_, name in cases])
+    axes.set_xticks(range(len(cases)), ["10 m, 1.2 m/s\n(the paper's)", *PATHS])
     return legends(figure, (PD, ISGN, T2))
 
 
@@ -138,8 +111,7 @@ def q_settles(rows: Rows) -> Figure:
     for plant in PLANTS:
         runs = select(rows, study="settling", plant=plant)
         for axes, name, factor in ((left, "q_travel", 1.0), (right, "q_rests", 100.0)):
-            values = [[factor * v for v in by_seed(runs, turn(name, int(k))).values()] for k in turns]
-            curve(axes, turns, [estimate(each) for each in values], LAW_COLOURS[T2], plant)
+            curve(axes, turns, [scaled(runs, turn(name, int(k)), factor) for k in turns], LAW_COLOURS[T2], plant)
     left.axhline(2.0, color="black", linestyle="--", linewidth=0.8)
     left.text(8.0, 1.7, "once there and back: 2", ha="right", va="top", fontsize=7)
     left.set(xlabel="turn", ylabel="travel of q [-]", ylim=(0, 26))
@@ -152,8 +124,8 @@ def noise(rows: Rows) -> Figure:
     figure, (left, right) = panels(2)
     for plant in PLANTS:
         for law in (T1, FASTER, T2):
-            runs = [select(rows, study="noise", plant=plant, law=law, x=s) for s in SIGMAS]
-            curve(left, SIGMAS, [estimate(by_seed(r, mse).values()) for r in runs], LAW_COLOURS[law], plant)
+            line = [mean(select(rows, study="noise", plant=plant, law=law, x=s), mse) for s in SIGMAS]
+            curve(left, SIGMAS, line, LAW_COLOURS[law], plant)
         for law in (T1, FASTER):
             line = [against_type_1(rows, plant, s, law) for s in SIGMAS]
             curve(right, SIGMAS, line, LAW_COLOURS[law], plant)
@@ -174,8 +146,7 @@ def soil(rows: Rows) -> Figure:
     ):
         values = sorted({row["x"] for row in select(rows, study="soil", plant=plant)})
         for law in (PD, ISGN, T2, PI, LQR):
-            runs = [select(rows, study="soil", plant=plant, law=law, x=x) for x in values]
-            line = [estimate(100 * v for v in by_seed(r, xte).values()) for r in runs]
+            line = [scaled(select(rows, study="soil", plant=plant, law=law, x=x), xte, 100) for x in values]
             if any(found.n for found in line):
                 curve(axes, values, line, LAW_COLOURS[law], plant)
         axes.set(xscale="log", yscale="log", xlabel=label, ylabel="cross-track rms [cm]", title=PLANT_NAMES[plant])
@@ -189,13 +160,18 @@ CLAIM_FIGURES = (better, takes_over, second, q_settles, noise, soil)
 """Figures in the order of the claims."""
 
 
+def scaled(rows: Rows, value: Value, factor: float) -> Estimate:
+    """A value over the seeds, in another unit."""
+    return mean(rows, lambda row: factor * value(row))
+
+
 def panels(count: int) -> tuple[Figure, Sequence[Axes]]:
     """A figure of some panels beside each other."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.8), layout="constrained")
     return figure, figure.subplots(1, count)
 
 
-def curve(axes: Axes, x: Iterable[float], found: Sequence[MeanWithInterval], colour: str, plant: str) -> None:
+def curve(axes: Axes, x: Iterable[float], found: Sequence[Estimate], colour: str, plant: str) -> None:
     """Estimates over `x`, joined; dashed for the bicycle."""
     places = list(x)
     axes.plot(places, [f.mean for f in found], color=colour, linestyle="-" if plant == "mujoco" else "--")

@@ -12,8 +12,9 @@ from itertools import combinations
 from math import isfinite
 from typing import NamedTuple
 
-from agrobot_mj.studies.verdict.rows import ResultRow
-from agrobot_mj.studies.verdict.statistics import by_seed, estimate
+from estimates import Row, by_seed, difference, estimate, field
+
+from agrobot_mj.core.markdown import markdown_table
 
 ByLaw = Mapping[str, Mapping[int, float]]
 """Cross-track rms [m] by law and seed, NaN of a run that failed."""
@@ -32,15 +33,14 @@ class Compared(NamedTuple):
     """Pairs that one set or both do not tell apart."""
 
 
-def by_ground(rows: Sequence[ResultRow]) -> dict[tuple[str, ...], dict[str, dict[int, float]]]:
+def by_ground(rows: Sequence[Row]) -> dict[tuple[str, ...], dict[str, dict[int, float]]]:
     """Cross-track rms [m] of the runs of `controllers` by ground (tyre, terrain), law (variant) and seed."""
-    found: dict[tuple[str, ...], dict[str, list[ResultRow]]] = {}
+    found: dict[tuple[str, ...], dict[str, list[Row]]] = {}
     for row in rows:
         terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
         found.setdefault((row["plant.tyre.kind"], terrain), {}).setdefault(row["variant"], []).append(row)
     return {
-        ground: {law: by_seed(runs, lambda row: float(row["xte_rms"])) for law, runs in laws.items()}
-        for ground, laws in found.items()
+        ground: {law: by_seed(runs, field("xte_rms")) for law, runs in laws.items()} for ground, laws in found.items()
     }
 
 
@@ -50,7 +50,7 @@ def better(one: Mapping[int, float], other: Mapping[int, float]) -> bool:
     failed, others = (sum(not isfinite(values[seed]) for seed in seeds) for values in (one, other))
     if failed != others:
         return failed < others
-    return estimate(one[seed] - other[seed] for seed in seeds).high < 0.0
+    return difference(one, other).high < 0.0
 
 
 def ranks(laws: ByLaw) -> dict[str, int]:
@@ -81,19 +81,19 @@ def ranking_table(first: Mapping[tuple[str, ...], ByLaw], again: Mapping[tuple[s
     """Markdown table: a law per row, a ground per column; mean cross-track rms [cm] and rank in both sets of seeds."""
     laws = list(dict.fromkeys(law for found in first.values() for law in found))
     ranked = {ground: (ranks(first[ground]), ranks(again[ground])) for ground in first}
-    lines = ["| law | " + " | ".join(", ".join(ground) for ground in first) + " |", "|---|" + "---|" * len(first)]
+    rows = []
     for law in laws:
         cells = []
         for ground in first:
             sets = zip((first, again), ranked[ground], strict=True)
             cells.append(" / ".join(_cell(found[ground], rank, law) for found, rank in sets))
-        lines.append(f"| {law} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append((law, *cells))
+    return markdown_table(("law", *(", ".join(ground) for ground in first)), rows)
 
 
 def _cell(laws: ByLaw, rank: Mapping[str, int], law: str) -> str:
     """Mean error [cm] and rank of a law."""
-    return f"{estimate(100 * v for v in laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
+    return f"{estimate(laws[law].values()).short(1, 100)} ({rank[law]})" if law in rank else "-"
 
 
 def _pairs(first: ByLaw, again: ByLaw) -> Iterator[tuple[str, str]]:

@@ -1,12 +1,10 @@
-"""Whether `ekf_full` states its own errors where the ground changes, with losses of fixes;
-`python -m agrobot_mj.studies.validation.consistency` prints the tables of docs/estimators.md.
+"""Whether `ekf_full` states its own errors where the ground changes, with losses of fixes.
 
 A drive is recorded in a closed loop with LQR. Sensors with other seeds measure it again, without a loss and with two
 losses of each length, whose beginnings the seed draws, so that a pull or a steeper piece may begin inside one. A
 consistent filter has a NEES of 2 for the position and of 1 for the heading; intervals are those of the mean over seeds.
 """
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from math import degrees
 from pathlib import Path
@@ -14,10 +12,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from agrobot_mj.core.signals import NOMINAL, Array, Quality
-from agrobot_mj.studies.headline import interval
-from agrobot_mj.studies.validation.filters import (
+from estimates import estimate
+from recorded_drives import (
     BEGIN_S,
     FULL,
     TILT,
@@ -29,6 +25,10 @@ from agrobot_mj.studies.validation.filters import (
     record,
     rms,
 )
+
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import NOMINAL, Array, Quality
+from agrobot_mj.studies.statistics import bootstrap_interval
 
 DURATION_S = 110.0
 """Length of a drive [s]."""
@@ -195,48 +195,35 @@ def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int
 
 def _mean(values: Sequence[float]) -> str:
     """Mean and its interval."""
-    low, high = interval(np.array(values))
-    return f"{np.mean(values):.2f} ({low:.2f}-{high:.2f})"
-
-
-def whole_row(name: str, found: CaseErrors) -> str:
-    """Line of the table of replays without a loss."""
-    position, heading, nees, heading_nees, nis = zip(*found.wholes, strict=True)
-    numbers = (f"{np.mean(position):.2f}", f"{np.mean(heading):.3f}", _mean(nees), _mean(heading_nees))
-    return f"| {name} | {' | '.join(numbers)} | {np.mean(nis):.2f} |\n"
-
-
-def loss_rows(name: str, found: CaseErrors) -> Iterator[str]:
-    """Lines of the table of losses."""
-    for seconds, seeds in found.losses.items():
-        every = np.array([end for some in seeds for end in some])
-        nees, heading_nees = np.array(seeds)[:, :, 2:].mean(axis=1).T
-        numbers = (rms(every[:, 0]), every[:, 0].max(), rms(every[:, 1]))
-        yield (
-            f"| {name} | {seconds:g} s | {' | '.join(f'{v:.1f}' for v in numbers)} | {_mean(nees)} | "
-            f"{_mean(heading_nees)} |\n"
-        )
+    return estimate(values, bootstrap_interval).text()
 
 
 WHOLE_HEADS = ("case", "position [cm]", "heading [deg]", "NEES", "heading NEES", "NIS")
 LOSS_HEADS = ("case", "loss", "rms [cm]", "worst [cm]", "stated [cm]", "NEES", "heading NEES")
 
 
-def main() -> None:
-    """Print the tables."""
-    say = sys.stdout.write
-    say(f"| {' | '.join(WHOLE_HEADS)} |\n| --- |{' ---: |' * (len(WHOLE_HEADS) - 1)}\n")
-    below: list[str] = []
+def whole_row(name: str, found: CaseErrors) -> tuple[str, ...]:
+    """Cells of `WHOLE_HEADS`, of replays without a loss."""
+    position, heading, nees, heading_nees, nis = zip(*found.wholes, strict=True)
+    numbers = (f"{np.mean(position):.2f}", f"{np.mean(heading):.3f}", _mean(nees), _mean(heading_nees))
+    return name, *numbers, f"{np.mean(nis):.2f}"
+
+
+def loss_rows(name: str, found: CaseErrors) -> Iterator[tuple[str, ...]]:
+    """Cells of `LOSS_HEADS`, a row for each length."""
+    for seconds, seeds in found.losses.items():
+        every = np.array([end for some in seeds for end in some])
+        nees, heading_nees = np.array(seeds)[:, :, 2:].mean(axis=1).T
+        numbers = (rms(every[:, 0]), every[:, 0].max(), rms(every[:, 1]))
+        yield name, f"{seconds:g} s", *(f"{v:.1f}" for v in numbers), _mean(nees), _mean(heading_nees)
+
+
+def consistency_tables(drives: Sequence[int] = DRIVES, seeds: Sequence[int] = SEEDS) -> tuple[str, str]:
+    """The tables of replays without a loss, and of losses, as Markdown."""
+    wholes, lost = [], list[tuple[str, ...]]()
     with TemporaryDirectory() as folder:
         for case in CASES:
-            drives = [drive(case, seed, Path(folder)) for seed in DRIVES]
-            found = judged(drives, case.estimator, SEEDS)
-            say(whole_row(case.name, found))
-            sys.stdout.flush()
-            below += loss_rows(case.name, found)
-    say(f"\n| {' | '.join(LOSS_HEADS)} |\n| --- | --- |{' ---: |' * (len(LOSS_HEADS) - 2)}\n")
-    say("".join(below))
-
-
-if __name__ == "__main__":
-    main()
+            found = judged([drive(case, seed, Path(folder)) for seed in drives], case.estimator, seeds)
+            wholes.append(whole_row(case.name, found))
+            lost += loss_rows(case.name, found)
+    return markdown_table(WHOLE_HEADS, wholes, 1), markdown_table(LOSS_HEADS, lost, 2)

@@ -12,18 +12,19 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from estimates import field, mean, ratio, select
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from sweeps import Row
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.bicycle import Bicycle, BicycleLaw, lateral_dynamics
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
 from agrobot_mj.studies.validation.base import mujoco_plant
 from agrobot_mj.studies.validation.driver import Driver
-from agrobot_mj.studies.verdict.rows import ResultRow, select
-from agrobot_mj.studies.verdict.statistics import by_seed, estimate, ratio
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 LIMIT = 0.10
@@ -61,14 +62,13 @@ def predicted(speed: float, steer: float, tractor: TractorParameters, bicycle: B
     return SteadyBend(float(gamma), atan2(v, speed))
 
 
-def validity_jobs() -> dict[str, tuple[str, float]]:
-    """Tyre and steering angle [deg] of each drive, by key."""
-    return {f"{tyre}|{steer:g}": (tyre, steer) for tyre in TYRES for steer in STEERS_DEG}
+JOBS = [(tyre, steer) for tyre in TYRES for steer in STEERS_DEG]
+"""Tyre and steering angle [deg] of each drive."""
 
 
-def validity_drive(job: tuple[str, tuple[str, float]]) -> dict[str, Any]:
+def validity_drive(job: tuple[str, float]) -> Row:
     """The row of one tyre and steering angle: for every speed, the bend as driven and as predicted."""
-    key, (tyre, steer_deg) = job
+    tyre, steer_deg = job
     tractor, bicycle = TractorParameters(), Bicycle()
     steer = radians(steer_deg)
     driver = Driver(*mujoco_plant(TYRES[tyre]))
@@ -87,28 +87,25 @@ def validity_drive(job: tuple[str, tuple[str, float]]) -> dict[str, Any]:
             "sideslip_error": (atan2(v, u) - model[1]) / kinematic,
         }
         bends.append({"speed": speed, "lateral_m_s2": u * gamma, **errors})
-    return {"key": key, "tyre": tyre, "steer_deg": steer_deg, "bends": bends}
+    return {"tyre": tyre, "steer_deg": steer_deg, "bends": bends}
 
 
-def validity_table(rows: Sequence[ResultRow]) -> str:
+def validity_table(drives: Sequence[Row]) -> str:
     """Markdown table: for each tyre and steering angle, the speeds at which both predictions are within the limit."""
-    lines = [
-        "| tyre | " + " | ".join(f"{steer:g} deg" for steer in STEERS_DEG) + " |",
-        "|---|" + "---|" * len(STEERS_DEG),
+    rows = [
+        (tyre, *(_range(found[0]) if (found := select(drives, tyre=tyre, steer_deg=s)) else "-" for s in STEERS_DEG))
+        for tyre in TYRES
     ]
-    for tyre in TYRES:
-        cells = [_range(found[0]) if (found := select(rows, tyre=tyre, steer_deg=s)) else "-" for s in STEERS_DEG]
-        lines.append(f"| {tyre} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return markdown_table(("tyre", *(f"{steer:g} deg" for steer in STEERS_DEG)), rows)
 
 
-def _range(row: ResultRow) -> str:
+def _range(row: Row) -> str:
     """Range of speeds within the limit, as text."""
     good = [b["speed"] for b in row["bends"] if max(abs(b["yaw_rate_error"]), abs(b["sideslip_error"])) <= LIMIT]
     return f"{good[0]:g}-{good[-1]:g}" if good else "none"
 
 
-def validity_figure(rows: Sequence[ResultRow]) -> Figure:
+def validity_figure(rows: Sequence[Row]) -> Figure:
     """Error of the predicted yaw rate over speed and steering angle, with the boundaries at which each leaves 10 %."""
     with mpl.rc_context(STYLE):
         figure = Figure((2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
@@ -126,7 +123,7 @@ def validity_figure(rows: Sequence[ResultRow]) -> Figure:
         return figure
 
 
-def _boundary(axes: Axes, tyre: str, rows: Sequence[ResultRow]) -> QuadMesh:
+def _boundary(axes: Axes, tyre: str, rows: Sequence[Row]) -> QuadMesh:
     """One tyre: the error as colour, both boundaries as lines; white where nothing is driven."""
     errors = {
         name: np.full((len(STEERS_DEG), len(SPEEDS_M_S)), np.nan) for name in ("yaw_rate_error", "sideslip_error")
@@ -147,21 +144,16 @@ def _boundary(axes: Axes, tyre: str, rows: Sequence[ResultRow]) -> QuadMesh:
     return image
 
 
-def closed_loop_table(rows: Sequence[ResultRow], estimator: str = "ekf") -> str:
+def closed_loop_table(rows: Sequence[Row]) -> str:
     """Markdown table: cross-track rms of each law on the bicycle and on MuJoCo, level, and their ratio [cm, -].
 
-    `rows` are those of the comparison of the stack, see `headline`.
+    `rows` are those of the sweep `results`, of which the paper's estimator counts.
     """
-    lines = ["| law | bicycle [cm] | MuJoCo [cm] | MuJoCo over bicycle |", "|---|---:|---:|---:|"]
-    for law in dict.fromkeys(row["law"] for row in rows):
-        of = {"estimator": estimator, "law": law}
-        both = [select(rows, surface=surface, **of) for surface in ("level, bicycle", "level")]
-        if all(both):
-            means = [estimate(100 * v for v in by_seed(runs, _xte).values()) for runs in both]
-            cells = [*(mean.short(1) for mean in means), ratio(both[1], both[0], _xte).text()]
-            lines.append(f"| {law} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def _xte(row: ResultRow) -> float:
-    return float(row["xte_rms"])
+    xte, lines = field("xte_rms"), []
+    for law in dict.fromkeys(row["variant"] for row in rows):
+        of = {"estimator": '{"kind": "ekf"}', "variant": law}
+        bicycle, mujoco = (select(rows, plant=f'{{"kind": "{kind}"}}', **of) for kind in ("bicycle", "mujoco"))
+        if bicycle and mujoco:
+            means = [mean(runs, xte).short(1, 100) for runs in (bicycle, mujoco)]
+            lines.append((law, *means, ratio(mujoco, bicycle, xte).text()))
+    return markdown_table(("law", "bicycle [cm]", "MuJoCo [cm]", "MuJoCo over bicycle"), lines, 1)

@@ -7,29 +7,18 @@ the same; *qualified* if they do, or if it holds in some of the cases only; *ref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from agrobot_mj.studies.verdict.claims import (
-    FASTER,
-    FASTER_ALPHA,
-    ISGN,
-    LQR,
-    PD,
-    PI,
-    PLANTS,
-    RADII,
-    SIGMAS,
-    SPEEDS,
-    T1,
-    T2,
-)
-from agrobot_mj.studies.verdict.rows import ResultRow, select
-from agrobot_mj.studies.verdict.statistics import MeanWithInterval, by_seed, estimate, ratio
+from estimates import Estimate, field, mean, ratio, select
+from sweeps import Row
+from verdict.claims import FASTER, FASTER_ALPHA, ISGN, LQR, PATHS, PD, PI, PLANTS, SIGMAS, T1, T2
+
+from agrobot_mj.core.markdown import markdown_table
 
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO = 0.70
 """Error with the network over that of PD alone, of the real tractor [-]."""
 ROBUST = 1.5
 """Error on the softest soil over that on the firmest up to which a law counts as robust [-]."""
-Rows = Sequence[ResultRow]
+Rows = Sequence[Row]
 
 
 class Judged(NamedTuple):
@@ -43,60 +32,53 @@ class Judged(NamedTuple):
     """What the models that it has to beat do."""
 
 
-def mse(row: ResultRow) -> float:
-    """Lateral mean square error [m2]."""
-    return float(row["lateral_mse"])
+mse, xte = field("lateral_mse"), field("xte_rms")
 
 
-def xte(row: ResultRow) -> float:
-    """Cross-track rms [m]."""
-    return float(row["xte_rms"])
-
-
-def turn(name: str, number: int) -> Callable[[ResultRow], float]:
+def turn(name: str, number: int) -> Callable[[Row], float]:
     """The value of `name` in turn `number`, from 1."""
     return lambda row: float(row[name][number - 1])
 
 
-def over_pd(rows: Rows, plant: str, law: str, study: str = "paper", x: float = 0.0) -> MeanWithInterval:
+def over_pd(rows: Rows, plant: str, law: str, study: str = "paper", x: float | str = 0.0) -> Estimate:
     """Lateral mean square error of a law over that of PD alone."""
     of = {"study": study, "plant": plant, "x": x}
     return ratio(select(rows, law=law, **of), select(rows, law=PD, **of), mse)
 
 
 def second_turn(
-    rows: Rows, plant: str, law: str, study: str = "paper", x: float = 0.0, name: str = ""
-) -> MeanWithInterval:
+    rows: Rows, plant: str, law: str, study: str = "paper", x: float | str = 0.0, name: str = ""
+) -> Estimate:
     """`name`, by default the lateral mean square error, of the second turn over that of the first."""
     runs, name = select(rows, law=law, study=study, plant=plant, x=x), name or "lateral_mse_turns"
     return ratio(runs, runs, turn(name, 2), turn(name, 1))
 
 
-def share(rows: Rows, plant: str, law: str, number: int) -> MeanWithInterval:
+def share(rows: Rows, plant: str, law: str, number: int) -> Estimate:
     """Share of the network, or of its null model, in the steering command of a turn."""
-    return estimate(by_seed(select(rows, study="paper", plant=plant, law=law), turn("share_turns", number)).values())
+    return mean(select(rows, study="paper", plant=plant, law=law), turn("share_turns", number))
 
 
-def against_type_1(rows: Rows, plant: str, sigma: float, law: str) -> MeanWithInterval:
+def against_type_1(rows: Rows, plant: str, sigma: float, law: str) -> Estimate:
     """Lateral mean square error of type 2 over that of type 1 at a noise of the position [m]."""
     of = {"study": "noise", "plant": plant, "x": sigma}
     return ratio(select(rows, law=T2, **of), select(rows, law=law, **of), mse)
 
 
-def faster_type_1(rows: Rows, plant: str, sigma: float) -> MeanWithInterval:
+def faster_type_1(rows: Rows, plant: str, sigma: float) -> Estimate:
     """Lateral mean square error of type 1 at its larger alpha over that at the common one, at a noise [m]."""
     of = {"study": "noise", "plant": plant, "x": sigma}
     return ratio(select(rows, law=FASTER, **of), select(rows, law=T1, **of), mse)
 
 
-def softest_over_firmest(rows: Rows, plant: str, law: str) -> MeanWithInterval:
+def softest_over_firmest(rows: Rows, plant: str, law: str) -> Estimate:
     """Cross-track rms on the softest soil over that on the firmest; on the bicycle, by cornering stiffness."""
     runs = select(rows, study="soil", plant=plant, law=law)
     values = [row["x"] for row in runs]
     return ratio(select(runs, x=min(values)), select(runs, x=max(values)), xte)
 
 
-def both(function: Callable[[str], MeanWithInterval], digits: int = 2) -> str:
+def both(function: Callable[[str], Estimate], digits: int = 2) -> str:
     """An estimate on both plants, as text."""
     return "; ".join(f"{plant} {function(plant).text(digits)}" for plant in PLANTS)
 
@@ -140,8 +122,8 @@ def _takes_over(rows: Rows) -> Judged:
 
 
 def _second_turn(rows: Rows) -> Judged:
-    cases = [(plant, "paper", 0.0) for plant in PLANTS]
-    cases += [(plant, study, x) for plant in PLANTS for study, xs in (("radius", RADII), ("speed", SPEEDS)) for x in xs]
+    cases: list[tuple[str, str, float | str]] = [(plant, "paper", 0.0) for plant in PLANTS]
+    cases += [(plant, "paths", path) for plant in PLANTS for path in PATHS]
     holds = [second_turn(rows, plant, T2, study, x).below(1.0) for plant, study, x in cases]
     null = all(second_turn(rows, plant, ISGN).below(1.0) for plant in PLANTS)
     worse = sum(second_turn(rows, plant, T2, study, x).mean > 1.0 for plant, study, x in cases)
@@ -157,7 +139,7 @@ def _second_turn(rows: Rows) -> Judged:
 
 def _settles(rows: Rows) -> Judged:
     holds = [second_turn(rows, plant, T2, name="q_travel").below(0.5) for plant in PLANTS]
-    last = [estimate(by_seed(select(rows, study="settling", plant=p), turn("q_travel", 8)).values()) for p in PLANTS]
+    last = [mean(select(rows, study="settling", plant=plant), turn("q_travel", 8)) for plant in PLANTS]
     rests = all(found.below(1.0) for found in last)
     text = f"travel of q, turn 2 over turn 1: {both(lambda p: second_turn(rows, p, T2, name='q_travel'))}"
     text += "; in turn 8 still " + ", ".join(found.short(1) for found in last)
@@ -197,5 +179,5 @@ def _soil(rows: Rows) -> Judged:
 
 def claims_table(found: Sequence[Judged]) -> str:
     """Markdown table of the claims."""
-    lines = ["| claim | verdict | the paper's network | what it has to beat |", "|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {j.claim} | **{j.verdict}** | {j.network} | {j.null} |" for j in found)])
+    rows = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in found]
+    return markdown_table(("claim", "verdict", "the paper's network", "what it has to beat"), rows)

@@ -1,0 +1,162 @@
+"""Grids of runs behind the pages: sweeps of the package, changed in places, of which only what is missing is run.
+
+All lie under `runs/pages`, a folder for each sweep, so that pages share them; what was broken off goes on.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import tomli_w
+from blocks import put
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.core.sources import source_digest
+from agrobot_mj.core.version import __version__
+from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.pool import spread
+from agrobot_mj.studies.sweep import SweepOptions, sweep
+from agrobot_mj.studies.sweep.store import read_rows
+
+ROOT = Path(__file__).parent.parent
+Row = dict[str, Any]
+
+
+def shipped(name: str) -> dict[str, Any]:
+    """The content of a sweep file that comes with the package."""
+    return tomllib.loads(sweep_files()[name].read_text("utf-8"))
+
+
+def variants(name: str) -> dict[str, dict[str, Any]]:
+    """Overrides by name of a sweep's variants."""
+    return {each["name"]: each["set"] for each in shipped(name)["variant"]}
+
+
+class Study:
+    """A page and its runs, with the options of the command line."""
+
+    def __init__(self, page: str, doc: str | None, arguments: list[str] | None = None) -> None:
+        parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("--jobs", type=int, default=1, help="processes")
+        parser.add_argument("--part", action="append", help="run this sweep or part only; may be given again")
+        parser.add_argument("--only-draw", action="store_true", help="run nothing, write page and figures")
+        parser.add_argument("--seeds", type=int, help="first seeds of each sweep, for a trial")
+        parser.add_argument("--variant", action="append", help="this variant of each sweep only, for a trial")
+        parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, for a trial")
+        parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
+        parser.add_argument("--docs", type=Path, default=ROOT / "docs", help="folder of the page")
+        given = parser.parse_args(arguments)
+        self.jobs, self.seeds, self.trial, self.runs = given.jobs, given.seeds, dict(given.set), given.runs
+        self.page, self.images = given.docs / f"{page}.md", given.docs / "images"
+        self.parts, self.only_draw, self.variants = given.part, given.only_draw, given.variant
+
+    def runs_part(self, name: str) -> bool:
+        """Whether a part is to be run."""
+        return not self.only_draw and (not self.parts or name in self.parts)
+
+    def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
+        """The rows of a sweep, by default that of this name; `changes` replace keys of its file."""
+        if self.runs_part(name):
+            file = self._file(name, source or name, changes)
+            found = sweep(file, self.runs / name, SweepOptions(jobs=self.jobs))
+            print(f"{name}: {found.total} runs, {found.errors} with an error", file=sys.stderr)
+        return self.there(name)
+
+    def there(self, name: str) -> list[Row]:
+        """The rows of a sweep that is there as a whole. Ends the program where its runs are of other sources."""
+        folder = self.runs / name
+        plan = folder / "plan.json"
+        content = json.loads(plan.read_text("utf-8")) if plan.exists() else None
+        if content is None or len(found := read_rows(folder)) < content["runs"]:
+            return []
+        if content["of"]["program"] != source_digest():
+            raise SystemExit(f"{folder}: was run with other sources; remove it, and run it again")
+        return found
+
+    def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
+        """The results of work that is no sweep, a file each; none where it is not to be done and not there as a whole.
+
+        Those of other sources of the package are in another folder.
+        """
+        folder = self.runs / name / source_digest()
+        files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs}
+        if self.runs_part(name):
+            folder.mkdir(parents=True, exist_ok=True)
+            todo = [file for file in files if not file.exists()]
+            with task(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
+                for file, row in spread(partial(_at, perform, files), todo, self.jobs):
+                    write_json(file, row)
+                    advance()
+        return [json.loads(file.read_text("utf-8")) for file in files] if all(map(Path.exists, files)) else []
+
+    def kept(self, name: str, row: Row) -> "KeptRun":
+        """A run of a sweep that keeps signals."""
+        return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
+
+    def write(self, blocks: dict[str, str]) -> None:
+        """Write blocks of the page that have content, and under `standing` what they were made with."""
+        text = self.page.read_text(encoding="utf-8")
+        for name, content in blocks.items():
+            text = put(text, name, content) if content else text
+        self.page.write_text(put(text, "standing", standing()), encoding="utf-8")
+
+    def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
+        """The file of a sweep: that of the package, or a changed copy."""
+        if not (changes or self.trial or self.seeds or self.variants):
+            return source
+        content = shipped(source) | changes
+        content["set"] = content.get("set", {}) | self.trial
+        if self.variants:
+            every = content.get("variant", [])
+            content["variant"] = [each for each in every if each["name"] in self.variants] or every
+        if self.seeds:
+            seeds = content.get("seeds", 1)
+            content["seeds"] = seeds[: self.seeds] if isinstance(seeds, list) else min(seeds, self.seeds)
+        self.runs.mkdir(parents=True, exist_ok=True)
+        file = self.runs / f"{name}.toml"
+        file.write_text(tomli_w.dumps(content), encoding="utf-8")
+        return file
+
+
+class KeptRun:
+    """Scenario and signals of a run that a sweep has kept."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")
+
+    @cached_property
+    def columns(self) -> list[str]:
+        """Names of the signals."""
+        return pq.read_schema(self.folder / "signals.parquet").names
+
+    def column(self, name: str) -> np.ndarray:
+        """One signal, shape (ticks,), NaN where absent."""
+        return pq.read_table(self.folder / "signals.parquet", columns=[name]).column(0).to_numpy()
+
+
+def standing() -> str:
+    """Version and commit of the package, as pages state them; what was changed since the commit is marked."""
+    git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
+    commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
+    changed = git(("git", "diff", "--quiet", "HEAD", "--", "agrobot_mj", "models", "scenarios")).returncode
+    return f"Version {__version__}, commit {commit}{' with changes' if changed else ''}."
+
+
+def _at(perform: Callable[[Any], Row], jobs: Mapping[Path, Any], file: Path) -> Row:
+    return perform(jobs[file])
+
+
+def _pair(text: str) -> tuple[str, Any]:
+    key, _, value = text.partition("=")
+    return key, tomllib.loads(f"value = {value}")["value"]

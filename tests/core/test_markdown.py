@@ -1,0 +1,24 @@
+"""Tables in Markdown."""
+
+import pytest
+
+from agrobot_mj.core.markdown import markdown_table
+
+
+def test_writes_words_to_the_left_and_numbers_to_the_right():
+    table = markdown_table(("law", "error [m]"), [("pd", 0.5), ("stanley", "-")], numbers_from=1)
+    assert table == "| law | error [m] |\n|---|---:|\n| pd | 0.5 |\n| stanley | - |"
+
+
+def test_escapes_what_would_end_a_cell():
+    assert markdown_table(("a",), [("x|y",)]).splitlines()[2] == "| x\\|y |"
+
+
+def test_fills_cells_up_for_a_terminal():
+    lines = markdown_table(("law", "m"), [("stanley", 1), ("", 10)], numbers_from=1, aligned=True).splitlines()
+    assert lines == ["| law     |  m |", "|---------|---:|", "| stanley |  1 |", "|         | 10 |"]
+
+
+def test_refuses_a_row_of_another_length():
+    with pytest.raises(ValueError, match="shorter"):
+        markdown_table(("a", "b"), [("x",)])

@@ -1,0 +1,40 @@
+"""Pages of results state version and commit that they were made with: today's version, unless they are out of date."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from blocks import block
+
+from agrobot_mj.core.version import __version__
+
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    page.stem: text for page in (ROOT / "docs").glob("*.md") if "<!-- standing -->" in (text := page.read_text("utf-8"))
+}
+OUT_OF_DATE = "> **Out of date.**"
+
+
+def show(commit, path):
+    """A file as of a commit; skips where the history is not there."""
+    found = subprocess.run(("git", "show", f"{commit}:{path}"), cwd=ROOT, capture_output=True, text=True, check=False)
+    if found.returncode:
+        pytest.skip(f"this is no checkout with the commit {commit}")
+    return found.stdout
+
+
+def test_pages_of_results_say_what_they_were_made_with():
+    assert {"results", "verdict", "learning", "estimators", "safety"} <= set(PAGES)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_states_todays_version_unless_it_is_out_of_date(page):
+    version = re.match(r"Version ([\d.]+)[,;]", block(PAGES[page], "standing"))[1]
+    assert OUT_OF_DATE in PAGES[page] or version == __version__, f"make the page again, or begin it with {OUT_OF_DATE}"
+
+
+@pytest.mark.parametrize("page", sorted(set(PAGES) - {"safety"}))
+def test_states_a_commit_of_that_version(page):
+    version, commit = re.match(r"Version ([\d.]+), commit ([0-9a-f]{9})[.;]", block(PAGES[page], "standing")).groups()
+    assert f'__version__ = "{version}"' in show(commit, "agrobot_mj/core/version.py")
