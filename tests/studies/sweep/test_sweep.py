@@ -451,3 +451,12 @@ def test_a_folder_of_results_says_no_path_and_can_be_moved(tmp_path):
     (moved / "other.csv").write_text("x_m,y_m\n0,0\n10,0\n20,3\n")
     with pytest.raises(ScenarioError, match="data files changed"):
         run_sweep(moved / "sweep.toml", moved, options)
+
+
+def test_swaths_that_are_cut_short_have_a_table(tmp_path):
+    """Their passes have no value in any run, in records within a list."""
+    file = tmp_path / "short.toml"
+    file.write_text('base = "clothoid_swaths"\nseeds = 2\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')
+    run_sweep(file, tmp_path / "out", SweepOptions(jobs=1, quiet=True))
+    rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
+    assert [row["iso_12188_2_style.per_pass"][0]["xte_rms"] for row in rows] == [None, None]

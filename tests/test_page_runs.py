@@ -1,0 +1,71 @@
+"""Runs behind the pages of the documentation: done once, kept, and never drawn with other sources."""
+
+import json
+
+import make_results
+import numpy as np
+import pytest
+import sweeps
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control.base import YAW_COLUMNS
+
+TRIAL = ("--variant", "pd", "--seeds", "1", "--set", "duration_s=0.5")
+
+
+def study(folder, *options):
+    blocks = "".join(f"<!-- {name} -->\nold\n<!-- end of {name} -->\n" for name in ("standing", "a"))
+    (folder / "results.md").write_text(blocks)
+    return sweeps.Study("results", None, ["--runs", str(folder / "runs"), "--docs", str(folder), *options])
+
+
+def test_a_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
+    pages = study(tmp_path, *TRIAL)
+    (row,) = pages.rows("printed", "learning_printed")
+    kept = pages.kept("printed", row)
+    assert kept.scenario.controller.kind == row["variant"] == "pd"
+    assert np.isfinite(kept.column("t")).all()
+    assert {column.name for column in YAW_COLUMNS} <= set(kept.columns)
+    monkeypatch.setattr(sweeps, "sweep", lambda *given: pytest.fail("what is there is not run again"))
+    assert study(tmp_path, "--only-draw").rows("printed") == [row]
+    assert study(tmp_path, "--only-draw").rows("another") == []
+
+
+def test_runs_of_other_sources_are_not_drawn(tmp_path):
+    pages = study(tmp_path, *TRIAL)
+    pages.rows("printed", "learning_printed")
+    plan = tmp_path / "runs" / "printed" / "plan.json"
+    content = json.loads(plan.read_text())
+    content["of"]["program"] = "0" * 16
+    plan.write_text(json.dumps(content))
+    with pytest.raises(SystemExit, match="other sources"):
+        pages.there("printed")
+
+
+def test_work_that_is_no_sweep_is_done_once(tmp_path):
+    done = []
+
+    def square(job):
+        done.append(job)
+        return {"square": job * job}
+
+    assert study(tmp_path).done("squares", square, [2, 3]) == [{"square": 4}, {"square": 9}]
+    assert study(tmp_path, "--only-draw").done("squares", square, [2, 3, 4]) == []
+    assert study(tmp_path).done("squares", square, [2, 3, 4])[2] == {"square": 16}
+    assert done == [2, 3, 4]
+
+
+def test_a_page_states_what_it_was_made_with(tmp_path):
+    pages = study(tmp_path)
+    pages.write({"a": ""})
+    assert "<!-- a -->\nold\n" in pages.page.read_text()
+    pages.write({"a": "new"})
+    assert "<!-- a -->\nnew\n" in pages.page.read_text()
+    assert "\nVersion " in pages.page.read_text()
+
+
+def test_the_papers_filter_does_not_hear_the_sensors_of_the_other():
+    """So that one grid has both estimators with the same sensors."""
+    keys = {"plant.kind": "bicycle", "duration_s": 2.0}
+    ours, papers = (run(load_scenario("figure_eight", {**keys, **more})) for more in (make_results.GRID["set"], {}))
+    assert np.array_equal(ours.column("rear_x_hat"), papers.column("rear_x_hat"), equal_nan=True)
