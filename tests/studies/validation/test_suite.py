@@ -104,7 +104,7 @@ def test_a_table_has_one_column_a_subject():
     ]
     assert table(checks).splitlines() == [
         "| quantity | theory | bicycle | contact | band |",
-        "| --- | ---: | ---: | ---: | ---: |",
+        "|---|---:|---:|---:|---:|",
         "| front [N] | 12 | **11** | *10* | ±1 % |",
         "| rear [N] | (each) | < 0.001 (< 0.001) | *3* | ±1 % |",
     ]
