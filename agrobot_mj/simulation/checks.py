@@ -1,47 +1,161 @@
 """Messages are checked where they are received: a number that is not finite is an error of the stage that made it.
 
-One sum of a message's numbers tells whether all are finite; only then are they looked at one by one. What a real
-computer would reject - a fix or a reading that is no number - counts as missing instead, see `Screen`.
+A `Stage` is called in place of its method, with every check around the call. One sum of a message's numbers tells
+whether all are finite; only then are they looked at one by one. What a real computer would reject - a fix or a reading
+that is no number - counts as missing instead, see `Reception`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from math import degrees, inf, isfinite, nan, radians
-from typing import Any, NamedTuple, NoReturn
+from operator import itemgetter
+from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from agrobot_mj.core.answers import told
+from agrobot_mj.core.answers import answered, made, told
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.signals import (
+    NOMINAL,
+    Array,
     Column,
     Command,
     Conditions,
-    Distortion,
-    Drive,
     Estimate,
     Fix,
     Measurement,
     Quality,
-    Reference,
     Truth,
 )
 from agrobot_mj.faults.base import Scripted
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors import Sensors, SensorState
 
-FARTHEST_M, FASTEST_M_S = 1e7, 1e3
-"""A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
 ABSURD_STEER = radians(90.0)
 """Steering angle that no law means [rad]: the wheels across the tractor."""
-OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
-"""Readings that are NaN where there is no sensor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Errors that numbers which are not finite give rise to, among others."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
 """Parts of messages of ValueError that only numbers which are not finite give rise to."""
 
+FARTHEST_M, FASTEST_M_S = 1e7, 1e3
+"""A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
+OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
+"""Readings that are NaN where there is no sensor."""
 
-class Screen(NamedTuple):
-    """What passed of the measurements so far."""
+Message = TypeVar("Message", bound=tuple[Any, ...])
 
+
+class Numbers:
+    """The numbers of a message that must be finite: all but those whose default is NaN, which says "not told"."""
+
+    def __init__(self, message: Any, but: Collection[str] = ()) -> None:
+        """Those of the class `message`, without the fields `but`; of a field that may be None, where it is not."""
+        hints, defaults = message.__annotations__, message._field_defaults
+        shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
+        self.name, self.fields = message.__name__.lower(), tuple(n for n, shape in shapes.items() if shape)
+        at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
+        self._ones, self._nones, self._few, self._many = itemgetter(*at["one"]), at["none"], at["few"], at["many"]
+        self._parts = [(message._fields.index(n), Numbers(hints[n])) for n in shapes if shapes[n] == "message"]
+
+    def total(self, message: Any) -> float:
+        """Their sum, which is finite if they are."""
+        total: float = sum(self._ones(message))
+        for k in self._few:
+            total += sum(message[k])
+        for k in self._many:
+            total += sum(message[k].ravel().tolist())
+        for k in self._nones:
+            total += message[k] or 0.0
+        for k, part in self._parts:
+            total += part.total(message[k])
+        return total
+
+    def check(self, message: Any, maker: str) -> None:
+        """Raise `NotFiniteError` if they are not finite, `ScenarioError` if they are no numbers, naming the maker."""
+        try:
+            finite = isfinite(self.total(message))
+        except (AttributeError, TypeError, ValueError):
+            raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {told(message)}") from None
+        if not finite:
+            for name, value in self._named(message, self.name):
+                if not np.isfinite(value).all():
+                    shown = np.ravel(value)
+                    raise NotFiniteError(f"{name} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
+            raise NotFiniteError(f"{self.name} is beyond the numbers that a computer has, made by {maker}")
+
+    def _named(self, message: Any, name: str) -> Iterator[tuple[str, Any]]:
+        parts = {message._fields[k]: part for k, part in self._parts}
+        for field in self.fields:
+            value = getattr(message, field)
+            if field in parts:
+                yield from parts[field]._named(value, f"{name}.{field}")
+            elif value is not None:
+                yield f"{name}.{field}", value
+
+
+def _shape(hint: Any, default: Any) -> str:
+    """How many finite numbers a field holds: "one", "none" or one, a "few", "many", a "message" of them; else ""."""
+    few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
+    if few or hint in (int, float):
+        return "" if np.isnan(default).any() else "few" if few else "one"
+    if hint == float | None:
+        return "none"
+    return "many" if hint == Array else "message" if hasattr(hint, "_fields") else ""
+
+
+STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples")), Numbers(Truth)
+"""The samples of the plant are looked at only where a reading is no number."""
+CONDITIONS = Numbers(Conditions)
+
+
+class Stage(Generic[Message]):
+    """A stage of the tick, called with all that is checked around it.
+
+    `update` and `ask` raise `NotFiniteError` where the message is not finite or the arithmetic fails, and
+    `ScenarioError` where it is not what the base of the stage asks for.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        part: Any,
+        message: type[Message],
+        passed: Callable[[Message], Message] = lambda message: message,
+        method: str = "update",
+    ) -> None:
+        """Calls `part.method`, in messages `name` and `kind`; `passed` checks further and makes what goes on."""
+        self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
+        self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
+
+    def update(self, *arguments: Any) -> tuple[Any, Message]:
+        """State and message of a stage that remembers."""
+        state, message = answered(self._found(arguments), self.message, *self.names, self.method)
+        return state, self._passed(message)
+
+    def ask(self, *arguments: Any) -> Message:
+        """Message of a stage that returns no state."""
+        return self._passed(made(self._found(arguments), self.message, *self.names, self.method))
+
+    def _found(self, arguments: tuple[Any, ...]) -> Any:
+        try:
+            return getattr(self.part, self.method)(*arguments)
+        except ARITHMETIC as error:
+            numbers = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
+            numbers = numbers or any(part in str(error) for part in _ARITHMETIC)
+            if isinstance(error, NotFiniteError) or not numbers:
+                raise
+            raise NotFiniteError(f"{self.maker} failed: {error}") from error
+
+    def _passed(self, message: Message) -> Message:
+        self.numbers.check(message, self.maker)
+        return self.passed(message)
+
+
+class Received(NamedTuple):
+    """The sensors between two ticks, and what came of their readings so far."""
+
+    sensors: SensorState
     steer: float = 0.0
     """Last steering angle that was a number [rad]."""
     pedal: float = 0.0
@@ -49,28 +163,41 @@ class Screen(NamedTuple):
     rejected: tuple[tuple[str, int], ...] = ()
     """How often each reading was rejected, by field."""
 
-    def passed(self, measured: Measurement, truth: Truth, plant: str) -> "tuple[Screen, Measurement]":
+
+class Reception:
+    """The sensors, called with the checks of what they are given, by plant and faults, and of what they say."""
+
+    def __init__(self, sensors: Sensors, plant: str, faults: Sequence[Scripted]) -> None:
+        self.sensors, self.plant = sensors, f"the plant ({plant})"
+        self.faults = f"a fault ({', '.join(fault.kind for fault in faults)})"
+
+    def init(self, seed: int) -> Received:
+        """Before the first tick."""
+        return Received(self.sensors.init(seed))
+
+    def update(self, state: Received, truth: Truth, conditions: Conditions, dt: float) -> tuple[Received, Measurement]:
         """The measurement without what is no number: a fix becomes a missing one, an angle keeps its last value.
 
-        Raises `NotFiniteError` where that comes from the plant.
+        Raises `NotFiniteError` where that comes from the plant, or from a fault.
         """
-        fix = measured.fix
+        STATE.check(truth, self.plant)
+        if conditions is not NOMINAL:
+            CONDITIONS.check(conditions, self.faults)
+        sensors, measured = self.sensors.measure(state.sensors, truth, conditions, dt)
         optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
-        sound = fix is None or _possible(fix)
+        sound = measured.fix is None or _possible(measured.fix)
         if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):
-            return Screen(measured.steer, measured.pedal, self.rejected), measured
-        check_truth(truth, plant, samples=True)
-        bad = [] if sound else ["fix"]
+            return Received(sensors, measured.steer, measured.pedal, state.rejected), measured
+        SAMPLED_STATE.check(truth, self.plant)
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
-        for name, last in (("steer", self.steer), ("pedal", self.pedal)):
+        for name in ("steer", "pedal"):
             if not isfinite(getattr(measured, name)):
-                changes[name] = last
+                changes[name] = getattr(state, name)
         changes |= {name: nan for name, value in zip(OPTIONAL, optional, strict=True) if abs(value) == inf}
-        bad += [name for name in changes if name not in ("fix", "quality")]
-        counts = dict(self.rejected)
-        counts |= {name: counts.get(name, 0) + 1 for name in bad}
+        counts = dict(state.rejected)
+        counts |= {name: counts.get(name, 0) + 1 for name in changes if name != "quality"}
         measured = measured._replace(**changes)
-        return Screen(measured.steer, measured.pedal, tuple(counts.items())), measured
+        return Received(sensors, measured.steer, measured.pedal, tuple(counts.items())), measured
 
 
 def _possible(fix: Fix) -> bool:
@@ -79,22 +206,15 @@ def _possible(fix: Fix) -> bool:
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 
-def check_truth(truth: Truth, plant: str, samples: bool = False) -> None:
-    """Raise `NotFiniteError` if the plant's state is not finite; its samples are looked at when asked for."""
-    if not isfinite(sum(truth[:14]) + sum(truth.antenna) + sum(truth.antenna_velocity)):
-        refuse("truth", truth, Truth._fields[:16], f"the plant ({plant})")
-    if samples and not (np.isfinite(truth.steer_samples).all() and np.isfinite(truth.pedal_samples).all()):
-        refuse("truth", truth, Truth._fields[16:18], f"the plant ({plant})")
-
-
-def check_estimate(estimate: Estimate, estimator: str) -> None:
-    """Raise `NotFiniteError` if the estimate is not finite."""
+def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
+    """Raise `ScenarioError` if what a stage reports is not one number for each of its columns."""
     try:
-        finite = isfinite(sum(estimate[:7]) + sum(estimate.covariance.ravel().tolist()))
-    except (AttributeError, TypeError, ValueError):
-        raise ScenarioError(f"the estimator ({estimator}) estimates what is no number: {told(estimate)}") from None
-    if not finite:
-        refuse("estimate", estimate, Estimate._fields[:8], f"the estimator ({estimator})")
+        numbers = [float(value) for value in report]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != len(columns):
+        count = f"{len(columns)} numbers, one for each of its columns"
+        raise ScenarioError(f"{maker}: report must return {count}, got {told(report)}")
 
 
 def read_only(estimate: Estimate) -> Estimate:
@@ -104,37 +224,14 @@ def read_only(estimate: Estimate) -> Estimate:
     return estimate._replace(covariance=covariance)
 
 
-def check_conditions(conditions: Conditions, faults: Sequence[Scripted]) -> None:
-    """Raise `NotFiniteError`, naming the kinds, if faults make conditions that are not finite."""
-    c = conditions
-    wheels = (*c.tyre_stiffness, *c.tyre_rolling)
-    forces = c.valve_gain + c.valve_dead_band + c.drawbar + c.side_force + c.grip
-    lines = {name: value for name, value in c._asdict().items() if isinstance(value, Distortion)}
-    kinds = f"a fault ({', '.join(fault.kind for fault in faults)})"
-    for name, line in lines.items():
-        if not isfinite(line.scale + line.offset + line.delay_s):
-            refuse(f"conditions.{name}", line, Distortion._fields[:3], kinds)
-    if not isfinite(c.gnss_quality + c.gnss_latency_s + sum(c.gnss_offset) + forces + sum(wheels)):
-        refuse("conditions", c, tuple(n for n in c._fields if n not in ("payload", "gnss_frozen", *lines)), kinds)
-
-
-def check_reference(reference: Reference, path: str) -> None:
-    """Raise `NotFiniteError` if the reference is not finite."""
-    if not isfinite(sum(reference)):
-        refuse("reference", reference, Reference._fields, f"the path ({path})")
-
-
-def check_command(command: Command, guidance: str) -> None:
-    """Raise `NotFiniteError` if a command is not finite or its angle absurd, `ScenarioError` if it holds no numbers."""
-    try:
-        finite = isfinite(command.steer + command.speed + (command.steer_voltage or 0.0) + (command.pedal or 0.0))
-    except (TypeError, ValueError):
-        raise ScenarioError(f"the guidance law ({guidance}) commands what is no number: {told(command)}") from None
-    if not finite:
-        refuse("command", command, Command._fields, f"the guidance law ({guidance})")
+def steerable(s: Scenario, command: Command) -> Command:
+    """The command of the scenario's law, `limited`. Raises `NotFiniteError` for an angle that no law means."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, beyond a right angle"
-        raise NotFiniteError(f"command.steer is {angle}, made by the guidance law ({guidance}); it is in radians")
+        raise NotFiniteError(
+            f"command.steer is {angle}, made by the guidance law ({s.guidance.kind}); it is in radians"
+        )
+    return limited(command, s.tractor.steer_limit)
 
 
 def limited(command: Command, steer_limit: float) -> Command:
@@ -142,40 +239,3 @@ def limited(command: Command, steer_limit: float) -> Command:
     if -steer_limit <= command.steer <= steer_limit:
         return command
     return command._replace(steer=min(max(command.steer, -steer_limit), steer_limit))
-
-
-def check_report(stage: str, kind: str, columns: Sequence[Column], report: Any) -> None:
-    """Raise `ScenarioError` if what a stage reports is not one number for each of its columns."""
-    try:
-        numbers = [float(value) for value in report]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != len(columns):
-        count = f"{len(columns)} numbers, one for each of its columns"
-        raise ScenarioError(f"{stage} ({kind}): report must return {count}, got {told(report)}")
-
-
-def check_drive(drive: Drive) -> None:
-    """Raise `NotFiniteError` if a valve's voltage is not finite."""
-    if not isfinite(drive.steer_voltage + drive.pedal_voltage):
-        refuse("drive", drive, Drive._fields, "the low-level loops (steering.loop, speed)")
-
-
-def refuse(name: str, message: NamedTuple, fields: tuple[str, ...], maker: str) -> NoReturn:
-    """Raise the `NotFiniteError` that names the first of these fields that is not finite, and who made it."""
-    for field in fields:
-        value = getattr(message, field)
-        if value is not None and not np.isfinite(value).all():
-            shown = np.ravel(value)
-            raise NotFiniteError(f"{name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
-    raise NotFiniteError(f"{name} is beyond the numbers that a computer has, made by {maker}")
-
-
-def blame(stage: str, error: Exception) -> NoReturn:
-    """Raise an error of arithmetic as a `NotFiniteError` that names the stage; any other as it is."""
-    numbers = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
-    if not numbers and not any(part in str(error) for part in _ARITHMETIC):
-        raise error
-    if isinstance(error, NotFiniteError):
-        raise error
-    raise NotFiniteError(f"{stage} failed: {error}") from error

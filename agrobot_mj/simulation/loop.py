@@ -7,18 +7,18 @@ supervisor -> steering and speed loops -> valve voltages. Then the plant takes i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import nan, radians
 from typing import Any
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.brake import BrakeState
+from agrobot_mj.control.pid import SpeedState, SteeringState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
-from agrobot_mj.core.answers import answered
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import (
     NEUTRAL_V,
-    NOMINAL,
     TICK_S,
     Column,
     Command,
@@ -26,27 +26,15 @@ from agrobot_mj.core.signals import (
     Drive,
     Estimate,
     Measurement,
+    Reference,
     Truth,
 )
 from agrobot_mj.faults import Script, loadings
-from agrobot_mj.paths.base import reference_at, start_of
+from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.checks import (
-    ARITHMETIC,
-    Screen,
-    blame,
-    check_command,
-    check_conditions,
-    check_drive,
-    check_estimate,
-    check_reference,
-    check_report,
-    check_truth,
-    limited,
-    read_only,
-)
+from agrobot_mj.simulation.checks import Received, Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.simulation.wiring import Wiring
@@ -63,23 +51,21 @@ class Stages:
     faults: Any
     conditions: Conditions
     """Faults and disturbances of the present tick."""
-    sensors: Any
+    sensors: Received
+    receiver: ImplementReceiver
+    """Place of the GNSS antenna, as the tractor's computer knows it."""
     estimator: Any
     guidance: Any
     supervisor: SupervisorState
-    steering: Any
-    speed: Any
+    speed: SpeedState
+    steering: SteeringState
     brake: BrakeState
-    screen: Screen
-    """What of the measurements was rejected."""
-    receiver: ImplementReceiver
-    """Place of the GNSS antenna, as the tractor's computer knows it."""
     wiring: Wiring
     """Lines to the valves."""
 
 
 class Loop:
-    """The stages of one scenario and their states: `sense`, `decide`, `act`, then `advance`."""
+    """The stages of one scenario and their states: a `tick` is `sense`, `decide`, `act`; then `advance`."""
 
     def __init__(self, scenario: Scenario) -> None:
         s = self.scenario = scenario
@@ -88,82 +74,65 @@ class Loop:
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script = Script(s.fault, s.seed)
+        self.sensors = Reception(s.sensors, s.plant.kind, s.fault)
+        self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
+        self.path = Stage("the path", s.path.kind, self.route, Reference, method="at")
+        self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
+        self.loops = Stage("the low-level loops", "steering.loop, speed", self, Drive, method="low_level")
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(start_of(s.path), conditions)
+        self.sensed: tuple[Measurement, Situation] | None = None
         self.stages = Stages(
             faults=faults,
             conditions=conditions,
-            sensors=s.sensors.init(s.seed),
+            sensors=self.sensors.init(s.seed),
+            receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
             supervisor=self.supervisor.init(),
-            steering=s.steering.loop.init(),
             speed=s.speed.init(),
+            steering=s.steering.loop.init(),
             brake=BrakeState(),
-            screen=Screen(),
-            receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
             wiring=Wiring(),
         )
 
-    def tick(self) -> Tick:
-        """One tick under the scenario's own guidance, without the plant's steps."""
-        measured, situation = self.sense()
-        return self.act(measured, situation, self.decide(measured, situation))
+    def tick(self, command: Command | None = None) -> Tick:
+        """One tick up to the valves, under the scenario's own guidance or a command from outside.
+
+        `advance` ends it. Raises `NotFiniteError`, naming the stage.
+        """
+        measured, situation = self.now()
+        return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
+
+    def now(self) -> tuple[Measurement, Situation]:
+        """What is sensed in this tick: the sensors are read once."""
+        if self.sensed is None or self.sensed[1].t != self.truth.t:
+            self.sensed = self.sense()
+        return self.sensed
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """Read the sensors; returns the measurement and what the guidance may know. Raises `NotFiniteError`."""
+        """Read the sensors; returns the measurement and what the guidance may know."""
         s, state, truth = self.scenario, self.stages, self.truth
-        check_truth(truth, s.plant.kind)
-        if state.conditions is not NOMINAL:
-            check_conditions(state.conditions, s.fault)
-        state.sensors, received = s.sensors.measure(state.sensors, truth, state.conditions, TICK_S)
-        state.screen, measured = state.screen.passed(received, truth, s.plant.kind)
-        try:
-            used = state.receiver.reduced(measured)
-            answer = s.estimator.update(state.estimator, used, TICK_S)
-        except ARITHMETIC as error:
-            blame(f"the estimator ({s.estimator.kind})", error)
-        state.estimator, estimate = answered(answer, Estimate, "the estimator", s.estimator.kind, "update")
-        check_estimate(estimate, s.estimator.kind)
-        estimate = read_only(estimate)
+        state.sensors, measured = self.sensors.update(state.sensors, truth, state.conditions, TICK_S)
+        fixed = state.receiver.reduced(measured)
+        state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
-        reference = reference_at(s.path, truth.t)
-        check_reference(reference, s.path.kind)
+        reference = self.path.ask(truth.t)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Ask the scenario's guidance law for a command; the supervisor may replace it. Raises `NotFiniteError`."""
+        """Ask the scenario's guidance law for a command; the supervisor may replace it."""
         state = self.stages
-        try:
-            found = self.guidance.update(state.guidance, situation, TICK_S)
-        except ARITHMETIC as error:
-            blame(f"the guidance law ({self.scenario.guidance.kind})", error)
-        kind = self.scenario.guidance.kind
-        state.guidance, command = answered(found, Command, "the guidance law", kind, "update")
-        check_command(command, kind)
-        command = limited(command, self.scenario.tractor.steer_limit)
+        state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
         state.supervisor, command = self.supervisor.update(
             state.supervisor, situation, measured, command, state.speed.reference, TICK_S
         )
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Run brake, steering and speed loops, from the command to valve voltages; returns all messages of the tick."""
-        s, state, reference = self.scenario, self.stages, situation.reference
-        state.brake = state.brake.after(command, TICK_S)
-        pedal = 0.0 if state.brake.share else command.pedal
-        if pedal is None:
-            state.speed, (pedal_ref, pedal_voltage) = s.speed.update(
-                state.speed, command.speed, situation.estimate.speed, measured.pedal, TICK_S
-            )
-        else:
-            state.speed, (pedal_ref, pedal_voltage) = s.speed.hold(state.speed, pedal, measured.pedal, TICK_S)
-        state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
-        if command.steer_voltage is not None:
-            steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
-        check_drive(drive := Drive(steer_voltage, pedal_voltage, state.brake.share))
-        drive = drive._replace(pedal_voltage=nan) if command.released else drive
-        steer_ref = state.steering.reference
+        """Run the low-level loops, from the command to valve voltages; returns all messages of the tick."""
+        state, reference = self.stages, situation.reference
+        drive = self.loops.ask(measured, situation, command)
         return Tick(
             truth=self.truth,
             measured=measured,
@@ -171,13 +140,28 @@ class Loop:
             reference=reference,
             z_ref=self.height(self.ground, reference.x, reference.y)[0],
             command=command,
-            steer_ref=steer_ref,
-            pedal_ref=pedal_ref,
-            drive=drive,
-            saturated=abs(steer_ref) > s.tractor.steer_limit - SATURATION_MARGIN,
+            steer_ref=state.steering.reference,
+            pedal_ref=state.speed.reference,
+            drive=drive._replace(pedal_voltage=nan) if command.released else drive,
+            saturated=abs(state.steering.reference) > self.scenario.tractor.steer_limit - SATURATION_MARGIN,
             faults=self.script.active(self.truth.t),
             actuation=self.plant.actuation(),
         )
+
+    def low_level(self, measured: Measurement, situation: Situation, command: Command) -> Drive:
+        """Voltages of the valves after brake, speed and steering loops; the command may bypass either loop."""
+        s, state = self.scenario, self.stages
+        state.brake = state.brake.after(command, TICK_S)
+        pedal = 0.0 if state.brake.share else command.pedal
+        if pedal is None:
+            speeds = command.speed, situation.estimate.speed
+            state.speed, (_, pedal_voltage) = s.speed.update(state.speed, *speeds, measured.pedal, TICK_S)
+        else:
+            state.speed, (_, pedal_voltage) = s.speed.hold(state.speed, pedal, measured.pedal, TICK_S)
+        state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
+        if command.steer_voltage is not None:
+            steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
+        return Drive(steer_voltage, pedal_voltage, state.brake.share)
 
     def advance(self, drive: Drive) -> Truth:
         """Advance the plant by one tick, and apply the faults of the next one."""
@@ -212,18 +196,18 @@ class Loop:
             *self.guidance.report(state.guidance),
             *self.supervisor.report(state.supervisor),
             *s.estimator.report(state.estimator),
-            *s.sensors.report(state.sensors),
+            *s.sensors.report(state.sensors.sensors),
             *self.plant.report(),
         )
 
     def check_reports(self) -> None:
         """Raise `ScenarioError` if a stage does not report one number for each of its columns."""
-        s, state = self.scenario, self.stages
-        check_report("the guidance law", s.guidance.kind, self.guidance.columns, self.guidance.report(state.guidance))
-        check_report("the estimator", s.estimator.kind, s.estimator.columns, s.estimator.report(state.estimator))
-        for name, reading in state.sensors.readings.items():
-            sensor = getattr(s.sensors, name)
-            check_report("the sensor", name, sensor.columns, sensor.report(reading))
+        state = self.stages
+        for stage, remembered in ((self.law, state.guidance), (self.estimator, state.estimator)):
+            check_report(stage.maker, stage.part.columns, stage.part.report(remembered))
+        for name, reading in state.sensors.sensors.readings.items():
+            sensor = getattr(self.scenario.sensors, name)
+            check_report(f"the sensor ({name})", sensor.columns, sensor.report(reading))
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:

@@ -7,6 +7,7 @@ blocks that snapshots of the same run share: saving in every tick costs the same
 
 from typing import Any, NamedTuple
 
+from agrobot_mj.control.base import Situation
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.signals import Measurement, Truth
 from agrobot_mj.scenario.schema import Scenario
@@ -24,6 +25,8 @@ class LoopState(NamedTuple):
     """States of the stages, by their names in `Stages`."""
     truth: Truth
     """True state after the last step of the plant."""
+    sensed: tuple[Measurement, Situation] | None
+    """What was sensed last, without the path, which every simulation samples for itself; None before the first time."""
 
 
 class Snapshot(NamedTuple):
@@ -35,8 +38,6 @@ class Snapshot(NamedTuple):
     """Plant and stages."""
     rows: SavedRows
     """The log."""
-    sensed: Any
-    """What was measured in this tick, with the situation; None where nothing is yet."""
     standstill: Standstill
     """How long the tractor has not moved."""
     ending: tuple[str, str]
@@ -45,7 +46,7 @@ class Snapshot(NamedTuple):
 
 def loop_state(loop: Loop) -> LoopState:
     """What a loop keeps between two ticks; its parts may still be written to."""
-    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth)
+    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _sensed(loop, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
@@ -53,12 +54,12 @@ def set_loop_state(loop: Loop, state: LoopState) -> None:
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)
-    loop.truth = state.truth
+    loop.truth, loop.sensed = state.truth, state.sensed
+    loop.sensed = _sensed(loop, loop.route)
 
 
-def without_route(sensed: tuple[Measurement, Any] | None) -> Any:
-    """Measurement and situation without the path, which every simulation samples for itself."""
-    return sensed and (sensed[0], sensed[1]._replace(route=None))
+def _sensed(loop: Loop, route: Any) -> Any:
+    return loop.sensed and (loop.sensed[0], loop.sensed[1]._replace(route=route))
 
 
 def require_same_scenario(snapshot: Snapshot, scenario: Scenario) -> None:

@@ -30,7 +30,7 @@ from agrobot_mj.simulation.columns import COLUMNS, Tick, row
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
-from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state, without_route
+from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
 LEAST_SPEED = 0.1
 """Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
@@ -58,13 +58,12 @@ class Simulation:
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._watch, self.outcome, self.reason = Watch(plant), "", ""
-        self._sensed: tuple[Measurement, Situation] | None = None
         if self._watch.plant.trouble() == "diverged":  # while it settled
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
 
     def reset(self) -> Measurement:
         """Place the tractor at the start again; returns the first measurement."""
-        if self._sensed is not None or self.rows.filled:
+        if self.loop.sensed is not None or self.rows.filled:
             with unending():
                 self.loop = Loop(self.scenario)
             self._begin()
@@ -91,20 +90,17 @@ class Simulation:
         """
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
-        measured, situation = self._now()
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         given = {k: v for k, v in wanted.items() if v is not None}
         try:
-            command = self._command(measured, situation, given, speed)
-            self._finish_tick(self.loop.act(measured, situation, command), led=not given and speed is None)
+            command = self._command(given, speed)
+            self._finish_tick(self.loop.tick(command), led=command is None)
         except NotFiniteError as error:
             self._diverge(str(error))
         return self.measurement
 
-    def _command(
-        self, measured: Measurement, situation: Situation, given: dict[str, float], speed: float | None
-    ) -> Command:
-        """Convert the arguments of `step` to a command."""
+    def _command(self, given: dict[str, float], speed: float | None) -> Command | None:
+        """The command that the arguments of `step` mean; None where they leave it to the guidance."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
             if not hasattr(value, "__float__"):  # which text does not have
@@ -114,9 +110,9 @@ class Simulation:
         if len(given) > 1:
             raise CommandError(f"{' and '.join(given)}: give one of them")
         if not given:
-            own = self.loop.decide(measured, situation)
-            return own if speed is None else own._replace(speed=float(speed))
-        r, ((kind, value),) = situation.reference, given.items()
+            return None if speed is None else self.loop.decide(*self._now())._replace(speed=float(speed))
+        situation, ((kind, value),) = self.situation, given.items()
+        r = situation.reference
         along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)
         if kind == "steer_voltage":
             return Command(situation.steer, along, value)
@@ -167,7 +163,7 @@ class Simulation:
 
     def _sense(self) -> None:
         try:
-            self._sensed = self.loop.sense()
+            self.loop.now()
         except NotFiniteError as error:
             self._diverge(str(error))
 
@@ -179,12 +175,12 @@ class Simulation:
             self.rows.append([0.0, *unknown], plant.wheels(), 0.0 * self.rows.poses[0], [nan] * len(self.loop.columns))
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """What was sensed in this tick; sensed now where it has not been yet."""
-        if self._sensed is None and self.done:
+        """What is sensed in this tick; what was sensed last where the run has ended."""
+        if not self.done:
+            return self.loop.now()
+        if self.loop.sensed is None:
             raise CommandError(f"the run ended before anything was sensed: {self.reason}")
-        if self._sensed is None:
-            self._sensed = self.loop.sense()
-        return self._sensed
+        return self.loop.sensed
 
     def save(self) -> Snapshot:
         """The state now, from which `restore` goes on to the last bit; costs less than half a tick."""
@@ -193,7 +189,6 @@ class Simulation:
             scenario=self.scenario,
             loop=independent(loop_state(self.loop)),
             rows=self.rows.save(),
-            sensed=independent(without_route(self._sensed)),
             standstill=self._watch.standstill,
             ending=(self.outcome, self.reason),
         )
@@ -209,8 +204,6 @@ class Simulation:
         require_same_scenario(state, self.scenario)
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)
-        measured, situation = independent(state.sensed)
-        self._sensed = measured, situation._replace(route=self.loop.route)
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
         return self.measurement
 
@@ -226,7 +219,7 @@ class Simulation:
     @property
     def measurement(self) -> Measurement:
         """The last measurement of the sensors."""
-        return NOTHING if self.done and self._sensed is None else self._now()[0]
+        return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     @property
     def situation(self) -> Situation:
@@ -260,7 +253,7 @@ class Simulation:
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),
-            **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.screen.rejected)) else {}),
+            **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.sensors.rejected)) else {}),
             **metrics(log),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
