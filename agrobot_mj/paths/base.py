@@ -32,7 +32,7 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
     try:
         sum(found)
     except TypeError:
-        raise ScenarioError(f"the path ({kind}) refers to what is no number: {told(found)}") from None
+        raise ScenarioError(f"the path ({kind}) returned a non-numeric reference: {told(found)}") from None
     return found
 
 

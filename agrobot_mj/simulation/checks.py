@@ -2,10 +2,10 @@
 
 A `Stage` is called in place of its method, with every check around the call. One sum of a message's numbers tells
 whether all are finite; only then are they looked at one by one. What a real computer would reject - a fix or a reading
-that is no number - counts as missing instead, see `Reception`.
+that is no number - counts as missing instead, see `Received`.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from math import degrees, inf, isfinite, nan, radians
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin
@@ -26,9 +26,8 @@ from agrobot_mj.core.signals import (
     Quality,
     Truth,
 )
-from agrobot_mj.faults.base import Scripted
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.sensors import Sensors, SensorState
+from agrobot_mj.sensors import SensorState
 
 ABSURD_STEER = radians(90.0)
 """Steering angle that no law means [rad]: the wheels across the tractor."""
@@ -48,14 +47,15 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 class Numbers:
     """The numbers of a message that must be finite: all but those whose default is NaN, which says "not told"."""
 
-    def __init__(self, message: Any, but: Collection[str] = ()) -> None:
+    def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
         """Those of the class `message`, without the fields `but`; of a field that may be None, where it is not."""
-        hints, defaults = message.__annotations__, message._field_defaults
+        hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
-        self.name, self.fields = message.__name__.lower(), tuple(n for n, shape in shapes.items() if shape)
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
         self._ones, self._nones, self._few, self._many = itemgetter(*at["one"]), at["none"], at["few"], at["many"]
-        self._parts = [(message._fields.index(n), Numbers(hints[n])) for n in shapes if shapes[n] == "message"]
+        self._fields = [n for n, shape in shapes.items() if shape not in ("", "message")]
+        parts = [n for n, shape in shapes.items() if shape == "message"]
+        self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def total(self, message: Any) -> float:
         """Their sum, which is finite if they are."""
@@ -66,31 +66,24 @@ class Numbers:
             total += sum(message[k].ravel().tolist())
         for k in self._nones:
             total += message[k] or 0.0
-        for k, part in self._parts:
-            total += part.total(message[k])
         return total
 
     def check(self, message: Any, maker: str) -> None:
         """Raise `NotFiniteError` if they are not finite, `ScenarioError` if they are no numbers, naming the maker."""
+        for k, part in self._parts:
+            part.check(message[k], maker)
         try:
             finite = isfinite(self.total(message))
         except (AttributeError, TypeError, ValueError):
             raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {told(message)}") from None
-        if not finite:
-            for name, value in self._named(message, self.name):
-                if not np.isfinite(value).all():
-                    shown = np.ravel(value)
-                    raise NotFiniteError(f"{name} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
-            raise NotFiniteError(f"{self.name} is beyond the numbers that a computer has, made by {maker}")
-
-    def _named(self, message: Any, name: str) -> Iterator[tuple[str, Any]]:
-        parts = {message._fields[k]: part for k, part in self._parts}
-        for field in self.fields:
+        if finite:
+            return
+        for field in self._fields:
             value = getattr(message, field)
-            if field in parts:
-                yield from parts[field]._named(value, f"{name}.{field}")
-            elif value is not None:
-                yield f"{name}.{field}", value
+            if value is not None and not np.isfinite(value).all():
+                shown = np.ravel(value)
+                raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
+        raise NotFiniteError(f"{self.name} is beyond the numbers that a computer has, made by {maker}")
 
 
 def _shape(hint: Any, default: Any) -> str:
@@ -163,38 +156,26 @@ class Received(NamedTuple):
     rejected: tuple[tuple[str, int], ...] = ()
     """How often each reading was rejected, by field."""
 
-
-class Reception:
-    """The sensors, called with the checks of what they are given, by plant and faults, and of what they say."""
-
-    def __init__(self, sensors: Sensors, plant: str, faults: Sequence[Scripted]) -> None:
-        self.sensors, self.plant = sensors, f"the plant ({plant})"
-        self.faults = f"a fault ({', '.join(fault.kind for fault in faults)})"
-
-    def init(self, seed: int) -> Received:
-        """Before the first tick."""
-        return Received(self.sensors.init(seed))
-
-    def update(self, state: Received, truth: Truth, conditions: Conditions, dt: float) -> tuple[Received, Measurement]:
-        """The measurement without what is no number: a fix becomes a missing one, an angle keeps its last value.
+    def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Received, Measurement]":
+        """What is measured, without what is no number: a fix becomes a missing one, an angle keeps its last value.
 
         Raises `NotFiniteError` where that comes from the plant, or from a fault.
         """
-        STATE.check(truth, self.plant)
+        STATE.check(truth, plant := f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
-            CONDITIONS.check(conditions, self.faults)
-        sensors, measured = self.sensors.measure(state.sensors, truth, conditions, dt)
+            CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
+        sensors, measured = s.sensors.measure(self.sensors, truth, conditions, dt)
         optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
         sound = measured.fix is None or _possible(measured.fix)
         if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):
-            return Received(sensors, measured.steer, measured.pedal, state.rejected), measured
-        SAMPLED_STATE.check(truth, self.plant)
+            return Received(sensors, measured.steer, measured.pedal, self.rejected), measured
+        SAMPLED_STATE.check(truth, plant)
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
         for name in ("steer", "pedal"):
             if not isfinite(getattr(measured, name)):
-                changes[name] = getattr(state, name)
+                changes[name] = getattr(self, name)
         changes |= {name: nan for name, value in zip(OPTIONAL, optional, strict=True) if abs(value) == inf}
-        counts = dict(state.rejected)
+        counts = dict(self.rejected)
         counts |= {name: counts.get(name, 0) + 1 for name in changes if name != "quality"}
         measured = measured._replace(**changes)
         return Received(sensors, measured.steer, measured.pedal, tuple(counts.items())), measured

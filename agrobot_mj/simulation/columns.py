@@ -110,36 +110,16 @@ _ESTIMATE = _signals(
     ("p_yy", "m2", "estimated variance of R, north", lambda k: float(k.estimate.covariance[1, 1])),
     ("p_yaw", "rad2", "estimated variance of the heading", lambda k: float(k.estimate.covariance[2, 2])),
     ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", _nees),
-    (
-        "position_nis",
-        "-",
-        "normalised innovation squared of the fix; null without",
-        lambda k: k.estimate.nis,
-    ),
+    ("position_nis", "-", "normalised innovation squared of the fix; null without", lambda k: k.estimate.nis),
 )
 _CONDITIONS = _signals(
-    (
-        "gnss_x",
-        "m",
-        "GNSS solution of the antenna, east; null without",
-        lambda k: _fixed(k)[0],
-    ),
-    (
-        "gnss_y",
-        "m",
-        "GNSS solution of the antenna, north; null without",
-        lambda k: _fixed(k)[1],
-    ),
+    ("gnss_x", "m", "GNSS solution of the antenna, east; null without", lambda k: _fixed(k)[0]),
+    ("gnss_y", "m", "GNSS solution of the antenna, north; null without", lambda k: _fixed(k)[1]),
     ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 0 none", lambda k: float(k.measured.quality)),
     ("faults_active", "-", "number of scripted faults that act", lambda k: float(k.faults)),
 )
 _ERRORS = _signals(
-    (
-        "e_longitudinal",
-        "m",
-        "reference less true CG, ahead positive (time-based)",
-        lambda k: _behind(k)[0],
-    ),
+    ("e_longitudinal", "m", "reference less true CG, ahead positive (time-based)", lambda k: _behind(k)[0]),
     ("e_lateral", "m", "reference less true CG, left positive (time-based)", lambda k: _behind(k)[1]),
     ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", lambda k: k.command.speed),
 )

@@ -34,7 +34,7 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.checks import Received, Reception, Stage, check_report, read_only, steerable
+from agrobot_mj.simulation.checks import Received, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.simulation.wiring import Wiring
@@ -74,7 +74,6 @@ class Loop:
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script = Script(s.fault, s.seed)
-        self.sensors = Reception(s.sensors, s.plant.kind, s.fault)
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
         self.path = Stage("the path", s.path.kind, self.route, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
@@ -85,7 +84,7 @@ class Loop:
         self.stages = Stages(
             faults=faults,
             conditions=conditions,
-            sensors=self.sensors.init(s.seed),
+            sensors=Received(s.sensors.init(s.seed)),
             receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
@@ -113,7 +112,7 @@ class Loop:
     def sense(self) -> tuple[Measurement, Situation]:
         """Read the sensors; returns the measurement and what the guidance may know."""
         s, state, truth = self.scenario, self.stages, self.truth
-        state.sensors, measured = self.sensors.update(state.sensors, truth, state.conditions, TICK_S)
+        state.sensors, measured = state.sensors.after(s, truth, state.conditions, TICK_S)
         fixed = state.receiver.reduced(measured)
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)

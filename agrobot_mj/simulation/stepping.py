@@ -6,7 +6,7 @@
 ...     m = sim.step(steer=0.05, speed=1.2)
 
 `step()` without a command lets the scenario's own guidance drive; `run` is built on that. A command is one of steering
-angle, valve voltage, yaw rate or curvature, beside a speed.
+angle, valve voltage, yaw rate or curvature, beside a speed. `drive` is for a program that the guidance stands for.
 """
 
 from collections.abc import Mapping
@@ -50,11 +50,11 @@ class Simulation:
             self.scenario = scenario if overrides is None else scenario.changed(overrides)
         else:
             self.scenario = load_scenario(scenario, overrides)
-        with unending():
-            self.loop = Loop(self.scenario)
         self._begin()
 
     def _begin(self) -> None:
+        with unending():
+            self.loop = Loop(self.scenario)
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._watch, self.outcome, self.reason = Watch(plant), "", ""
@@ -64,8 +64,6 @@ class Simulation:
     def reset(self) -> Measurement:
         """Place the tractor at the start again; returns the first measurement."""
         if self.loop.sensed is not None or self.rows.filled:
-            with unending():
-                self.loop = Loop(self.scenario)
             self._begin()
         if not self.done:
             self._sense()
@@ -98,6 +96,21 @@ class Simulation:
         except NotFiniteError as error:
             self._diverge(str(error))
         return self.measurement
+
+    def drive(self, request: Any) -> Measurement:
+        """One tick under a program outside; what the sensors measure at its end.
+
+        `request` is what the program asks of the scenario's guidance: an `Actuation` of `agopengps`, a
+        `VelocityRequest` of `cmd_vel`. Raises `CommandError` where the guidance drives by itself, and for a step after
+        the end; TypeError for another request.
+        """
+        guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
+        if not guidance.outside:
+            raise CommandError(f'guidance.kind: "{guidance.kind}" drives by itself; give step() a command of your own')
+        if not isinstance(request, message):
+            raise TypeError(f"request: must be of type {message.__name__}, got {told(request)}")
+        self.loop.stages.guidance = request
+        return self.step()
 
     def _command(self, given: dict[str, float], speed: float | None) -> Command | None:
         """The command that the arguments of `step` mean; None where they leave it to the guidance."""

@@ -10,7 +10,7 @@ from agrobot_mj.simulation.loop import Loop
 
 STAGES = {"truth": "plant", "measured": "sensors", "estimate": "estimator", "command": "guidance"}
 """Stages, and the word by which a message names them."""
-UNUSED = (["wheel_speed"], ["nis"], ["steer_bias"], ["sideslip"], ["fix_age"], ["position_sigma"], ["nis_mean"])
+UNUSED = (["wheel_speed"], ["nis"], ["steer_bias"], ["fix_age"], ["position_sigma"], ["nis_mean"])
 """Fields that may be NaN, or that only diagnostics use."""
 
 

@@ -45,7 +45,8 @@ def scenario(name="straight_line", **keys):
 
 def toy_session(keys, *arguments, duration=30.0, channel=None):
     vehicle = Toy(duration)
-    session = Session(vehicle, Board(AgOpenGps(**keys), LIMIT), channel or Direct(guide(*arguments)), Options())
+    board = Board(AgOpenGps(**keys), LIMIT)
+    session = Session(vehicle, board, channel or Direct(guide(*arguments)), Options(), lambda: None)
     session.run()
     return vehicle, session
 
@@ -83,7 +84,7 @@ def test_without_a_solution_nothing_is_sent():
             return measured._replace(fix=None, quality=0) if 40 <= round(self.t / TICK_S) < 80 else measured
 
     vehicle = Blind(6.0 - TICK_S / 2)
-    session = Session(vehicle, Board(AgOpenGps(), LIMIT), Direct(guide()), Options(nmea=("127.0.0.1", 1)))
+    session = Session(vehicle, Board(AgOpenGps(), LIMIT), Direct(guide()), Options(nmea=("127.0.0.1", 1)), lambda: None)
     session.run()
     start = session.started
     positions = [d.turn - start for d in session.traffic.kept if d.data.startswith(b"$PANDA")]

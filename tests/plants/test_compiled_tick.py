@@ -342,8 +342,8 @@ def test_attitude_and_velocities_of_a_body_that_moves_every_way():
     plant.data.qvel[:6] = 1.1, -0.4, 0.2, 0.3, -0.2, 0.5
     mujoco.mj_forward(plant.model, plant.data)
     plant._look()
-    now = plant.motion.copy()
-    assert now[12:15] == pytest.approx([yaw, pitch, roll])
+    now = plant.motion
+    assert (now.yaw, now.pitch, now.roll) == pytest.approx((yaw, pitch, roll))
     qpos, h = plant.data.qpos.copy(), 1e-6
     places = []
     for step in (-h, h):
@@ -355,9 +355,9 @@ def test_attitude_and_velocities_of_a_body_that_moves_every_way():
         heading = np.arctan2(plant.data.xmat[CHASSIS, 3], plant.data.xmat[CHASSIS, 0])
         places[-1].append(heading)
     rates = [(after - before) / (2 * h) for before, after in zip(*places, strict=True)]
-    assert now[6:9] == pytest.approx(rates[0], abs=1e-6)
-    assert now[9:12] == pytest.approx(rates[1], abs=1e-6)
+    assert now.cg_velocity == pytest.approx(rates[0], abs=1e-6)
+    assert now.antenna_velocity == pytest.approx(rates[1], abs=1e-6)
     along = np.array([cos(yaw), sin(yaw)])
-    assert now[15] == pytest.approx(rates[0][:2] @ along, abs=1e-6)
-    assert now[16] == pytest.approx(rates[0][:2] @ np.array([-along[1], along[0]]), abs=1e-6)
-    assert hypot(*now[6:8]) == pytest.approx(hypot(now[15], now[16]))
+    assert now.speed == pytest.approx(rates[0][:2] @ along, abs=1e-6)
+    assert now.lateral_speed == pytest.approx(rates[0][:2] @ np.array([-along[1], along[0]]), abs=1e-6)
+    assert hypot(*now.cg_velocity[:2]) == pytest.approx(hypot(now.speed, now.lateral_speed))

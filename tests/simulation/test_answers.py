@@ -153,12 +153,14 @@ def test_a_report_has_a_number_for_each_column(answer):
 
 
 def test_an_estimate_holds_numbers():
-    with pytest.raises(ScenarioError, match=r"the estimator \(vague\) estimates what is no number: Estimate\("):
+    with pytest.raises(ScenarioError, match=r"the estimator \(vague\) returned a non-numeric estimate: Estimate\("):
         run(scenario(estimator=Vague()))
 
 
 def test_a_reference_holds_numbers():
-    with pytest.raises(ScenarioError, match=r"the path \(wordy\) refers to what is no number: Reference\(x='east'"):
+    with pytest.raises(
+        ScenarioError, match=r"the path \(wordy\) returned a non-numeric reference: Reference\(x='east'"
+    ):
         run(scenario(path=Wordy()))
 
 

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from agrobot_mj.control.agopengps import Actuation, AgOpenGps
+from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import Measurement, Truth
 from agrobot_mj.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.report import health, link_metrics
@@ -21,35 +20,6 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher, followed
 from agrobot_mj.simulation.stepping import Simulation
-
-
-class SimulatedTractor:
-    """A `Vehicle` that is a simulation whose guidance is the link's."""
-
-    def __init__(self, sim: Simulation, tell: Callable[[], None]) -> None:
-        """`tell` is called after each tick."""
-        self.sim, self.tell = sim, tell
-
-    @property
-    def truth(self) -> Truth:
-        """What the plant really does now."""
-        return self.sim.truth
-
-    @property
-    def done(self) -> bool:
-        """The run has ended."""
-        return self.sim.done
-
-    def reset(self) -> Measurement:
-        """To the start."""
-        return self.sim.reset()
-
-    def drive(self, actuation: Actuation) -> Measurement:
-        """One tick with the board's steering."""
-        self.sim.loop.stages.guidance = actuation
-        measured = self.sim.step()
-        self.tell()
-        return measured
 
 
 def keys_of(scenario: Scenario) -> AgOpenGps:
@@ -90,8 +60,7 @@ def run_link(
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
         quick = tell if live or channel.pace is None else (lambda: None)
-        session = Session(SimulatedTractor(sim, quick), board, channel, options)
-        sessions.append(session)
+        sessions.append(session := Session(sim, board, channel, options, quick))
         session.run(should_stop)
         if not sim.done and session.ended is None:
             sim.abort()

@@ -29,7 +29,7 @@ class NoHostError(NotBegunError):
 
 
 class Vehicle(Protocol):
-    """A simulated tractor that is driven tick by tick."""
+    """A tractor that is driven tick by tick, as a `Simulation` is."""
 
     @property
     def truth(self) -> Truth:
@@ -45,7 +45,7 @@ class Vehicle(Protocol):
         """To the start; returns what the sensors say."""
         ...
 
-    def drive(self, actuation: Actuation) -> Measurement:
+    def drive(self, request: Actuation) -> Measurement:
         """One tick with the board's steering; returns what the sensors say after it."""
         ...
 
@@ -65,8 +65,11 @@ class Options(NamedTuple):
 class Session:
     """One run over a channel; `run` once."""
 
-    def __init__(self, vehicle: Vehicle, board: Board, channel: Channel, options: Options) -> None:
-        self.vehicle, self.board, self.channel, self.options = vehicle, board, channel, options
+    def __init__(
+        self, vehicle: Vehicle, board: Board, channel: Channel, options: Options, tell: Callable[[], None]
+    ) -> None:
+        """`tell` is called after each tick."""
+        self.vehicle, self.board, self.channel, self.options, self.tell = vehicle, board, channel, options, tell
         self.spec: AgOpenGps = board.spec
         self.traffic = Traffic()
         self.receiver, self.state = Receiver(self.spec), board.init()
@@ -92,6 +95,7 @@ class Session:
             if waits:
                 continue
             measured = self._measured(self.vehicle.drive(actuation))
+            self.tell()
             self.engaged_ticks += actuation.engaged
             self.latched_ticks += self.board.refuses(self.state)
             if self._host_is_gone():

@@ -78,8 +78,7 @@ def run_session(
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
         # In real time the watchers hear of the run at its end: writing a recording takes longer than a turn.
-        session = RosSession(sim, spec, port, options, tell if quick else lambda: None)
-        sessions.append(session)
+        sessions.append(session := RosSession(sim, spec, port, options, tell if quick else lambda: None))
         session.run(should_stop)
         if not sim.done and session.ended is None:
             sim.abort()

@@ -97,8 +97,7 @@ class RosSession:
             self.turn += 1
             if self.started < 0:
                 continue
-            self.sim.loop.stages.guidance = self.request
-            self.sim.step()
+            self.sim.drive(self.request)
             self.tell()
             self.request = self.request._replace(age=self.request.age + TICK_S)
             if self.port.heard and self.request.age > self.spec.give_up_s:

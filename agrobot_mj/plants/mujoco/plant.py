@@ -34,19 +34,7 @@ from agrobot_mj.plants.mujoco.saving import (
 )
 from agrobot_mj.plants.mujoco.settling import REST_M_S, Late, Restless, drive_holds, unrest
 from agrobot_mj.plants.mujoco.spec import Mujoco
-from agrobot_mj.plants.mujoco.stepping import (
-    ACTUATION,
-    FASTEST,
-    MOTION,
-    REAR,
-    TORQUE,
-    UPRIGHT,
-    Actuators,
-    Tyred,
-    observe,
-    oil_of,
-    run_steps,
-)
+from agrobot_mj.plants.mujoco.stepping import Actuators, Motion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
@@ -85,7 +73,7 @@ class MujocoPlant:
         self.brake_torque, self.braking = machine.driveline.strength(machine.tractor).brake, 0.0
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
-        self.samples, self.motion, self.cylinder = np.zeros((4, clock.steps)), np.zeros(MOTION), np.zeros(1)
+        self.samples, self.cylinder = np.zeros((4, clock.steps)), np.zeros(1)
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
@@ -93,7 +81,8 @@ class MujocoPlant:
         self.clearance, self.clear = clearance_of(self.model), False
         self.option, self.flags = self.model.opt, self.model.opt.disableflags
         self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)), 0, False)
-        self._observe = bound(observe, self.views, self._actuators, *self.sites, self.motion)
+        self._observe = bound(observe, self.views, self._actuators, *self.sites)
+        self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Let the tractor settle under these conditions, so that it stands at rest with its CG above the path's start.
@@ -144,7 +133,7 @@ class MujocoPlant:
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
-            if not drive_holds(self.oil, self.machine.driveline.connected, float(self.motion[TORQUE])):
+            if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.torque):
                 brake = 1.0
             late.add(self.motion)
             rests = tick + 1 >= self.settle_ticks and late.greatest < REST_M_S
@@ -190,8 +179,8 @@ class MujocoPlant:
         return Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
 
     def _look(self) -> None:
-        """Write the present motion into `motion`."""
-        self._observe(self.views, self._actuators, *self.sites, self.motion)
+        """Keep the present motion as `motion`."""
+        self.motion: Motion = self._observe(self.views, self._actuators, *self.sites)
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -225,7 +214,7 @@ class MujocoPlant:
         """What a tick writes in place, outside of MjData."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
-        own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.motion, self.cylinder
+        own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder
         return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
@@ -249,36 +238,36 @@ class MujocoPlant:
         write(self._memories, state.memories)
         restore(self.ground.memory, state.soil)
         self.ticks = state.ticks
+        self._look()
 
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         self._look()
-        m = self.motion.tolist()
-        antenna = self.implement.antenna if self.implement else None
-        samples = self.samples.copy()
+        m, antenna = self.motion, self.implement.antenna if self.implement else None
+        (x, y, z), (rear_x, rear_y, _), samples = m.cg, m.rear, self.samples.copy()
         return Truth(
             t=self.ticks * self.tick_s,
-            x=m[0],
-            y=m[1],
-            z=m[2],
-            yaw=wrap(m[12]),
-            pitch=m[13],
-            roll=m[14],
-            speed=m[15],
-            lateral_speed=m[16],
-            yaw_rate=m[17],
-            steer=m[18],
-            pedal=m[19],
-            rear_x=m[20],
-            rear_y=m[21],
-            antenna=antenna.place if antenna else (m[3], m[4], m[5]),
-            antenna_velocity=antenna.velocity if antenna else (m[9], m[10], m[11]),
+            x=x,
+            y=y,
+            z=z,
+            yaw=wrap(m.yaw),
+            pitch=m.pitch,
+            roll=m.roll,
+            speed=m.speed,
+            lateral_speed=m.lateral_speed,
+            yaw_rate=m.yaw_rate,
+            steer=m.steer,
+            pedal=m.pedal,
+            rear_x=rear_x,
+            rear_y=rear_y,
+            antenna=antenna.place if antenna else m.antenna,
+            antenna_velocity=antenna.velocity if antenna else m.antenna_velocity,
             steer_samples=samples[0],
             pedal_samples=samples[1],
             knuckle_samples=samples[2:],
-            wheel_speed=self.tractor.rear_wheel_radius_m * m[22],
-            body_rates=(m[23], m[24], m[25]),
-            rear_velocity=(m[REAR], m[REAR + 1], m[REAR + 2]),
+            wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
+            body_rates=m.body_rates,
+            rear_velocity=m.rear_velocity,
         )
 
     def poses(self) -> Array:
@@ -310,8 +299,7 @@ class MujocoPlant:
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
-        flow, pressure, torque = self.motion[ACTUATION:FASTEST].tolist()
-        return flow, pressure, torque
+        return self.motion.flow, self.motion.pressure, self.motion.torque
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
@@ -319,16 +307,16 @@ class MujocoPlant:
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: rolled_over, jackknifed, left_terrain or diverged."""
-        motion = self.motion.tolist()
-        if motion[FASTEST] > DIVERGED_SPEED:
+        if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:
             return "rolled_over"
         if self.implement and self.implement.jackknifed:
             return "jackknifed"
-        return None if self.ground.covers(motion[0], motion[1]) else "left_terrain"
+        x, y, _ = self.motion.cg
+        return None if self.ground.covers(x, y) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:
-        lean = float(self.motion[UPRIGHT])
+        lean = self.motion.lean_cosine
         return min(lean, self.implement.lean_cosine if self.implement else lean) < ROLLOVER_COSINE

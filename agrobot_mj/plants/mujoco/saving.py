@@ -25,7 +25,7 @@ class MujocoState(NamedTuple):
     left: tuple[AnyArray, ...]
     """What the last step has left in MjData, and the friction of the geoms."""
     memories: tuple[AnyArray, ...]
-    """What the tick writes in place: tyres, loads, valve, drive, samples, motion."""
+    """What the tick writes in place: tyres, loads, valve, drive, samples."""
     conditions: Conditions
     """Faults and disturbances of the last tick."""
     ticks: int

@@ -20,8 +20,40 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-SPEED, YAW_RATE, ACTUATION, TORQUE, FASTEST, UPRIGHT, REAR, MOTION = 6, 17, 26, 28, 29, 30, 31, 34
-"""Where `observe` writes velocities, yaw rate, actuation and what tells of trouble, and how many numbers there are."""
+Point = tuple[float, float, float]
+"""East, north and up, or along the chassis' own axes."""
+
+
+class Motion(NamedTuple):
+    """How the tractor moves after a step; places [m] and velocities [m/s] in ENU, the rest as in `Truth`."""
+
+    cg: Point
+    cg_velocity: Point
+    antenna: Point
+    antenna_velocity: Point
+    rear: Point
+    rear_velocity: Point
+    yaw: float
+    pitch: float
+    roll: float
+    speed: float
+    lateral_speed: float
+    yaw_rate: float
+    body_rates: Point
+    steer: float
+    pedal: float
+    spin: float
+    """Mean spin of the driven wheels [rad/s]."""
+    flow: float
+    """Oil flow to the steering cylinder [m3/s]."""
+    pressure: float
+    """Pressure in it [Pa]."""
+    torque: float
+    """Torque on the driven wheels [N m]."""
+    fastest: float
+    """Largest component of the velocities of CG and antenna, infinite where the motion is not finite [m/s]."""
+    lean_cosine: float
+    """Cosine of the angle between the upward axis of the chassis and the vertical [-]."""
 
 
 class Oil(NamedTuple):
@@ -199,45 +231,58 @@ def run_steps(
 
 
 @kernel
-def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array, out: Array) -> None:
-    """Write the motion into `out` (MOTION,): CG (3), antenna (3), their velocities (3 + 3), yaw, pitch, roll, speed,
-    lateral speed, yaw rate; virtual wheel and pedal, R east and north, mean spin of the driven wheels [rad/s], body
-    rates (3); oil flow, pressure, torque on the driven wheels; the fastest of the first six velocities, infinite
-    where the motion is not finite, the cosine of the lean; velocity of R (3). `cg` and `antenna` (3,) in the chassis
-    frame [m]."""
-    R = v.xmat[CHASSIS]
-    q, w = v.qpos, v.qvel
+def carried(v: Views, omega: Point, site: Array) -> tuple[Point, Point]:
+    """Place and velocity of a point `site` (3,) of the chassis, given in its frame [m]."""
+    R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
+    arm = (
+        R[0] * site[0] + R[1] * site[1] + R[2] * site[2],
+        R[3] * site[0] + R[4] * site[1] + R[5] * site[2],
+        R[6] * site[0] + R[7] * site[1] + R[8] * site[2],
+    )
+    swing = cross(omega, arm)
+    place = (q[0] + arm[0], q[1] + arm[1], q[2] + arm[2])
+    return place, (w[0] + swing[0], w[1] + swing[1], w[2] + swing[2])
+
+
+@kernel
+def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array) -> Motion:
+    """The motion now; `cg` and `antenna` (3,) in the chassis frame [m]."""
+    R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = (
         R[0] * w[3] + R[1] * w[4] + R[2] * w[5],
         R[3] * w[3] + R[4] * w[4] + R[5] * w[5],
         R[6] * w[3] + R[7] * w[4] + R[8] * w[5],
     )
-    for k, site in enumerate((cg, antenna)):
-        arm = (
-            R[0] * site[0] + R[1] * site[1] + R[2] * site[2],
-            R[3] * site[0] + R[4] * site[1] + R[5] * site[2],
-            R[6] * site[0] + R[7] * site[1] + R[8] * site[2],
-        )
-        swing = cross(omega, arm)
-        for i in range(3):
-            out[3 * k + i] = q[i] + arm[i]
-            out[6 + 3 * k + i] = w[i] + swing[i]
+    cg_place, cg_velocity = carried(v, omega, cg)
+    antenna_place, antenna_velocity = carried(v, omega, antenna)
     yaw = atan2(R[3], R[0])
-    out[12], out[13], out[14] = yaw, atan2(-R[6], hypot(R[7], R[8])), atan2(R[7], R[8])
-    out[15] = cos(yaw) * out[6] + sin(yaw) * out[7]
-    out[16] = -sin(yaw) * out[6] + cos(yaw) * out[7]
-    out[17] = omega[2]
-    out[18], out[19] = q[v.steer_q], actuators.drive_memory.pedal[0]
-    out[20], out[21] = q[0], q[1]
-    out[22] = 0.5 * (w[v.spins_v[0]] + w[v.spins_v[1]])
-    out[23], out[24], out[25] = w[3], w[4], w[5]
     pressure = v.torques[STEERING] / actuators.oil.displacement
     flow = static_flow(actuators.valve, actuators.valve_memory.spool[0])
-    out[26], out[27], out[28] = loaded_flow(actuators.valve, flow, pressure), pressure, v.torques[DRIVE]
-    total, fastest = 0.0, 0.0
-    for i in range(18):
-        total += out[i]
-    for i in range(SPEED, SPEED + 6):
-        fastest = max(fastest, abs(out[i]))
-    out[FASTEST], out[UPRIGHT] = fastest if isfinite(total) else inf, R[8]
-    out[REAR], out[REAR + 1], out[REAR + 2] = w[0], w[1], w[2]
+    total, fastest = yaw + omega[2], 0.0
+    for k in range(3):
+        total += cg_place[k] + antenna_place[k]
+        fastest = max(fastest, abs(cg_velocity[k]), abs(antenna_velocity[k]))
+        total += cg_velocity[k] + antenna_velocity[k]
+    return Motion(
+        cg=cg_place,
+        cg_velocity=cg_velocity,
+        antenna=antenna_place,
+        antenna_velocity=antenna_velocity,
+        rear=(q[0], q[1], q[2]),
+        rear_velocity=(w[0], w[1], w[2]),
+        yaw=yaw,
+        pitch=atan2(-R[6], hypot(R[7], R[8])),
+        roll=atan2(R[7], R[8]),
+        speed=cos(yaw) * cg_velocity[0] + sin(yaw) * cg_velocity[1],
+        lateral_speed=-sin(yaw) * cg_velocity[0] + cos(yaw) * cg_velocity[1],
+        yaw_rate=omega[2],
+        body_rates=(w[3], w[4], w[5]),
+        steer=q[v.steer_q],
+        pedal=actuators.drive_memory.pedal[0],
+        spin=0.5 * (w[v.spins_v[0]] + w[v.spins_v[1]]),
+        flow=loaded_flow(actuators.valve, flow, pressure),
+        pressure=pressure,
+        torque=v.torques[DRIVE],
+        fastest=fastest if isfinite(total) else inf,
+        lean_cosine=R[8],
+    )
