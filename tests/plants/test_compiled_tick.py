@@ -343,7 +343,7 @@ def test_attitude_and_velocities_of_a_body_that_moves_every_way():
     mujoco.mj_forward(plant.model, plant.data)
     plant._look()
     now = plant.motion
-    assert (now.yaw, now.pitch, now.roll) == pytest.approx((yaw, pitch, roll))
+    assert now.attitude == pytest.approx((yaw, pitch, roll))
     qpos, h = plant.data.qpos.copy(), 1e-6
     places = []
     for step in (-h, h):
@@ -355,9 +355,9 @@ def test_attitude_and_velocities_of_a_body_that_moves_every_way():
         heading = np.arctan2(plant.data.xmat[CHASSIS, 3], plant.data.xmat[CHASSIS, 0])
         places[-1].append(heading)
     rates = [(after - before) / (2 * h) for before, after in zip(*places, strict=True)]
-    assert now.cg_velocity == pytest.approx(rates[0], abs=1e-6)
-    assert now.antenna_velocity == pytest.approx(rates[1], abs=1e-6)
+    assert now.cg.velocity == pytest.approx(rates[0], abs=1e-6)
+    assert now.antenna.velocity == pytest.approx(rates[1], abs=1e-6)
     along = np.array([cos(yaw), sin(yaw)])
     assert now.speed == pytest.approx(rates[0][:2] @ along, abs=1e-6)
     assert now.lateral_speed == pytest.approx(rates[0][:2] @ np.array([-along[1], along[0]]), abs=1e-6)
-    assert hypot(*now.cg_velocity[:2]) == pytest.approx(hypot(now.speed, now.lateral_speed))
+    assert hypot(*now.cg.velocity[:2]) == pytest.approx(hypot(now.speed, now.lateral_speed))

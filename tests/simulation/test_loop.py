@@ -1,6 +1,8 @@
 """The loop: determinism, ends of a run, watchers, and a log that means what its columns say."""
 
+import ast
 from importlib import import_module
+from inspect import getsource
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from agrobot_mj.core.signals import NOMINAL, Command
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Path
 from agrobot_mj.plants import MujocoPlant, Plant
+from agrobot_mj.simulation import loop as loop_module
 from agrobot_mj.simulation.columns import COLUMNS, WHEEL_COLUMNS
 from agrobot_mj.simulation.loop import Loop, build_plant
 from agrobot_mj.simulation.run import CHUNK_TICKS
@@ -261,6 +264,30 @@ def test_the_step_of_the_steering_comes_when_it_should(plant):
     assert (np.abs(steer[t < 4.05]) < 1e-3).all()
     assert steer[-1] == pytest.approx(0.05, abs=0.015)
     assert log.column("yaw_rate")[-1] == pytest.approx(log.column("speed")[-1] * steer[-1] / 1.4, rel=0.1)
+
+
+# --- the page that shows a tick -----------------------------------------------------------------------------------
+
+
+def test_a_tick_fits_its_page_without_a_guard():
+    (page,) = (part for part in ast.parse(getsource(loop_module)).body if getattr(part, "name", "") == "Loop")
+    tick = [part for part in page.body if getattr(part, "name", "") in ("sense", "decide", "act", "low_level")]
+    statements = [part for method in tick for part in ast.walk(method) if isinstance(part, ast.stmt)]
+    said = sum(ast.get_docstring(method) is not None for method in tick)
+    assert len(tick) == 4
+    assert len(statements) - len(tick) - said <= 30
+    assert not [part for part in statements if isinstance(part, ast.Try | ast.Raise | ast.Assert)]
+    assert "check" not in "".join(map(ast.unparse, tick))
+
+
+def test_a_run_is_ticks_in_turn():
+    """The page is what runs: a simulation without commands logs what `tick` and `advance` give."""
+    scenario = short("circle", 2.0, plant__kind="bicycle")
+    loop, drives = Loop(scenario), []
+    for _ in range(40):
+        drives.append(loop.tick().drive)
+        loop.advance(drives[-1])
+    assert run(scenario).column("valve_voltage").tolist() == [drive.steer_voltage for drive in drives]
 
 
 # --- what the tractor's computer knows ----------------------------------------------------------------------------

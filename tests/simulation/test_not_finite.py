@@ -2,6 +2,7 @@
 
 import json
 from math import copysign, inf, nan
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,12 +10,13 @@ import pytest
 from processes import command
 
 from agrobot_mj import Simulation, load_scenario, run
-from agrobot_mj.core.errors import CommandError
-from agrobot_mj.core.signals import Drive
+from agrobot_mj.core.errors import CommandError, NotFiniteError, ScenarioError
+from agrobot_mj.core.signals import Array, Drive
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
 from agrobot_mj.plants import BicyclePlant
 from agrobot_mj.sensors import Sensors
+from agrobot_mj.simulation.checks import Numbers
 from agrobot_mj.simulation.storage import write_log
 
 SHORT = {"duration_s": 1.5, "plant.kind": "bicycle", "supervisor.enabled": False}
@@ -68,6 +70,7 @@ STAGES = [
     ),
     (Ekf, "update", second(yaw=nan), "estimate.yaw is nan", "ekf"),
     (Ekf, "update", second(yaw_rate=-inf), "estimate.yaw_rate is -inf", "ekf"),
+    (Ekf, "update", second(sideslip=nan), "estimate.sideslip is nan", "ekf"),
     (Ekf, "update", second(covariance=np.full((3, 3), nan)), "estimate.covariance is nan", "ekf"),
     (
         Ekf,
@@ -250,3 +253,57 @@ def test_a_filter_that_loses_all_digits_is_named():
     log = run(load_scenario("figure_eight", {**SHORT, "estimator.initial_velocity_sigma_m_s": 1e9}))
     assert log.outcome == "diverged"
     assert log.metrics["stop_reason"] == "the estimator (ekf) failed: matrix is not positive definite"
+
+
+class Inner(NamedTuple):
+    """A part of a `Sample`."""
+
+    gain: float = 1.0
+    word: str = "east"
+    rate: float = 0.0
+
+
+class Sample(NamedTuple):
+    """A message of every shape of field, in an order of its own."""
+
+    x: float
+    word: str
+    samples: Array
+    place: tuple[float, float]
+    wanted: float | None = None
+    count: int = 0
+    heading: float = nan
+    rates: tuple[float, float] = (nan, nan)
+    inner: Inner = Inner()
+
+
+SOUND = Sample(1.0, "nan", np.ones(3), (1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"x": nan}, "sample.x is nan"),
+        ({"samples": np.array([1.0, inf, nan])}, "sample.samples is inf"),
+        ({"place": (0.0, -inf)}, "sample.place is -inf"),
+        ({"wanted": inf}, "sample.wanted is inf"),
+        ({"inner": Inner(rate=nan)}, "sample.inner.rate is nan"),
+        ({"x": 1e308, "place": (1e308, 1e308)}, "sample is beyond the numbers that a computer has"),
+    ],
+)
+def test_names_the_field_that_is_not_finite(changes, named):
+    Numbers(Sample).check(SOUND, "a test")
+    with pytest.raises(NotFiniteError, match=f"^{named}, made by a test$"):
+        Numbers(Sample).check(SOUND._replace(**changes), "a test")
+
+
+def test_a_field_may_be_missing_where_its_default_is():
+    untold = SOUND._replace(heading=nan, rates=(nan, 1.0), wanted=None)
+    Numbers(Sample).check(untold, "a test")
+    Numbers(Sample, but=("samples",)).check(untold._replace(samples=np.array([nan])), "a test")
+
+
+def test_refuses_a_message_that_is_not_numeric():
+    for changes in ({"x": "east"}, {"place": None}, {"samples": 1.0}):
+        with pytest.raises(ScenarioError, match=r"^a test returned a non-numeric sample: Sample\("):
+            Numbers(Sample).check(SOUND._replace(**changes), "a test")

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.control.agopengps import Actuation
+from agrobot_mj.control.cmd_vel import VelocityRequest
 from agrobot_mj.core.errors import CommandError, ScenarioError
 
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
@@ -148,3 +150,24 @@ def test_a_run_from_outside_may_leave_the_path_without_being_stopped():
         sim.step(steer=0.4, speed=1.0)
     assert sim.outcome == "unfinished"
     assert abs(sim.log().column("e_lateral")[-1]) > 2.0
+
+
+def test_a_program_outside_drives_by_its_requests():
+    sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel", "duration_s": 6.0})
+    sim.reset()
+    while not sim.done:
+        sim.drive(VelocityRequest(speed=1.0, yaw_rate=-0.1, age=0.0))
+    assert sim.truth.yaw_rate == pytest.approx(-0.1, abs=0.01)
+    assert set(sim.log().column("cmd_yaw_rate")) == {-0.1}
+
+
+def test_a_request_is_for_the_guidance_that_it_stands_for():
+    sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel"})
+    sim.reset()
+    with pytest.raises(TypeError, match="request: must be of type VelocityRequest, got Actuation"):
+        sim.drive(Actuation())
+    own = Simulation("circle", SHORT)
+    own.reset()
+    with pytest.raises(CommandError, match=r'guidance\.kind: "kinematic" drives by itself'):
+        own.drive(VelocityRequest())
+    own.step()  # and the run goes on

@@ -6,15 +6,16 @@ find a module. What the host says acts in the tick in which it arrives, at the l
 """
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
-from agrobot_mj.core.signals import TICK_S, Measurement, Truth
+from agrobot_mj.core.signals import TICK_S, Measurement
 from agrobot_mj.links.agopengps.board import Board, BoardState
 from agrobot_mj.links.agopengps.channels import Channel, Incoming
 from agrobot_mj.links.agopengps.receiver import Receiver, ReceiverState
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
 from agrobot_mj.links.running import NotBegunError
+from agrobot_mj.simulation.stepping import Simulation
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
 """What sends hellos, and what sends the steering, by dialect."""
@@ -26,28 +27,6 @@ Start = Literal["heard", "engaged", "now"]
 
 class NoHostError(NotBegunError):
     """No guidance program has answered in time."""
-
-
-class Vehicle(Protocol):
-    """A tractor that is driven tick by tick, as a `Simulation` is."""
-
-    @property
-    def truth(self) -> Truth:
-        """What the tractor really does now."""
-        ...
-
-    @property
-    def done(self) -> bool:
-        """The run has ended."""
-        ...
-
-    def reset(self) -> Measurement:
-        """To the start; returns what the sensors say."""
-        ...
-
-    def drive(self, request: Actuation) -> Measurement:
-        """One tick with the board's steering; returns what the sensors say after it."""
-        ...
 
 
 class Options(NamedTuple):
@@ -66,7 +45,7 @@ class Session:
     """One run over a channel; `run` once."""
 
     def __init__(
-        self, vehicle: Vehicle, board: Board, channel: Channel, options: Options, tell: Callable[[], None]
+        self, vehicle: Simulation, board: Board, channel: Channel, options: Options, tell: Callable[[], None]
     ) -> None:
         """`tell` is called after each tick."""
         self.vehicle, self.board, self.channel, self.options, self.tell = vehicle, board, channel, options, tell

@@ -107,7 +107,7 @@ def attached(
 
 
 class Motion(NamedTuple):
-    """Place and velocity of a point of the implement, ENU."""
+    """Place and velocity of a point, ENU."""
 
     place: tuple[float, float, float]
     """Place [m]."""

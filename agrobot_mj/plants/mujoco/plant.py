@@ -34,7 +34,7 @@ from agrobot_mj.plants.mujoco.saving import (
 )
 from agrobot_mj.plants.mujoco.settling import REST_M_S, Late, Restless, drive_holds, unrest
 from agrobot_mj.plants.mujoco.spec import Mujoco
-from agrobot_mj.plants.mujoco.stepping import Actuators, Motion, Tyred, observe, oil_of, run_steps
+from agrobot_mj.plants.mujoco.stepping import Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
@@ -133,7 +133,7 @@ class MujocoPlant:
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
-            if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.torque):
+            if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.actuation[2]):
                 brake = 1.0
             late.add(self.motion)
             rests = tick + 1 >= self.settle_ticks and late.greatest < REST_M_S
@@ -180,7 +180,7 @@ class MujocoPlant:
 
     def _look(self) -> None:
         """Keep the present motion as `motion`."""
-        self.motion: Motion = self._observe(self.views, self._actuators, *self.sites)
+        self.motion: TractorMotion = self._observe(self.views, self._actuators, *self.sites)
 
     def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
         """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
@@ -243,16 +243,17 @@ class MujocoPlant:
     def truth(self) -> Truth:
         """The state as the sensors may see it."""
         self._look()
-        m, antenna = self.motion, self.implement.antenna if self.implement else None
-        (x, y, z), (rear_x, rear_y, _), samples = m.cg, m.rear, self.samples.copy()
+        m, samples = self.motion, self.samples.copy()
+        antenna = (self.implement and self.implement.antenna) or m.antenna
+        (x, y, z), (rear_x, rear_y, _), (yaw, pitch, roll) = m.cg.place, m.rear.place, m.attitude
         return Truth(
             t=self.ticks * self.tick_s,
             x=x,
             y=y,
             z=z,
-            yaw=wrap(m.yaw),
-            pitch=m.pitch,
-            roll=m.roll,
+            yaw=wrap(yaw),
+            pitch=pitch,
+            roll=roll,
             speed=m.speed,
             lateral_speed=m.lateral_speed,
             yaw_rate=m.yaw_rate,
@@ -260,14 +261,14 @@ class MujocoPlant:
             pedal=m.pedal,
             rear_x=rear_x,
             rear_y=rear_y,
-            antenna=antenna.place if antenna else m.antenna,
-            antenna_velocity=antenna.velocity if antenna else m.antenna_velocity,
+            antenna=antenna.place,
+            antenna_velocity=antenna.velocity,
             steer_samples=samples[0],
             pedal_samples=samples[1],
             knuckle_samples=samples[2:],
             wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
             body_rates=m.body_rates,
-            rear_velocity=m.rear_velocity,
+            rear_velocity=m.rear.velocity,
         )
 
     def poses(self) -> Array:
@@ -299,7 +300,7 @@ class MujocoPlant:
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
-        return self.motion.flow, self.motion.pressure, self.motion.torque
+        return self.motion.actuation
 
     def warnings(self) -> int:
         """How often MuJoCo warned since the reset."""
@@ -313,7 +314,7 @@ class MujocoPlant:
             return "rolled_over"
         if self.implement and self.implement.jackknifed:
             return "jackknifed"
-        x, y, _ = self.motion.cg
+        x, y, _ = self.motion.cg.place
         return None if self.ground.covers(x, y) else "left_terrain"
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY
-from agrobot_mj.plants.mujoco.stepping import Motion, Oil
+from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
 from agrobot_mj.terrain import Ground, height_and_gradient
 
 REST_M_S, REST_S = 0.0005, 1.0
@@ -33,14 +33,14 @@ class Late:
         self.velocities, self.speeds, self.ticks = np.zeros((ticks, 3)), np.zeros(ticks), 0
         self.begin, self.place = np.zeros(2), np.zeros(2)
 
-    def add(self, motion: Motion) -> None:
+    def add(self, motion: TractorMotion) -> None:
         """Take in the motion after a tick."""
         at = self.ticks % len(self.speeds)
-        self.velocities[at] = motion.cg_velocity
+        self.velocities[at] = motion.cg.velocity
         self.speeds[at] = max(float(np.linalg.norm(self.velocities[at])), abs(motion.yaw_rate))
-        self.place[:] = motion.cg[:2]
+        self.place[:] = motion.cg.place[:2]
         if not self.ticks:
-            self.begin[:] = motion.cg[:2]
+            self.begin[:] = motion.cg.place[:2]
         self.ticks += 1
 
     @property

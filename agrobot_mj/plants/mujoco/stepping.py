@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import cross
+from agrobot_mj.core.vectors import Vector, cross
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
 from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
 from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
+from agrobot_mj.plants.mujoco.implement import Motion
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
 from agrobot_mj.plants.mujoco.views import CHASSIS, Index, Views
@@ -20,36 +21,26 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
-Point = tuple[float, float, float]
-"""East, north and up, or along the chassis' own axes."""
 
 
-class Motion(NamedTuple):
-    """How the tractor moves after a step; places [m] and velocities [m/s] in ENU, the rest as in `Truth`."""
+class TractorMotion(NamedTuple):
+    """How the tractor moves after a step; what has no line of its own is as in `Truth`."""
 
-    cg: Point
-    cg_velocity: Point
-    antenna: Point
-    antenna_velocity: Point
-    rear: Point
-    rear_velocity: Point
-    yaw: float
-    pitch: float
-    roll: float
+    cg: Motion
+    antenna: Motion
+    rear: Motion
+    attitude: Vector
+    """Yaw, pitch and roll [rad]."""
     speed: float
     lateral_speed: float
     yaw_rate: float
-    body_rates: Point
+    body_rates: Vector
     steer: float
     pedal: float
     spin: float
     """Mean spin of the driven wheels [rad/s]."""
-    flow: float
-    """Oil flow to the steering cylinder [m3/s]."""
-    pressure: float
-    """Pressure in it [Pa]."""
-    torque: float
-    """Torque on the driven wheels [N m]."""
+    actuation: Vector
+    """Oil flow to the steering cylinder [m3/s], its pressure [Pa], torque on the driven wheels [N m]."""
     fastest: float
     """Largest component of the velocities of CG and antenna, infinite where the motion is not finite [m/s]."""
     lean_cosine: float
@@ -231,8 +222,8 @@ def run_steps(
 
 
 @kernel
-def carried(v: Views, omega: Point, site: Array) -> tuple[Point, Point]:
-    """Place and velocity of a point `site` (3,) of the chassis, given in its frame [m]."""
+def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
+    """Motion of a point `site` (3,) of the chassis, given in its frame [m]."""
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     arm = (
         R[0] * site[0] + R[1] * site[1] + R[2] * site[2],
@@ -241,48 +232,38 @@ def carried(v: Views, omega: Point, site: Array) -> tuple[Point, Point]:
     )
     swing = cross(omega, arm)
     place = (q[0] + arm[0], q[1] + arm[1], q[2] + arm[2])
-    return place, (w[0] + swing[0], w[1] + swing[1], w[2] + swing[2])
+    return Motion(place, (w[0] + swing[0], w[1] + swing[1], w[2] + swing[2]))
 
 
 @kernel
-def observe(v: Views, actuators: Actuators, cg: Array, antenna: Array) -> Motion:
-    """The motion now; `cg` and `antenna` (3,) in the chassis frame [m]."""
+def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array) -> TractorMotion:
+    """The motion now; the sites (3,) in the chassis frame [m]."""
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = (
         R[0] * w[3] + R[1] * w[4] + R[2] * w[5],
         R[3] * w[3] + R[4] * w[4] + R[5] * w[5],
         R[6] * w[3] + R[7] * w[4] + R[8] * w[5],
     )
-    cg_place, cg_velocity = carried(v, omega, cg)
-    antenna_place, antenna_velocity = carried(v, omega, antenna)
-    yaw = atan2(R[3], R[0])
+    cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])
     pressure = v.torques[STEERING] / actuators.oil.displacement
-    flow = static_flow(actuators.valve, actuators.valve_memory.spool[0])
+    flow = loaded_flow(actuators.valve, static_flow(actuators.valve, actuators.valve_memory.spool[0]), pressure)
     total, fastest = yaw + omega[2], 0.0
     for k in range(3):
-        total += cg_place[k] + antenna_place[k]
-        fastest = max(fastest, abs(cg_velocity[k]), abs(antenna_velocity[k]))
-        total += cg_velocity[k] + antenna_velocity[k]
-    return Motion(
-        cg=cg_place,
-        cg_velocity=cg_velocity,
-        antenna=antenna_place,
-        antenna_velocity=antenna_velocity,
-        rear=(q[0], q[1], q[2]),
-        rear_velocity=(w[0], w[1], w[2]),
-        yaw=yaw,
-        pitch=atan2(-R[6], hypot(R[7], R[8])),
-        roll=atan2(R[7], R[8]),
-        speed=cos(yaw) * cg_velocity[0] + sin(yaw) * cg_velocity[1],
-        lateral_speed=-sin(yaw) * cg_velocity[0] + cos(yaw) * cg_velocity[1],
+        total += cg.place[k] + antenna.place[k] + cg.velocity[k] + antenna.velocity[k]
+        fastest = max(fastest, abs(cg.velocity[k]), abs(antenna.velocity[k]))
+    return TractorMotion(
+        cg=cg,
+        antenna=antenna,
+        rear=Motion((q[0], q[1], q[2]), (w[0], w[1], w[2])),
+        attitude=(yaw, atan2(-R[6], hypot(R[7], R[8])), atan2(R[7], R[8])),
+        speed=cos(yaw) * cg.velocity[0] + sin(yaw) * cg.velocity[1],
+        lateral_speed=-sin(yaw) * cg.velocity[0] + cos(yaw) * cg.velocity[1],
         yaw_rate=omega[2],
         body_rates=(w[3], w[4], w[5]),
         steer=q[v.steer_q],
         pedal=actuators.drive_memory.pedal[0],
         spin=0.5 * (w[v.spins_v[0]] + w[v.spins_v[1]]),
-        flow=loaded_flow(actuators.valve, flow, pressure),
-        pressure=pressure,
-        torque=v.torques[DRIVE],
+        actuation=(flow, pressure, v.torques[DRIVE]),
         fastest=fastest if isfinite(total) else inf,
         lean_cosine=R[8],
     )
