@@ -63,6 +63,20 @@ class Stages:
     wiring: Wiring
     """Lines to the valves."""
 
+    def drive(self, s: Scenario, measured: Measurement, situation: Situation, command: Command) -> Drive:
+        """Voltages of the valves after brake, speed and steering loops; the command may bypass either loop."""
+        self.brake = self.brake.after(command, TICK_S)
+        pedal = 0.0 if self.brake.share else command.pedal
+        if pedal is None:
+            speeds = command.speed, situation.estimate.speed
+            self.speed, (_, pedal_voltage) = s.speed.update(self.speed, *speeds, measured.pedal, TICK_S)
+        else:
+            self.speed, (_, pedal_voltage) = s.speed.hold(self.speed, pedal, measured.pedal, TICK_S)
+        self.steering, steer_voltage = s.steering.loop.update(self.steering, command.steer, measured.steer, TICK_S)
+        if command.steer_voltage is not None:
+            steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
+        return Drive(steer_voltage, pedal_voltage, self.brake.share)
+
 
 class Loop:
     """The stages of one scenario and their states: a `tick` is `sense`, `decide`, `act`; then `advance`."""
@@ -77,7 +91,6 @@ class Loop:
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
         self.path = Stage("the path", s.path.kind, self.route, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
-        self.loops = Stage("the low-level loops", "steering.loop, speed", self, Drive, method="low_level")
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(start_of(s.path), conditions)
         self.sensed: tuple[Measurement, Situation] | None = None
@@ -94,6 +107,7 @@ class Loop:
             brake=BrakeState(),
             wiring=Wiring(),
         )
+        self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
 
     def tick(self, command: Command | None = None) -> Tick:
         """One tick up to the valves, under the scenario's own guidance or a command from outside.
@@ -131,7 +145,7 @@ class Loop:
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
         """Run the low-level loops, from the command to valve voltages; returns all messages of the tick."""
         state, reference = self.stages, situation.reference
-        drive = self.loops.ask(measured, situation, command)
+        drive = self.loops.ask(self.scenario, measured, situation, command)
         return Tick(
             truth=self.truth,
             measured=measured,
@@ -146,21 +160,6 @@ class Loop:
             faults=self.script.active(self.truth.t),
             actuation=self.plant.actuation(),
         )
-
-    def low_level(self, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Voltages of the valves after brake, speed and steering loops; the command may bypass either loop."""
-        s, state = self.scenario, self.stages
-        state.brake = state.brake.after(command, TICK_S)
-        pedal = 0.0 if state.brake.share else command.pedal
-        if pedal is None:
-            speeds = command.speed, situation.estimate.speed
-            state.speed, (_, pedal_voltage) = s.speed.update(state.speed, *speeds, measured.pedal, TICK_S)
-        else:
-            state.speed, (_, pedal_voltage) = s.speed.hold(state.speed, pedal, measured.pedal, TICK_S)
-        state.steering, steer_voltage = s.steering.loop.update(state.steering, command.steer, measured.steer, TICK_S)
-        if command.steer_voltage is not None:
-            steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
-        return Drive(steer_voltage, pedal_voltage, state.brake.share)
 
     def advance(self, drive: Drive) -> Truth:
         """Advance the plant by one tick, and apply the faults of the next one."""
