@@ -2,7 +2,7 @@
 
 A `Stage` is called in place of its method, with every check around the call. One sum of a message's numbers tells
 whether all are finite; only then are they looked at one by one. What a real computer would reject - a fix or a reading
-that is no number - counts as missing instead, see `Received`.
+that is no number - counts as missing instead, see `Reception`.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -145,7 +145,7 @@ class Stage(Generic[Message]):
         return self.passed(message)
 
 
-class Received(NamedTuple):
+class Reception(NamedTuple):
     """The sensors between two ticks, and what came of their readings so far."""
 
     sensors: SensorState
@@ -156,7 +156,7 @@ class Received(NamedTuple):
     rejected: tuple[tuple[str, int], ...] = ()
     """How often each reading was rejected, by field."""
 
-    def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Received, Measurement]":
+    def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Reception, Measurement]":
         """What is measured, without what is no number: a fix becomes a missing one, an angle keeps its last value.
 
         Raises `NotFiniteError` where that comes from the plant, or from a fault.
@@ -168,7 +168,7 @@ class Received(NamedTuple):
         optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
         sound = measured.fix is None or _possible(measured.fix)
         if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):
-            return Received(sensors, measured.steer, measured.pedal, self.rejected), measured
+            return Reception(sensors, measured.steer, measured.pedal, self.rejected), measured
         SAMPLED_STATE.check(truth, plant)
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
         for name in ("steer", "pedal"):
@@ -178,7 +178,7 @@ class Received(NamedTuple):
         counts = dict(self.rejected)
         counts |= {name: counts.get(name, 0) + 1 for name in changes if name != "quality"}
         measured = measured._replace(**changes)
-        return Received(sensors, measured.steer, measured.pedal, tuple(counts.items())), measured
+        return Reception(sensors, measured.steer, measured.pedal, tuple(counts.items())), measured
 
 
 def _possible(fix: Fix) -> bool:

@@ -34,7 +34,7 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.checks import Received, Stage, check_report, read_only, steerable
+from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.simulation.wiring import Wiring
@@ -51,7 +51,7 @@ class Stages:
     faults: Any
     conditions: Conditions
     """Faults and disturbances of the present tick."""
-    sensors: Received
+    sensors: Reception
     receiver: ImplementReceiver
     """Place of the GNSS antenna, as the tractor's computer knows it."""
     estimator: Any
@@ -97,7 +97,7 @@ class Loop:
         self.stages = Stages(
             faults=faults,
             conditions=conditions,
-            sensors=Received(s.sensors.init(s.seed)),
+            sensors=Reception(s.sensors.init(s.seed)),
             receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
