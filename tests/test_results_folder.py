@@ -16,10 +16,10 @@ import pytest
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import sink, snapshot
-from agrobot_mj.scenario.overrides import beside
+from agrobot_mj.scenario.overrides import relocate_files
 from agrobot_mj.simulation import storage
 from agrobot_mj.simulation.ownership import MARK, reserve
-from agrobot_mj.simulation.storage import claimed, write_json, write_log
+from agrobot_mj.simulation.storage import exclusive, write_json, write_log
 from agrobot_mj.studies import compare
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
@@ -57,7 +57,7 @@ def ours(*files):
 
 
 def test_a_folder_has_one_writer_at_a_time(call):
-    with claimed(Path("out")):
+    with exclusive(Path("out")):
         status, err = call("run", "circle", *QUICK)
     assert (status, names(".")) == (2, set())  # nor does an empty folder stay
     assert "--out out: another run is writing there" in err
@@ -305,7 +305,7 @@ def test_a_results_folder_names_no_place_and_runs_elsewhere(call, own_files, tmp
 
 def test_two_data_files_of_one_name_are_told_apart():
     data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
-    assert beside(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
+    assert relocate_files(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
     assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
 
 

@@ -15,7 +15,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import snapshot
 from agrobot_mj.simulation.ownership import HEAD, MARK, is_bare, reserve
-from agrobot_mj.simulation.storage import RECORDING, SET, atomic, claimed, write_json, write_log
+from agrobot_mj.simulation.storage import RECORDING, SET, atomic, exclusive, write_json, write_log
 
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
@@ -185,7 +185,7 @@ def test_only_names_in_a_folder_itself_are_bare(name):
 def test_a_mark_torn_by_a_kill_does_not_close_a_new_folder(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
-    with claimed(place / "out"):
+    with exclusive(place / "out"):
         write_json(place / "out" / "metrics.json", {})
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 

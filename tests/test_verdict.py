@@ -16,7 +16,7 @@ from agrobot_mj.plants import Bicycle
 from agrobot_mj.studies.style import save
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
-from agrobot_mj.studies.sweep.work import Done
+from agrobot_mj.studies.sweep.tasks import Done
 
 ROOT = Path(__file__).parents[1]
 

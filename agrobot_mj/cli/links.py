@@ -60,7 +60,7 @@ def link(
     from agrobot_mj.links.agopengps.command import link as run_link
     from agrobot_mj.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.storage import claimed, files_of_run
+    from agrobot_mj.simulation.storage import exclusive, files_of_run
 
     load_plugins(plugins)
     given = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
@@ -70,7 +70,7 @@ def link(
     arguments = Arguments(address, port, host_port, replay, start, wait, nmea, pace, live, not no_rrd)
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     try:
-        with claimed(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
+        with exclusive(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_link(scenario, folder, arguments, watchers, lambda: bool(stopped), tell)
     except NotBegunError as error:
@@ -110,7 +110,7 @@ def ros2(
     from agrobot_mj.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.ownership import remove
-    from agrobot_mj.simulation.storage import claimed, files_of_run
+    from agrobot_mj.simulation.storage import exclusive, files_of_run
 
     load_plugins(plugins)
     length = {} if duration is None else {"duration_s": duration}
@@ -120,7 +120,7 @@ def ros2(
     tell = (lambda text: None) if quiet else partial(typer.echo, err=True)
     arguments = RosArguments(RosOptions(pace, every, start, wait, tell), network, domain, stamped, live)
     try:
-        with claimed(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
+        with exclusive(folder, files_of_run(scenario)), _begun(folder), stop_on_signals() as stopped:
             watchers = _recordings(folder, no_rrd, live)
             log = run_node(scenario, folder, arguments, watchers, lambda: bool(stopped))
     except NotBegunError as error:

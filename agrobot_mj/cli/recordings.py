@@ -41,12 +41,12 @@ def snapshot(
 ) -> None:
     """Draw the tabs of a recording as PNGs; needs no display."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
-    from agrobot_mj.simulation.storage import claimed
+    from agrobot_mj.simulation.storage import exclusive
 
     _check_recording(file)
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
-        with claimed(folder, ()), interruptible():
+        with exclusive(folder, ()), interruptible():
             paths = snapshots(file, seconds(at), folder, tabs or [])
     except SnapshotError as error:
         print(error, file=sys.stderr)

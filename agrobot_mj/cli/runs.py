@@ -38,7 +38,7 @@ def run(
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import RECORDING, claimed, files_of_run, write_log
+    from agrobot_mj.simulation.storage import RECORDING, exclusive, files_of_run, write_log
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
@@ -49,7 +49,7 @@ def run(
         from agrobot_mj.recording import Recording
 
         watchers.append(Recording(None if no_rrd else folder / RECORDING, live=live))
-    with claimed(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+    with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     if not quiet:
@@ -94,7 +94,7 @@ def compare(
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
-    from agrobot_mj.simulation.storage import claimed
+    from agrobot_mj.simulation.storage import exclusive
     from agrobot_mj.studies import compare as study
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import notes, table
@@ -108,7 +108,7 @@ def compare(
         print(*left_out, sep="\n", file=sys.stderr)
     tell_doubts((case.scenario for case in todo[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    claim, label = claimed(folder, study.files_of_comparison(todo)), f"{scenario.name}: {len(todo)} runs"
+    claim, label = exclusive(folder, study.files_of_comparison(todo)), f"{scenario.name}: {len(todo)} runs"
     with claim, interruptible(), task(label, len(todo), quiet) as advance:
         rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:

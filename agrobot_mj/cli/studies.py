@@ -80,7 +80,7 @@ def tune(
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
-    from agrobot_mj.simulation.storage import claimed
+    from agrobot_mj.simulation.storage import exclusive
     from agrobot_mj.studies.tune import tune as search
     from agrobot_mj.studies.tune import write_tuning
     from agrobot_mj.studies.tuning_cases import read_tuning, tuning_cases
@@ -93,7 +93,7 @@ def tune(
     parts = ("training", "test")
     tell_doubts((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
     evaluations = budget or file.budget
-    with claimed(folder, ("tuning.json",)), interruptible():
+    with exclusive(folder, ("tuning.json",)), interruptible():
         with task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
             found = search(scenario, file, budget, seeds, jobs, done=lambda n: [advance() for _ in range(n)])
         path = write_tuning(found, folder)

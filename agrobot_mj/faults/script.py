@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.answers import answered
+from agrobot_mj.core.contracts import check_update
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Conditions, PointMass
 from agrobot_mj.faults.base import Scripted
@@ -31,7 +31,7 @@ class Script(NamedTuple):
         for k, fault in enumerate(self.faults):
             if fault.active(t):
                 answer = fault.apply(states[k], found, t, dt)
-                states[k], found = answered(answer, Conditions, f"fault[{k}]", fault.kind, "apply")
+                states[k], found = check_update(answer, Conditions, f"fault[{k}]", fault.kind, "apply")
         return tuple(states), found
 
     def active(self, t: float) -> int:

@@ -101,14 +101,14 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
-def when(moved: float, ramp: float) -> float:
+def time_at(moved: float, ramp: float) -> float:
     """The time [s] at which `progress` gives `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
     """(start, end) of `count` turns that take `duration` [s] each at full speed, after a run-in [s at full speed]."""
-    times = [when(run_in + k * duration, ramp) for k in range(count + 1)]
+    times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))
 
 

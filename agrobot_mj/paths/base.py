@@ -17,7 +17,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.core.answers import made, told
+from agrobot_mj.core.contracts import check_type, one_line
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Reference
@@ -28,11 +28,11 @@ from agrobot_mj.paths.arc import Place, Speed
 def reference_at(path: "ReferencePath", t: float) -> Reference:
     """Reference of a path at `t` [s]. Raises `ScenarioError` where it gives none, or one without numbers."""
     kind = getattr(path, "kind", "")
-    found = made(path.at(t), Reference, "the path", kind, "at")
+    found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
         sum(found)
     except TypeError:
-        raise ScenarioError(f"the path ({kind}) returned a non-numeric reference: {told(found)}") from None
+        raise ScenarioError(f"the path ({kind}) returned a non-numeric reference: {one_line(found)}") from None
     return found
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import ceil
 
-from agrobot_mj.core.answers import unending
+from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.faults.base import ROUNDING_S
 from agrobot_mj.scenario.schema import Scenario
@@ -27,7 +27,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 
 def _machine(scenario: Scenario) -> list[str]:
     try:
-        with unending():
+        with without_exit():
             return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
     except ValueError:
         return []  # no such machine can be: whoever builds it says so

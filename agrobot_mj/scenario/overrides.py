@@ -130,11 +130,11 @@ def absolute_paths(data: Any, *folders: Path) -> None:
     """
     for table in _children(data):
         absolute_paths(table, *folders)
-    beside = [folder for folder in folders if folder != SCENARIOS.resolve()]
-    if beside and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
-        found = next((folder / file for folder in beside if is_file(folder / file)), None)
+    others = [folder for folder in folders if folder != SCENARIOS.resolve()]
+    if others and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+        found = next((folder / file for folder in others if is_file(folder / file)), None)
         if found or not is_file(SCENARIOS / file):
-            data[FILE_KEY] = str(found or beside[-1] / file)
+            data[FILE_KEY] = str(found or others[-1] / file)
 
 
 def files(data: Any) -> list[Path]:
@@ -145,7 +145,7 @@ def files(data: Any) -> list[Path]:
     return found
 
 
-def beside(data: Any) -> dict[str, Path]:
+def relocate_files(data: Any) -> dict[str, Path]:
     """Replace the paths of files in plain data by names, under which they can lie beside it; the file of each name.
 
     Files of the library keep theirs. Two files of one name get numbers.

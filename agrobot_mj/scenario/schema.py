@@ -21,7 +21,7 @@ from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.gains import Gains, gains_of
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
-from agrobot_mj.core.answers import told, unending
+from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
@@ -38,7 +38,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.overrides import beside, check_overrides, complete, explicit_values, files, override
+from agrobot_mj.scenario.overrides import check_overrides, complete, explicit_values, files, override, relocate_files
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
@@ -167,7 +167,7 @@ class Scenario(Spec):
         """Eight hex digits that stand for everything that the run depends on."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
-        beside(content)  # the same files in another place are the same experiment
+        relocate_files(content)  # the same files in another place are the same experiment
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
         for file in read:
             digest.update(file.read_bytes())
@@ -180,7 +180,7 @@ class Scenario(Spec):
     def portable(self) -> tuple[str, dict[str, FilePath]]:
         """As `to_toml`, but with data files by names that lie beside it, and the present path of each of them."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
-        moved = beside(data)
+        moved = relocate_files(data)
         return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
@@ -295,17 +295,17 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
 
     Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
     """
-    with unending():
+    with without_exit():
         try:
             scenario.path.check()
         except ValueError as error:
-            raise ScenarioError(f"{source}: {below('path', str(error))}") from None
+            raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
         errors = [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 
 
-def below(table: str, text: str) -> str:
+def prefixed(table: str, text: str) -> str:
     """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
@@ -315,7 +315,9 @@ def _path_errors(s: Scenario) -> list[str]:
     numbers = {"duration_s": s.path.duration_s, "max_curvature": s.path.max_curvature}
     for name, value in numbers.items():
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
-            return [f"path: {name} of kind {s.path.kind!r} must be a finite number, not negative, got {told(value)}"]
+            return [
+                f"path: {name} of kind {s.path.kind!r} must be a finite number, not negative, got {one_line(value)}"
+            ]
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
@@ -346,5 +348,5 @@ def _ground_errors(s: Scenario) -> list[str]:
         if s.terrain.ground().covers(start.x, start.y):
             return []
     except ValueError as error:
-        return [below("terrain", str(error))]
+        return [prefixed("terrain", str(error))]
     return [f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger"]

@@ -6,7 +6,7 @@ and those that the paper's stack uses in fields of their own.
 
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.answers import pair
+from agrobot_mj.core.contracts import check_pair
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.signals import Column, Conditions, Measurement, Truth
 from agrobot_mj.core.spec import Spec
@@ -72,7 +72,7 @@ class Sensors(Spec):
         states, readings = {}, {}
         for name, last in state.states.items():
             found = getattr(self, name).measure(last, truth, conditions, dt)
-            states[name], readings[name] = pair(found, "its state and a reading", "the sensor", name, "measure")
+            states[name], readings[name] = check_pair(found, "its state and a reading", "the sensor", name, "measure")
         lines = []
         for name, line in zip(LINES, state.lines, strict=True):
             line, readings[name] = line.carried(readings[name], getattr(conditions, name), dt)

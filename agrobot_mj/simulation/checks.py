@@ -12,7 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from agrobot_mj.core.answers import answered, made, told
+from agrobot_mj.core.contracts import check_type, check_update, one_line
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.signals import (
     NOMINAL,
@@ -75,7 +75,7 @@ class Numbers:
         try:
             finite = isfinite(self.total(message))
         except (AttributeError, TypeError, ValueError):
-            raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {told(message)}") from None
+            raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {one_line(message)}") from None
         if finite:
             return
         for field in self._fields:
@@ -123,12 +123,12 @@ class Stage(Generic[Message]):
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """State and message of a stage that remembers."""
-        state, message = answered(self._found(arguments), self.message, *self.names, self.method)
+        state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
         return state, self._passed(message)
 
     def ask(self, *arguments: Any) -> Message:
         """Message of a stage that returns no state."""
-        return self._passed(made(self._found(arguments), self.message, *self.names, self.method))
+        return self._passed(check_type(self._found(arguments), self.message, *self.names, self.method))
 
     def _found(self, arguments: tuple[Any, ...]) -> Any:
         try:
@@ -195,7 +195,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
         numbers = []
     if len(numbers) != len(columns):
         count = f"{len(columns)} numbers, one for each of its columns"
-        raise ScenarioError(f"{maker}: report must return {count}, got {told(report)}")
+        raise ScenarioError(f"{maker}: report must return {count}, got {one_line(report)}")
 
 
 def read_only(estimate: Estimate) -> Estimate:

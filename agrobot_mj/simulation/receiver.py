@@ -43,7 +43,7 @@ class ImplementReceiver(NamedTuple):
         return measured._replace(fix=fix._replace(x=fix.x + dx, y=fix.y + dy, vx=fix.vx + vx, vy=fix.vy + vy))
 
     def after(self, measured: Measurement, estimate: Estimate, dt: float) -> "ImplementReceiver":
-        """With the heading of the next tick, `dt` later [s]."""
+        """The receiver with its heading advanced by `dt` [s]."""
         if self.behind == 0.0:
             return self
         yaw = self.yaw + dt * (self.yaw_rate(measured) + wrap(estimate.yaw - self.yaw) / SLOWLY_S)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from agrobot_mj.core.answers import unending
+from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
@@ -57,10 +57,10 @@ def run(
                 sim.abort()
             tell()
 
-    return followed(Simulation(scenario), watchers, drive)
+    return run_with_watchers(Simulation(scenario), watchers, drive)
 
 
-def followed(
+def run_with_watchers(
     sim: Simulation,
     watchers: tuple[Watcher, ...],
     drive: Callable[[Simulation, Callable[[], None]], None],
@@ -74,7 +74,7 @@ def followed(
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
     try:
         reporting, began = _Reporting(sim.rows, watchers), time.perf_counter()
-        with unending():
+        with without_exit():
             drive(sim, reporting.tell)
         wall = time.perf_counter() - began
         reporting.tell(at_the_end=True)

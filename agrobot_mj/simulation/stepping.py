@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.core.answers import told, unending
+from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
@@ -53,7 +53,7 @@ class Simulation:
         self._begin()
 
     def _begin(self) -> None:
-        with unending():
+        with without_exit():
             self.loop = Loop(self.scenario)
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
@@ -108,7 +108,7 @@ class Simulation:
         if not guidance.outside:
             raise CommandError(f'guidance.kind: "{guidance.kind}" drives by itself; give step() a command of your own')
         if not isinstance(request, message):
-            raise TypeError(f"request: must be of type {message.__name__}, got {told(request)}")
+            raise TypeError(f"request: must be of type {message.__name__}, got {one_line(request)}")
         self.loop.stages.guidance = request
         return self.step()
 
@@ -117,7 +117,7 @@ class Simulation:
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
             if not hasattr(value, "__float__"):  # which text does not have
-                raise TypeError(f"{name}: must be a number, got {told(value)}")
+                raise TypeError(f"{name}: must be a number, got {one_line(value)}")
             if not isfinite(value):
                 raise CommandError(f"{name}: must be a finite number, got {value}")
         if len(given) > 1:
@@ -213,7 +213,7 @@ class Simulation:
         if it is none.
         """
         if not isinstance(state, Snapshot):
-            raise TypeError(f"state: must be what save() has returned, got {told(state)}")
+            raise TypeError(f"state: must be what save() has returned, got {one_line(state)}")
         require_same_scenario(state, self.scenario)
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)

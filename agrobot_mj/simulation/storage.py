@@ -119,7 +119,7 @@ def clear(folder: Path, keep: tuple[str, ...] = ()) -> None:
 
 
 @contextmanager
-def claimed(folder: Path, names: Iterable[str] = (*SET, RECORDING), shared: bool = False) -> Iterator[Path]:
+def exclusive(folder: Path, names: Iterable[str] = (*SET, RECORDING), shared: bool = False) -> Iterator[Path]:
     """`folder` for this process alone, created and marked if missing; what a killed run left half written goes.
 
     `names` are what is going to be written. A folder that is empty at the end and was not there before is removed

@@ -10,7 +10,7 @@ from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import claimed, files_of_run, write_json, write_log
+from agrobot_mj.simulation.storage import exclusive, files_of_run, write_json, write_log
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.pool import cores, spread
@@ -71,7 +71,7 @@ def drawn(todo: Sequence[Case]) -> list[Case]:
 def _run_case(case: Case, folder: Path, rrd: bool, wanted: frozenset[str]) -> tuple[dict[str, Any], Log | None]:
     """Metrics of a case, and its log if it is wanted: thousands of logs would not fit into memory."""
     place = folder / case.folder
-    with claimed(place, files_of_run(case.scenario)):
+    with exclusive(place, files_of_run(case.scenario)):
         log = run(case.scenario, (Recording(place / "run.rrd"),) if rrd else ())
         write_log(log, place, recorded=rrd)
     return log.metrics, log if case.folder in wanted else None

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.core.answers import made
+from agrobot_mj.core.contracts import check_type
 from agrobot_mj.core.datafile import stamp as file_stamp
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.terrain.grid import Ground
@@ -64,7 +64,7 @@ class Tilted(Landscape):
 
 @lru_cache(maxsize=4)
 def _ground(landscape: Landscape, stamp: tuple[object, ...]) -> Ground:
-    relief = made(landscape.relief(), Ground, "the terrain", landscape.kind, "relief")
+    relief = check_type(landscape.relief(), Ground, "the terrain", landscape.kind, "relief")
     heights = np.asarray(relief.heights)
     if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
         raise ValueError("relief: its heights must be finite numbers, two rows and two columns or more")

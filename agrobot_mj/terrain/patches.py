@@ -49,7 +49,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """The cells of a row or column that starts at `first` which reach into `between`, and one more either side [m]."""
+    """Index range of the cells, from `first` [m], that overlap `between` [m], padded by one."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 

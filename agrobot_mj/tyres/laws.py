@@ -4,7 +4,7 @@ from math import atan, exp, sqrt
 
 import numpy as np
 
-from agrobot_mj.core.answers import made, pair
+from agrobot_mj.core.contracts import check_pair, check_type
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector
@@ -56,8 +56,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     """The four tyres of a tractor."""
     radius = np.array([tractor.front_wheel_radius_m] * 2 + [tractor.rear_wheel_radius_m] * 2)
     kind = getattr(tyre, "kind", "")
-    structure = made(tyre.structure(), Structure, "the tyre", kind, "structure")
-    front, rear = pair(
+    structure = check_type(tyre.structure(), Structure, "the tyre", kind, "structure")
+    front, rear = check_pair(
         tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", kind, "coefficients"
     )
     stiffness = np.array([tractor.front_tyre_stiffness] * 2 + [tractor.rear_tyre_stiffness] * 2)

@@ -21,7 +21,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
-from agrobot_mj.studies.sweep.work import perform
+from agrobot_mj.studies.sweep.tasks import perform
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3

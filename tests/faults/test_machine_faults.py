@@ -93,7 +93,7 @@ def test_an_impossible_tractor_is_refused_before_the_run(tables, message):
         build_plant(scenario)
 
 
-def test_the_tractor_settles_under_what_befalls_it_from_the_start():
+def test_settles_under_initial_faults():
     loaded = load_scenario("straight_line").changed({"fault": [{"kind": "payload", "mass_kg": 200.0}]})
     loop = Loop(loaded)
     pitch = loop.truth.pitch

@@ -79,7 +79,7 @@ def test_a_program_that_falls_silent_in_lock_step_ends_the_run():
 
 
 def test_nobody_there_is_told():
-    with pytest.raises(NoProgramError, match=r"nothing was asked for on /cmd_vel within 0.2 s"):
+    with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s"):
         driven(lambda _: None)
 
 

@@ -56,7 +56,7 @@ def test_a_ring_of_waypoints_is_a_circle(tmp_path):
     assert path.at(d)[:2] == pytest.approx((20, 0), abs=0.01)
 
 
-def test_a_last_row_that_repeats_the_first_may_stand(tmp_path):
+def test_accepts_a_closing_row(tmp_path):
     closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, corners="spline")
     repeated = Waypoints(
         file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0, corners="spline"
@@ -170,7 +170,7 @@ def test_what_is_no_text_file_is_refused(tmp_path):
     assert "path.file" in refused(tmp_path, "a" * 5000)
 
 
-def test_what_never_ends_is_not_opened(tmp_path):
+def test_refuses_pipes_and_devices(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     (tmp_path / "round.csv").symlink_to("round.csv")

@@ -22,7 +22,7 @@ from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import thinned
 from agrobot_mj.studies.pages.print import ranking
-from agrobot_mj.studies.pages.sweep import Again, Group, curves, heat_map, toml_value
+from agrobot_mj.studies.pages.sweep import Group, RerunCommand, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
@@ -134,7 +134,7 @@ def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
 @pytest.mark.parametrize("number", [0, 31])
 def test_the_command_of_a_point_runs_it_again(folders, number, monkeypatch, tmp_path):
     row = pq.read_table(folders["sweep"] / "sweep.parquet").to_pylist()[number]
-    command = Again(folders["sweep"])(row)
+    command = RerunCommand(folders["sweep"])(row)
     assert json.dumps(command)[1:-1] in page_of(folders["sweep"]).replace("<\\/", "</")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--no-rrd", "-q"])

@@ -18,7 +18,7 @@ from agrobot_mj.links.agopengps.traffic import Datagram
 from agrobot_mj.links.running import linked_outcome, warm_up
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.run import Watcher, followed
+from agrobot_mj.simulation.run import Watcher, run_with_watchers
 from agrobot_mj.simulation.stepping import Simulation
 
 
@@ -74,5 +74,5 @@ def run_link(
         return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "link": block})
 
     warm_up(scenario)
-    log = followed(Simulation(scenario), watchers, drive, finish)
+    log = run_with_watchers(Simulation(scenario), watchers, drive, finish)
     return LinkRun(log, sessions[0])

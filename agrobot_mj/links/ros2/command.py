@@ -17,7 +17,7 @@ from agrobot_mj.links.ros2.session import Port, RosOptions, RosSession
 from agrobot_mj.links.running import linked_outcome, warm_up
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.run import Watcher, followed
+from agrobot_mj.simulation.run import Watcher, run_with_watchers
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
@@ -89,7 +89,7 @@ def run_session(
         return replace(log, outcome=outcome, metrics={**log.metrics, "outcome": outcome, "ros2": report(session)})
 
     warm_up(scenario)
-    return followed(Simulation(scenario), watchers, drive, finish)
+    return run_with_watchers(Simulation(scenario), watchers, drive, finish)
 
 
 def report(session: RosSession) -> dict[str, Any]:

@@ -154,7 +154,7 @@ class RosSession:
             self.options.notify(f"the run starts, {self.turn * TICK_S:.1f} s after the node")
         elif self.turn * TICK_S > self.options.wait_s:
             wait = f"{self.options.wait_s:g} s"
-            raise NoProgramError(f"nothing was asked for on /cmd_vel within {wait}; see docs/ros2.md")
+            raise NoProgramError(f"no message on /cmd_vel within {wait}; see docs/ros2.md")
 
     def _settle(self) -> None:
         """Wait until no answer to an earlier clock is under way: in lock-step each has its tick."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from agrobot_mj.core.answers import made
+from agrobot_mj.core.contracts import check_type
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.fitting import misfits
 from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
@@ -66,7 +66,7 @@ def doubts(tyre: Tyre, machine: Machine, speed: float) -> Iterator[str]:
 
     Raises ValueError or ScenarioError for a machine or a tyre of which there is none.
     """
-    structure = made(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
+    structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
     yield from misfits(machine, structure.patch_half_length_m != 0.0, speed)
     loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
     yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import claimed, write_json
+from agrobot_mj.simulation.storage import exclusive, write_json
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, at_value, check, laws
 from agrobot_mj.studies.limit.search import RunTasks, find_limit
 from agrobot_mj.studies.pool import cores, pool
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
-from agrobot_mj.studies.sweep.work import perform
+from agrobot_mj.studies.sweep.tasks import perform
 
 FILES = ("limit.json", "limit.png")
 """What a search leaves."""
@@ -45,7 +45,7 @@ def limit(
         each.changed(dict(beside or {}))
     begin([at_value(each, question, end) for each in scenarios.values() for end in (question.start, question.stop)])
     found = []
-    with claimed(folder, FILES):
+    with exclusive(folder, FILES):
         with _workers(jobs or cores()) as do:
             for name, under in scenarios.items():
                 found.append(find_limit(name, under, question, condition, do, partial(done, name), beside))

@@ -15,7 +15,7 @@ from typing import Any, NoReturn, get_args
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.signals import Outcome
 from agrobot_mj.metrics.success import is_error, succeeded, without_errors
-from agrobot_mj.studies.sweep.work import ERROR
+from agrobot_mj.studies.sweep.tasks import ERROR
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,

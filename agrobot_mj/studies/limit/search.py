@@ -22,7 +22,7 @@ from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, as_value, at_value
 from agrobot_mj.studies.statistics import runs_needed, wilson_interval
 from agrobot_mj.studies.sweep.plan import base_text
-from agrobot_mj.studies.sweep.work import WALL, Done, Task
+from agrobot_mj.studies.sweep.tasks import WALL, Done, Task
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""

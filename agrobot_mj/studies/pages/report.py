@@ -5,12 +5,12 @@ from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.studies.damage import intact
 from agrobot_mj.studies.pages.answers import limit_page, validation_page
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.print import sweep_figures
 from agrobot_mj.studies.pages.sweep import sweep_page
+from agrobot_mj.studies.results_io import reporting_damage
 
 PAGES: dict[str, Callable[[Path], Document]] = {
     "sweep.parquet": sweep_page,
@@ -33,7 +33,7 @@ def write_report(folder: Path) -> list[Path]:
     if found is None:
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
     check_output(folder, FILES)
-    with intact(folder / found, "reported"):
+    with reporting_damage(folder / found, "reported"):
         page = PAGES[found](folder)
         printed = sweep_figures(folder) if found == "sweep.parquet" else []
     return [page.write(folder / "report.html"), *printed]

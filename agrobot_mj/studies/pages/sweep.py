@@ -23,7 +23,7 @@ from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Docume
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.statistics import wilson_interval
-from agrobot_mj.studies.sweep.plan import decides
+from agrobot_mj.studies.sweep.plan import sets_schema
 from agrobot_mj.studies.sweep.store import read_rows
 
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
@@ -75,7 +75,7 @@ def sweep_page(folder: Path) -> Document:
     about = [f"{len(rows):,} runs", f"base {tomllib.loads(base).get('name', '?')}", f"agrobot_mj {', '.join(versions)}"]
     about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
     page = Document(text.get("title") or f"Sweep: {folder.name}", about)
-    again = Again(folder)
+    again = RerunCommand(folder)
     _add_ranking(page, groups, _pieces(rows, again))
     _add_maps(page, groups, numeric, again)
     _add_curves(page, groups, numeric, again)
@@ -109,7 +109,7 @@ def grouped(rows: Sequence[Row], parameters: Sequence[str]) -> list[Group]:
     return sorted(groups, key=lambda g: (-g.successes / len(g.rows), np.median(g.values) if len(g.values) else np.inf))
 
 
-class Again:
+class RerunCommand:
     """How a row of a sweep's table is run again."""
 
     def __init__(self, folder: Path) -> None:
@@ -123,7 +123,7 @@ class Again:
         keys = [key for part in ("axes", "draws") for key in self.sweep.get(part, {}) if key in row]
         given = {key: json.loads(row[key]) if key in self.tables else row[key] for key in keys}
         every = {**self.variants.get(row.get("variant") or "", {}), **given, "seed": row["seed"]}
-        return dict(sorted(every.items(), key=lambda item: not decides(*item)))
+        return dict(sorted(every.items(), key=lambda item: not sets_schema(*item)))
 
     @property
     def varied(self) -> set[str]:
@@ -154,7 +154,7 @@ def toml_value(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
-def _pieces(rows: Sequence[Row], again: Again) -> int:
+def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
     """How many different pieces of path some runs cover, evenly over the sweep."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.varied):
         return 1
@@ -204,7 +204,7 @@ def _ranked(group: Group) -> tuple[object, ...]:
     return (group.name, len(group.rows), share, *values, failures(group.rows))
 
 
-def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
+def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
     rows = [row for group in groups for row in group.rows]
     axes = [p for p in numeric if len({row[p] for row in rows}) <= MOST_VALUES]
     values = centimetres(rows)
@@ -229,7 +229,7 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
     return min(counts) > 1 and len(pairs) == counts[0] * counts[1]
 
 
-def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Again) -> Chart:
+def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
     """Median of the metric over two parameters in the colours of `scale` [cm], with the boundary of failure."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
@@ -260,7 +260,7 @@ def _badness(row: Row) -> tuple[bool, float]:
     return not succeeded(row), np.inf if value is None else value
 
 
-def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: Again) -> None:
+def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
     if not numeric:
         return
     text = "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses on top: failed ones."
@@ -268,7 +268,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
     page.grid([(p, curves(groups, p, again)) for p in numeric[:MOST_CURVES]])
 
 
-def curves(groups: Sequence[Group], parameter: str, again: Again) -> Chart:
+def curves(groups: Sequence[Group], parameter: str, again: RerunCommand) -> Chart:
     """The metric over one parameter, a curve and points for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
@@ -317,7 +317,7 @@ def _median_curve(group: Group, parameter: str, colour: str) -> Chart:
     return {**curve, "name": group.name, "legendgroup": group.name, "line": {"color": colour}, "hoverinfo": "skip"}
 
 
-def _add_worst(page: Document, rows: list[Row], again: Again) -> None:
+def _add_worst(page: Document, rows: list[Row], again: RerunCommand) -> None:
     """The worst runs with a picture of their track."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:

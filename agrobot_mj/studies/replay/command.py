@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.signals import Column
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import atomic, claimed, write_json
+from agrobot_mj.simulation.storage import atomic, exclusive, write_json
 from agrobot_mj.studies.fieldlog import Source
 from agrobot_mj.studies.replay.driving import By, Driven, drive
 from agrobot_mj.studies.replay.figure import write_figure
@@ -90,7 +90,7 @@ def replay_command(
 ) -> ReplayResult:
     """As `replay`, and write the numbers, the signals, the figure and the scenario into `folder`."""
     text, data_files = scenario.portable()
-    with claimed(folder, (*FILES, *data_files)):
+    with exclusive(folder, (*FILES, *data_files)):
         found = replay(source, log_map, scenario, by, start_s, end_s)
         _write(found, folder, text, data_files)
     return found

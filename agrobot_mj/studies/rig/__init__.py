@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.simulation.storage import atomic, claimed
+from agrobot_mj.simulation.storage import atomic, exclusive
 from agrobot_mj.studies.rig.figures import FIGURES, write_figures
 from agrobot_mj.studies.rig.source import Specimen, load_specimen
 from agrobot_mj.studies.rig.sweep import bench, sweep
@@ -26,7 +26,7 @@ def rig_command(source: str, out: Path) -> list[Path]:
     Raises `ScenarioError` for a source that is no tyre.
     """
     specimen = load_specimen(source)
-    with claimed(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
+    with exclusive(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:
             table = sweep(specimen.tyre, specimen.tractor)
         except ValueError as error:

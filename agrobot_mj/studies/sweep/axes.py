@@ -22,7 +22,7 @@ Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
 
 class ValueList(Spec):
-    """What an axis runs through: `len` of it are there, `at(k)` is one."""
+    """Values of an axis: `len` of them, `at(k)` is one."""
 
     def __len__(self) -> int:
         raise NotImplementedError

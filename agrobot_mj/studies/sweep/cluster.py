@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.plugins import load_files, loaded_files
 from agrobot_mj.studies.pool import AHEAD, stream
-from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
+from agrobot_mj.studies.sweep.tasks import Done, Task, failure, perform
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -18,7 +18,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, check_files
-from agrobot_mj.simulation.possible import check_tractor, tractor_key
+from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
 from agrobot_mj.studies.sweep.axes import Listed
 from agrobot_mj.studies.sweep.portable import portable
 from agrobot_mj.studies.sweep.schema import Sweep
@@ -104,7 +104,7 @@ class SweepPlan:
         parameters |= {key: column[row] for key, column in self._draws.items()}
         overrides = {**(variant.set if variant else {}), **parameters}
         # A kind or a whole table first: it decides which other keys there are.
-        overrides = dict(sorted(overrides.items(), key=lambda item: not decides(*item)))
+        overrides = dict(sorted(overrides.items(), key=lambda item: not sets_schema(*item)))
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
@@ -232,7 +232,7 @@ def base_text(base: Scenario) -> str:
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
-def decides(key: str, value: Any) -> bool:
+def sets_schema(key: str, value: Any) -> bool:
     """Whether an override decides which other keys there are, so that it counts before them."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 

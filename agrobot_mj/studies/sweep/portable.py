@@ -5,7 +5,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agrobot_mj.scenario.overrides import FILE_KEY, beside, explicit_values
+from agrobot_mj.scenario.overrides import FILE_KEY, explicit_values, relocate_files
 from agrobot_mj.studies.sweep.schema import Sweep, resolved
 
 
@@ -28,7 +28,7 @@ class PortableSweep(NamedTuple):
 def portable(sweep: Sweep) -> PortableSweep:
     """The sweep with every data file named as if it lay beside it; files of the library keep their names."""
     content, base = resolved(sweep), explicit_values(sweep.base)
-    files = beside([base, *_file_tables(content)])
+    files = relocate_files([base, *_file_tables(content)])
     names = {str(path): name for name, path in files.items()}
     content["axes"] = {key: [renamed(key, v, names) for v in values] for key, values in content["axes"].items()}
     for key, draw in content["draws"].items():

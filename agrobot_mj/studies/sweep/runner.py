@@ -10,13 +10,13 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.progress import tally, task
-from agrobot_mj.simulation.storage import claimed
+from agrobot_mj.simulation.storage import exclusive
 from agrobot_mj.studies.pool import cores, spread
 from agrobot_mj.studies.sweep.cluster import over_dask
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan, base_text
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, merge
-from agrobot_mj.studies.sweep.work import Done, Task, failure, perform
+from agrobot_mj.studies.sweep.tasks import Done, Task, failure, perform
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 MOST_HEARD = 100
@@ -72,7 +72,7 @@ def sweep(
     `begin` hears of some of its scenarios before that.
     """
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
-    with claimed(folder, store.names(plan)) if _is_whole(options) else nullcontext():
+    with exclusive(folder, store.names(plan)) if _is_whole(options) else nullcontext():
         if _is_whole(options):
             store.sweep_up()
         return _complete(plan, store, options, begin)
@@ -114,7 +114,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     store = Store(folder)
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; --merge joins the folders that --shard has written")
-    with claimed(folder, (TABLE,), shared=True), _full_disk_told(store):
+    with exclusive(folder, (TABLE,), shared=True), _full_disk_told(store):
         common = merge(sources, store)
         return store.write_table(), int(common["runs"])
 
@@ -133,7 +133,7 @@ def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) 
         return
     with task(f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, options.quiet) as advance:
         plan.check(advance)
-    with _full_disk_told(store), nullcontext() if _is_whole(options) else claimed(folder, names, shared=True):
+    with _full_disk_told(store), nullcontext() if _is_whole(options) else exclusive(folder, names, shared=True):
         if options.fresh:
             others = not _is_whole(options) and not _is_other(store, plan)
             store.clear(part if others else None)

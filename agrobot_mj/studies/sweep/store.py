@@ -28,7 +28,7 @@ from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
 from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.portable import portable, renamed
-from agrobot_mj.studies.sweep.work import Done
+from agrobot_mj.studies.sweep.tasks import Done
 
 TABLE, PLAN, ROWS, RUNS = "sweep.parquet", "plan.json", "rows", "runs"
 DIGITS = 8

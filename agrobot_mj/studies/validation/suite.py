@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.simulation.storage import atomic, claimed, write_json
+from agrobot_mj.simulation.storage import atomic, exclusive, write_json
 from agrobot_mj.studies.validation import (
     antenna_lean,
     braking,
@@ -72,7 +72,7 @@ def validate(
     `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
     and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
-    with claimed(out, FILES):
+    with exclusive(out, FILES):
         return _validate(out, quick, on_finished)
 
 

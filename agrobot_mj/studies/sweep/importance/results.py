@@ -20,7 +20,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.damage import intact
+from agrobot_mj.studies.results_io import reporting_damage
 from agrobot_mj.studies.style import STYLE, save
 from agrobot_mj.studies.sweep.importance.screening import screened
 from agrobot_mj.studies.sweep.importance.shares import Influence, Share, ranked
@@ -28,7 +28,7 @@ from agrobot_mj.studies.sweep.importance.sobol import sobol_flaws, sobol_shares
 from agrobot_mj.studies.sweep.importance.text import importance_figure
 from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
-from agrobot_mj.studies.sweep.work import WALL
+from agrobot_mj.studies.sweep.tasks import WALL
 
 DESIGNS = ("screening", "saltelli")
 """Methods of a sweep whose importance can be told."""
@@ -43,7 +43,7 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     Raises `ScenarioError` where the folder has no finished sweep of one of `DESIGNS`, or the metric no value in some
     runs: that of a run that failed does not count.
     """
-    with intact(folder / "sweep.parquet", "read"):
+    with reporting_damage(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
 
 

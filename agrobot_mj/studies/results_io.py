@@ -11,7 +11,7 @@ DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
 
 
 @contextmanager
-def intact(file: Path, done: str) -> Iterator[None]:
+def reporting_damage(file: Path, done: str) -> Iterator[None]:
     """Read `file` and those beside it within the block. Raises `ScenarioError` that says what cannot be `done`."""
     try:
         yield

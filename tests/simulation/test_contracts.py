@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.core.answers import answered, pair
+from agrobot_mj.core.contracts import check_pair, check_update
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Column, Estimate
 from agrobot_mj.estimation.base import StateEstimator
@@ -228,8 +228,8 @@ def test_no_kind_ends_the_program():
 
 def test_answers_are_shown_shortened():
     with pytest.raises(ScenarioError) as refused:
-        answered([0] * 10_000, int, "the law", "mine", "update")
+        check_update([0] * 10_000, int, "the law", "mine", "update")
     assert str(refused.value).startswith("the law (mine): update must return its state and an int, got [0, 0")
     assert len(str(refused.value)) < 300
     with pytest.raises(ScenarioError, match="got 'two lines'"):
-        pair("two lines", "a pair", "the law", "mine", "update")
+        check_pair("two lines", "a pair", "the law", "mine", "update")

@@ -1,4 +1,4 @@
-"""Whether what a method of somebody's own kind returns is what its base asks for: told in words, before it is used."""
+"""Checks of what methods of user-supplied kinds return: the type that their base asks for, or a message in words."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ Message = TypeVar("Message")
 
 
 @contextmanager
-def unending() -> Iterator[None]:
+def without_exit() -> Iterator[None]:
     """Code of somebody's own kinds within the block does not end the program, with a status that it chose.
 
     Raises `ScenarioError` where it tries.
@@ -21,29 +21,29 @@ def unending() -> Iterator[None]:
         raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
 
 
-def answered(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """State and message that a method has returned. Raises `ScenarioError` where that is not what it has returned."""
+def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
+    """State and message that a method has returned. Raises `ScenarioError` for anything else."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
-def made(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """What a method has returned. Raises `ScenarioError` where that is of another type."""
+def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
+    """What a method has returned. Raises `ScenarioError` for another type."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
-def pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """A pair that a method has returned, `wanted` in words. Raises `ScenarioError` where it is none."""
+def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
+    """A pair that a method has returned, `wanted` in words. Raises `ScenarioError` for anything else."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
-def told(value: Any) -> str:
-    """A value in one line of a message."""
+def one_line(value: Any) -> str:
+    """A value as a message shows it, in one line."""
     return shortened(" ".join(repr(value).split()))
 
 
@@ -52,4 +52,4 @@ def _one(message: type) -> str:
 
 
 def _refusal(found: Any, wanted: str, stage: str, kind: str, name: str) -> ScenarioError:
-    return ScenarioError(f"{stage} ({kind}): {name} must return {wanted}, got {told(found)}")
+    return ScenarioError(f"{stage} ({kind}): {name} must return {wanted}, got {one_line(found)}")
