@@ -5,6 +5,7 @@ import bench
 import make_performance
 import mujoco
 import numpy as np
+import peers
 import pytest
 
 from agrobot_mj import load_scenario
@@ -22,8 +23,8 @@ PAGE = """# Title
 <!-- peers -->
 | package | what |
 |---|---|
-| absent | measured last year |
-| present | measured last year |
+| absent | measured last year | 1 us | 2 us | 2.0 |
+| present | measured last year | 1 us | 2 us | 2.0 |
 <!-- end of peers -->
 the end
 """
@@ -114,7 +115,7 @@ def test_a_peer_that_is_not_installed_keeps_its_row(monkeypatch, capsys):
     def absent():
         raise ImportError("No module named 'absent'")
 
-    row = make_performance.Row("a step", "1 us", "2 us", "2.0")
+    row = peers.Row("a step", "1 us", "2 us", "2.0")
     monkeypatch.setattr(make_performance, "PEERS", {"absent": absent, "present": lambda: [row]})
     text = make_performance.put(PAGE, "peers", make_performance.peers(PAGE))
     assert "| absent | measured last year |" in text

@@ -315,9 +315,7 @@ def _path_errors(s: Scenario) -> list[str]:
     numbers = {"duration_s": s.path.duration_s, "max_curvature": s.path.max_curvature}
     for name, value in numbers.items():
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
-            return [
-                f"path: {name} of kind {s.path.kind!r} must be a finite number, not negative, got {one_line(value)}"
-            ]
+            return [f"path: {name} of kind {s.path.kind!r} must be finite and not negative, got {one_line(value)}"]
     found = []
     if s.ticks > LONGEST_S / TICK_S:
         found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")

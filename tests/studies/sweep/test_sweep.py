@@ -20,7 +20,7 @@ from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.studies.sweep import SweepOptions, cluster, store, work
+from agrobot_mj.studies.sweep import SweepOptions, cluster, store, tasks
 from agrobot_mj.studies.sweep import sweep as run_sweep
 
 TEXT = """
@@ -176,7 +176,7 @@ def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypa
 
 
 def test_a_broken_sweep_goes_on_with_what_is_missing(serial, file, tmp_path, monkeypatch):
-    driven, real = [], work._driven
+    driven, real = [], tasks._driven
 
     def stops_after(most):
         def drive(task, scenario):
@@ -189,12 +189,12 @@ def test_a_broken_sweep_goes_on_with_what_is_missing(serial, file, tmp_path, mon
 
     options, folder = SweepOptions(jobs=1, quiet=True), tmp_path / "out"
     for most in (5, 11):
-        monkeypatch.setattr(work, "_driven", stops_after(most))
+        monkeypatch.setattr(tasks, "_driven", stops_after(most))
         with pytest.raises(KeyboardInterrupt):
             run_sweep(file, folder, options)
         assert table(folder).num_rows == most
     (folder / "rows" / "00000" / "00000002.json").write_text("{")  # as a loss of power may leave it
-    monkeypatch.setattr(work, "_driven", stops_after(None))
+    monkeypatch.setattr(tasks, "_driven", stops_after(None))
     found = run_sweep(file, folder, options)
     assert (found.before, found.new) == (10, 6)
     assert driven == [*range(11), 2, *range(11, TOTAL)]
