@@ -54,6 +54,24 @@ def read_toml(path: FilePath) -> dict[str, Any]:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
+def find_study(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
+    """The file of a sweep or a tuning, by path or name: a file of the user's goes first.
+
+    `noun` says what it is; `folder` ends the message for a folder, `known` that for an unknown name. Raises
+    `ScenarioError`.
+    """
+    path = FilePath(source)
+    if path.is_dir():
+        raise ScenarioError(f"{path}: is a folder; name a {noun} file{folder}")
+    if path.is_file():
+        return path
+    if str(source) in shipped:
+        return shipped[str(source)]
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise ScenarioError(f"{path}: no such file")
+    raise ScenarioError(f"unknown {noun} {str(source)!r}{suggestion(str(source), list(shipped))} ({known})")
+
+
 def _name_of(path: FilePath) -> str:
     """A scenario's name after its file, without what cannot be printed."""
     return UNPRINTABLE.sub("_", path.stem)[:200]

@@ -46,7 +46,7 @@ class Snapshot(NamedTuple):
 
 def loop_state(loop: Loop) -> LoopState:
     """What a loop keeps between two ticks; its parts may still be written to."""
-    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _sensed(loop, None))
+    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _on_route(loop.sensed, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
@@ -54,12 +54,11 @@ def set_loop_state(loop: Loop, state: LoopState) -> None:
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)
-    loop.truth, loop.sensed = state.truth, state.sensed
-    loop.sensed = _sensed(loop, loop.route)
+    loop.truth, loop.sensed = state.truth, _on_route(state.sensed, loop.route)
 
 
-def _sensed(loop: Loop, route: Any) -> Any:
-    return loop.sensed and (loop.sensed[0], loop.sensed[1]._replace(route=route))
+def _on_route(sensed: tuple[Measurement, Situation] | None, route: Any) -> Any:
+    return sensed and (sensed[0], sensed[1]._replace(route=route))
 
 
 def require_same_scenario(snapshot: Snapshot, scenario: Scenario) -> None:

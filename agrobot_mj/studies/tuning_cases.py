@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError
 
-from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.resources import tuning_files
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.loading import find_study, read_toml
 from agrobot_mj.scenario.overrides import absolute_paths
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.pieces import at_speed
@@ -94,7 +94,8 @@ class TuningCase(NamedTuple):
 
 def read_tuning(source: str | Path) -> TuningFile:
     """Read the file of a tuning, by name or path. Raises `ScenarioError` with every fault of the file."""
-    path = _find(source)
+    shipped = tuning_files()
+    path = find_study(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
     try:
@@ -126,19 +127,3 @@ def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iter
         scenario.changed({"plant.kind": "mujoco"} | changes)  # raises where it is no matter of the plant
         return
     yield from [at_speed(changed, speed) for speed in case.speeds_m_s] if case.speeds_m_s else [changed]
-
-
-def _find(source: str | Path) -> Path:
-    """The file of a tuning. Raises `ScenarioError`."""
-    shipped, path = tuning_files(), Path(source)
-    if path.is_dir():
-        raise ScenarioError(f"{path}: is a folder; name a tuning file")
-    if path.is_file():
-        return path
-    if str(source) in shipped:
-        return shipped[str(source)]
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise ScenarioError(f"{path}: no such file")
-    raise ScenarioError(
-        f"unknown tuning {str(source)!r}{suggestion(str(source), list(shipped))} (known: {', '.join(shipped)})"
-    )

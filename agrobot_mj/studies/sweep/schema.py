@@ -17,7 +17,7 @@ from agrobot_mj.core.messages import fault
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.loading import load_scenario, read_toml, scenario_files
+from agrobot_mj.scenario.loading import find_study, load_scenario, read_toml, scenario_files
 from agrobot_mj.scenario.overrides import absolute_paths
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
@@ -167,18 +167,7 @@ class Sweep(NamedTuple):
 
 def find_sweep(source: str | Path) -> Path:
     """The file of a sweep, by name or path. Raises `ScenarioError`."""
-    shipped, path = sweep_files(), Path(source)
-    if path.is_dir():
-        raise ScenarioError(f"{path}: is a folder; name a sweep file, or use --merge")
-    if path.is_file():
-        return path
-    if str(source) in shipped:
-        return shipped[str(source)]
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise ScenarioError(f"{path}: no such file")
-    raise ScenarioError(
-        f"unknown sweep {str(source)!r}{suggestion(str(source), list(shipped))} (see agrobot-mj list --sweeps)"
-    )
+    return find_study(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
 def read_sweep(source: str | Path) -> Sweep:
