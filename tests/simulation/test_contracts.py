@@ -173,7 +173,7 @@ def test_a_path_returns_references():
 @pytest.mark.parametrize("name", ["max_curvature", "duration_s"])
 def test_numbers_of_a_path_are_numbers(name, number):
     key = {"max_curvature": "bend", "duration_s": "lasts"}[name]
-    with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be a finite number"):
+    with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be finite and not negative"):
         check_files(scenario(path=Lost().model_copy(update={key: number})), "mine.toml")
 
 
