@@ -23,9 +23,9 @@ from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from agrobot_mj.fieldlogs.columns import Source
+    from agrobot_mj.fieldlogs.replay import LogMap
     from agrobot_mj.scenario.schema import Scenario
-    from agrobot_mj.studies.fieldlog import Source
-    from agrobot_mj.studies.replay import LogMap
 
 MapFile = Annotated[
     Path | None,
@@ -59,8 +59,8 @@ def replay(
 
     Tells how far its yaw rate and position are from the recorded ones; writes replay.json, .parquet and .png.
     """
-    from agrobot_mj.studies.replay import replay_command
-    from agrobot_mj.studies.replay.command import summary
+    from agrobot_mj.fieldlogs.replay import replay_command
+    from agrobot_mj.fieldlogs.replay.command import summary
 
     load_plugins(plugins)
     scenario = _scenario(log, base, sets)
@@ -101,14 +101,14 @@ def identify(
     understeer gradient, relaxation lengths, steering offset, delay and backlash with 95 % intervals.
     """
     if not vehicle:
+        from agrobot_mj.fieldlogs.identify.valve import identify_command
         from agrobot_mj.simulation.ownership import check_output
-        from agrobot_mj.studies.identify import identify_command
 
         check_output(log, ("identified.json",))
         say(identify_command(log))
         return
-    from agrobot_mj.studies.vehicle import identify_vehicle_command
-    from agrobot_mj.studies.vehicle.command import NothingExplainedError
+    from agrobot_mj.fieldlogs.identify import identify_vehicle_command
+    from agrobot_mj.fieldlogs.identify.vehicle import NothingExplainedError
 
     load_plugins(plugins)
     scenario = _scenario(log, base, sets)
@@ -134,9 +134,9 @@ def _scenario(log: Path, base: str | None, sets: list[str] | None) -> "Scenario"
 
 def _source(log: Path, map_file: Path | None) -> "tuple[Source, LogMap | None]":
     """The log and its map; a link's record is decoded."""
+    from agrobot_mj.fieldlogs.columns import column_names
+    from agrobot_mj.fieldlogs.replay import read_map
     from agrobot_mj.links.agopengps.fieldlog import is_link_record, link_log
-    from agrobot_mj.studies.fieldlog import column_names
-    from agrobot_mj.studies.replay import read_map
 
     if log.is_dir():
         if not (log / "signals.parquet").is_file():

@@ -12,7 +12,7 @@ from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugi
 from agrobot_mj.cli.output import say
 
 if TYPE_CHECKING:
-    from agrobot_mj.studies.validation import Check
+    from agrobot_mj.bench.manoeuvres import Check
 
 
 def rig(
@@ -22,7 +22,7 @@ def rig(
     quiet: Quiet = False,
 ) -> None:
     """Test one tyre on the rig: force curves and figures."""
-    from agrobot_mj.studies.rig import rig_command
+    from agrobot_mj.bench.rig import rig_command
 
     load_plugins(plugins)
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
@@ -40,7 +40,7 @@ def validate(
 
     Every tyre is tested; the exit status is 1 when a number leaves its band.
     """
-    from agrobot_mj.studies.validation import validate as drive_all
+    from agrobot_mj.bench.manoeuvres import validate as drive_all
 
     def tell(name: str, checks: "list[Check]", duration: float) -> None:
         passed = sum(check.passed for check in checks)

@@ -1,1 +1,1 @@
-"""Experiments about the model: comparisons, figures, the tyre rig, identification, validation."""
+"""Many runs: comparisons, sweeps, limits, tuning, statistics and pages."""

@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from sweeps import Row
 
+from agrobot_mj.bench.manoeuvres.base import mujoco_plant
+from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.bicycle import Bicycle, BicycleLaw, lateral_dynamics
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
-from agrobot_mj.studies.validation.base import mujoco_plant
-from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 LIMIT = 0.10

@@ -45,7 +45,7 @@ UNATTENDED = {
     "ros2": "needs ROS 2; tests/links/test_ros2_node.py",
     "sweep importance": "takes minutes; tests/studies/sweep/test_importance.py",
     "importance": "reads the table of that sweep; tests/studies/sweep/test_importance.py",
-    "validate": "takes minutes; tests/studies/validation",
+    "validate": "takes minutes; tests/bench/manoeuvres",
 }
 """Beginnings of commands that are only parsed, and why."""
 ELSEWHERE = {

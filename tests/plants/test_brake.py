@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from similar import DEFAULT_KG, similar
 
+from agrobot_mj.bench.manoeuvres import braking
 from agrobot_mj.control.brake import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
 from agrobot_mj.machine import Machine
@@ -16,7 +17,6 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.stepping import Simulation
-from agrobot_mj.studies.validation import braking
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import Linear, MagicFormula
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from agrobot_mj.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine import Machine
@@ -13,7 +14,6 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, GIVE
-from agrobot_mj.studies.validation.driver import Driver, track_course
 from agrobot_mj.terrain import Flat, Slope
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil, Tyre
 from agrobot_mj.tyres.base import Footing, Slip

@@ -7,6 +7,8 @@ import pytest
 from numba import config
 from numba.core.runtime import _nrt_python, rtsys
 
+from agrobot_mj.bench.manoeuvres import implements
+from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
 from agrobot_mj.machine import Machine
@@ -20,8 +22,6 @@ from agrobot_mj.plants.mujoco.loads import SIDE
 from agrobot_mj.plants.mujoco.tools import GIVE, MEMORIES, soil_on_tool
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.validation import implements
-from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Flat, Rough, Slope
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil
 from agrobot_mj.tyres.patch import LOAD

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
+from agrobot_mj.bench.manoeuvres.base import ORIGIN, force_tyres, mujoco_plant, warnings
+from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
-from agrobot_mj.studies.validation.base import ORIGIN, force_tyres, mujoco_plant, warnings
-from agrobot_mj.studies.validation.driver import Driver
 from agrobot_mj.terrain import Bumps, Ridges, Rough, height_and_gradient
 from agrobot_mj.tyres import MagicFormula
 

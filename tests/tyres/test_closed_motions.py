@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from agrobot_mj.bench.manoeuvres.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
 from agrobot_mj.machine.implements.tool import Tool
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.tools import MEMORIES, soil_on_tool
-from agrobot_mj.studies.validation.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step

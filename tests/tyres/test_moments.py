@@ -5,8 +5,8 @@ from math import radians, sqrt, tan
 import numpy as np
 import pytest
 
+from agrobot_mj.bench.rig import FRONT, Rig, Setting
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.studies.rig import FRONT, Rig, Setting
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil

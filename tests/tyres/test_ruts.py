@@ -5,10 +5,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.bench.manoeuvres.base import mujoco_plant
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.simulation.storage import write_log
-from agrobot_mj.studies.validation.base import mujoco_plant
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, saved, virgin

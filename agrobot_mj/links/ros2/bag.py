@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
+from agrobot_mj.fieldlogs.columns import check_time, column_names, read_columns
 from agrobot_mj.links.extras import required
 from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
@@ -22,7 +23,6 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import atomic
-from agrobot_mj.studies.fieldlog import check_time, column_names, read_columns
 
 LARGEST = 1e9
 """Magnitude that no signal of a tractor reaches, in its own SI unit."""

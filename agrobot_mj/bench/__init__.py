@@ -1,0 +1,1 @@
+"""Parts against theory: the tyre rig and the manoeuvres that `validate` drives."""

@@ -1,0 +1,215 @@
+"""Electro-hydraulic steering, measured at the wheels
+
+Rolling at 1.2 m/s, constant voltages give steady steering rates: two lines, whose crossing with zero is the dead
+band and whose slopes are the gains, and a plateau, the rate limit. A step of voltage gives delay and time constant
+by least squares of the valve's own law to the angle; in MuJoCo the oil column adds its damping over its stiffness,
+8 ms, to the delay.
+
+The oil carries load: turning the wheels of a parked tractor takes the pressure that twists two contact patches,
+rolling wipes that twist out. A torque on the wheels beyond relief pressure pushes them aside at that pressure.
+Held against a stop for five seconds, the steering leaves it as promptly as a rigid cylinder would: nothing winds
+up.
+"""
+
+from math import exp, log, radians
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import curve_fit
+
+from agrobot_mj.bench.manoeuvres.base import (
+    BICYCLE,
+    ORIGIN,
+    STOCK,
+    About,
+    Check,
+    Findings,
+    force_tyres,
+    level_plants,
+    mujoco_plant,
+    tyre_of,
+    warnings,
+)
+from agrobot_mj.bench.manoeuvres.driver import Driver, Trace
+from agrobot_mj.core.signals import NEUTRAL_V, Array, Drive
+from agrobot_mj.machine.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, Cylinder, Valve, static_flow, valve_law
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.tyres import Linear
+from agrobot_mj.tyres.laws import GRIP
+
+SPEED_M_S = 1.2
+RAMP_V = (0.5, 1.0, 2.0, 3.0)
+"""Voltages beyond neutral, above the dead band and below saturation [V]."""
+STEP_V = 3.0
+"""Voltage of the step, beyond neutral [V]."""
+STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
+"""Bands of dead band, gains and rate limit [-]; of the time constant [-]; of the delay, 2.5 physics steps [s]."""
+PHYSICS_S = 0.002
+
+
+class Law(NamedTuple):
+    """Parameters identified to one side."""
+
+    dead_band_v: float
+    gain_l_min_v: float
+    rate_limit_rad_s: float
+    delay_s: float
+    time_constant_s: float
+
+
+def angles(trace: Trace) -> Array:
+    """Steering angle after every physics step [rad]."""
+    return np.concatenate([truth.steer_samples for truth in trace.truths])
+
+
+def rolling(plant: Any, speed: float) -> Driver:
+    """The plant rolling straight with its steering valve at rest."""
+    driver = Driver(plant, plant.reset(ORIGIN), speed)
+    driver.go(3.0)
+    driver.go_by_voltage(1.0, NEUTRAL_V)
+    return driver
+
+
+def steady_rate(plant: Any, volts: float) -> float:
+    """Steering rate under `volts` beyond neutral, once the spool has settled [rad/s]."""
+    seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
+    late = seen[round(0.8 / PHYSICS_S) :]
+    return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
+
+
+def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
+    """Angle after a step of `STEP_V`: the spool's exponential beyond the dead band, integrated; `gain` in rad/(s V)."""
+    begins = -tau * log(1 - dead_band / STEP_V)
+    s = np.maximum(t - delay, begins)
+    swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
+    return gain * swept
+
+
+def measure(plant: Any, side: int, displacement: float) -> Law:
+    """Identify the valve to one side: 1 left, -1 right."""
+    flows = [side * steady_rate(plant, side * v) * displacement / LITRE_PER_MINUTE for v in RAMP_V]
+    gain, offset = np.polyfit(RAMP_V, flows, 1)
+    limit = side * steady_rate(plant, side * FULL_RANGE_V / 2)
+    seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(0.6, NEUTRAL_V + side * STEP_V))
+    t, dead_band = PHYSICS_S * np.arange(1, seen.size + 1), -offset / gain
+    guess = (0.08, 0.08, gain * LITRE_PER_MINUTE / displacement)
+    (delay, tau, _), _ = curve_fit(
+        lambda t, delay, tau, gain: step_response(t, delay, tau, gain, dead_band), t, side * (seen - seen[0]), guess
+    )
+    return Law(dead_band, gain, limit, delay, tau)
+
+
+def oil_column(subject: str) -> float:
+    """Delay that the cylinder adds [s]."""
+    column = STOCK.cylinder.column(STOCK.tractor)
+    return 0.0 if subject == BICYCLE else column.damping / column.stiffness
+
+
+def identification(subject: str, plant: Any) -> list[Check]:
+    """Checks of the valve's parameters, both sides."""
+    valve, cylinder = Valve(), Cylinder()
+    limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
+    checks = []
+    for name, side, gain in (("left", 1, valve.gain_left_l_min_v), ("right", -1, valve.gain_right_l_min_v)):
+        found = measure(plant, side, cylinder.displacement)
+        rows = [
+            ("dead band", "V", found.dead_band_v, valve.dead_band_v, STATIC_BAND),
+            ("gain", "l/(min V)", found.gain_l_min_v, gain, STATIC_BAND),
+            ("rate limit", "rad/s", found.rate_limit_rad_s, limit, STATIC_BAND),
+            ("time constant", "s", found.time_constant_s, valve.time_constant_s, TIME_BAND),
+        ]
+        judged = subject == BICYCLE or tyre_of(subject).judged
+        for quantity, unit, measured, wanted, band in rows:
+            about = About("steering", f"{quantity}, {name}", subject, unit)
+            checks.append(about.near(measured, wanted, band) if judged else about.reported(measured, wanted))
+        about, wanted = About("steering", f"delay, {name}", subject, "s"), valve.delay_s + oil_column(subject)
+        close = about.close(found.delay_s, wanted, DELAY_BAND_S)
+        checks.append(close if judged else about.reported(found.delay_s, wanted))
+    return checks
+
+
+def turning_pressure(plant: MujocoPlant, speed: float) -> float:
+    """Mean pressure while the wheels turn left at a steady rate [bar]."""
+    driver = rolling(plant, speed)
+    driver.go_by_voltage(0.5, NEUTRAL_V + 2.0)
+    pressures = []
+    for _ in range(20):
+        driver.go_by_voltage(0.05, NEUTRAL_V + 2.0)
+        pressures.append(plant.actuation()[1])
+    return float(np.mean(pressures)) / 1e5
+
+
+def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
+    """Checks of the pressure, parked and rolling."""
+    patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
+    twisting = 2 / 3 * GRIP * front * patch / Cylinder().displacement / 1e5
+    parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
+    still = About("steering", "pressure to turn the wheels, parked", tyre.kind, "bar")
+    ratio = About("steering", "pressure parked over rolling", tyre.kind, "")
+    return [
+        still.near(parked, twisting, 0.05) if patch > 0 else still.reported(parked),
+        ratio.above(parked / rolled, 1.5) if patch > 0 else ratio.reported(parked / rolled),
+    ]
+
+
+def relief(tyre: Any) -> tuple[Check, MujocoPlant]:
+    """Mean pressure while a torque of 1.6 times relief pushes the wheels aside, from 5 to 30 degrees.
+
+    Scrubbing tyres hold a third of relief beside the oil.
+    """
+    plant, _ = mujoco_plant(tyre, tick_s=PHYSICS_S)
+    torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
+    plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.6 * torque
+    pressures: list[float] = []
+    for _ in range(round(1.0 / PHYSICS_S)):
+        angle = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V)).steer
+        if radians(5.0) < angle < radians(30.0):
+            pressures.append(abs(plant.actuation()[1]) / 1e5)
+    about = About("steering", "pressure at relief", tyre.kind, "bar")
+    return about.near(float(np.mean(pressures)), torque / Cylinder().displacement / 1e5, 0.01), plant
+
+
+def leaving(seen: Array, stop: float) -> float:
+    """Time at which the angle is first 2 degrees off its stop [s]."""
+    return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
+
+
+def rigid_leaving(side: int) -> float:
+    """Time to leave the stop with a rigid cylinder under the valve's law, by formula [s]."""
+    valve, displacement = Valve(), Cylinder().displacement
+    law, _ = valve_law(valve, PHYSICS_S)
+    swept, s = 0.0, 0.0
+    while swept < radians(2.0):
+        s += 1e-4
+        volts = NEUTRAL_V - side * NEUTRAL_V * (1 - 2 * exp(-s / valve.time_constant_s))
+        swept += max(0.0, -side * static_flow(law, volts)) / displacement * 1e-4
+    return valve.delay_s + s
+
+
+def stops(subject: str, plant: Any) -> list[Check]:
+    """Angle at each stop under full flow, and the time to leave it again."""
+    checks, column = [], oil_column(subject)
+    for name, side in (("left", 1), ("right", -1)):
+        driver = Driver(plant, plant.reset(ORIGIN))
+        held = angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))
+        left = angles(driver.go_by_voltage(0.6, NEUTRAL_V - side * NEUTRAL_V))
+        limit, about = plant.tractor.steer_limit, About("steering", f"angle at the stop, {name}", subject, "deg")
+        checks.append(about.close(float(np.degrees(side * held[-1])), float(np.degrees(limit)), 0.2))
+        about = About("steering", f"time to leave the stop, {name}", subject, "s")
+        checks.append(about.close(leaving(left, side * float(held[-1])), rigid_leaving(side) + column, 0.01))
+    return checks
+
+
+def run(quick: bool = False) -> Findings:
+    """The valve on every plant, the cylinder on every tyre; `quick` takes the bicycle and `linear` alone."""
+    plants = level_plants(only_linear=quick)
+    checks = [check for subject, plant, _ in plants for check in identification(subject, plant)]
+    for subject, plant, _ in plants:
+        checks += stops(subject, plant) if subject in (BICYCLE, Linear().kind) else []
+    driven = [plant for _, plant, _ in plants]
+    for tyre in force_tyres():
+        plant, _ = mujoco_plant(tyre)
+        relieved, pushed = relief(tyre)
+        checks += [*load_dependence(tyre, plant), relieved]
+        driven += [plant, pushed]
+    return Findings(checks, warnings(driven))

@@ -1,0 +1,72 @@
+"""Tipping over sideways
+
+Gravity is tilted slowly, as if a parked tractor's field were lifted at one side, until it rolls over; the slope at
+which the upper rear wheel leaves the ground for good is compared with theory. The front axle swings on its pivot
+and holds nothing back, so the tractor tips about the line from the lower rear tyre's patch to that pivot, at about
+35 degrees, and not about the line through both lower patches at 42: the stops of the pivot come too late to help.
+Theory counts the lean of the body on its tyres, which costs a good degree. On tyres without the grip the tractor
+slides off first.
+"""
+
+from math import cos, hypot, radians, sin
+from typing import NamedTuple
+
+from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.bench.manoeuvres.parking import REST
+from agrobot_mj.bench.manoeuvres.theory import Tractor
+from agrobot_mj.core.signals import TICK_S, WHEELS
+from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants import MujocoPlant
+
+FROM_DEG, TO_DEG = 22.0, 45.0
+QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
+"""Rates of tilting below and above `FROM_DEG`: quasi-static where it counts."""
+SLID_M = 1.0
+"""Sliding distance from which the tractor slides, beyond the deflection of the carcasses [m]."""
+BAND_DEG = 2.0
+
+
+class Tilt(NamedTuple):
+    """End of a tilt."""
+
+    lifted_deg: float
+    """Slope at which the upper rear wheel last touched the ground [deg]."""
+    slid_deg: float | None
+    """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
+
+
+def tilt(plant: MujocoPlant, left_side_up: bool) -> Tilt:
+    """Tilt gravity until the tractor rolls over or slides off."""
+    side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
+    start, grade, lifted = plant.truth(), 0.0, 0.0
+    while grade < TO_DEG:
+        grade += TICK_S * (QUICKLY_DEG_S if grade < FROM_DEG else SLOWLY_DEG_S)
+        across = radians(grade)
+        plant.model.opt.gravity[:] = 0.0, -side * GRAVITY * sin(across), -GRAVITY * cos(across)
+        truth = plant.advance(REST)
+        if plant.trouble() == "rolled_over":
+            return Tilt(lifted, None)
+        if plant.wheels()[upper] > 0.0:
+            lifted = grade
+            if hypot(truth.x - start.x, truth.y - start.y) > SLID_M:
+                return Tilt(lifted, grade)
+    return Tilt(TO_DEG, None)
+
+
+def run(quick: bool = False) -> Findings:
+    """Tipping slope on every tyre; `quick` tips to one side only."""
+    checks: list[Check] = []
+    warned = 0
+    wanted = Tractor().tipping_deg
+    for tyre in tyres():
+        for left_side_up in (True,) if quick else (True, False):
+            plant, _ = mujoco_plant(tyre)
+            ended, side = tilt(plant, left_side_up), "right" if left_side_up else "left"
+            tips = About("tipping", f"slope at which it tips to the {side}", tyre.kind, "deg")
+            slides = About("tipping", f"slope at which it slides off to the {side}", tyre.kind, "deg")
+            if ended.slid_deg is not None:
+                checks.append(slides.reported(ended.slid_deg))
+            else:
+                checks.append(tips.judged(tyre, tips.close(ended.lifted_deg, wanted, BAND_DEG)))
+            warned += warnings([plant])
+    return Findings(checks, warned)

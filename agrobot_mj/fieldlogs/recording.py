@@ -1,0 +1,305 @@
+"""A recording in SI units: what the columns of a log say under a map, each value at the time when it was true.
+
+Inputs (steering, speed) are complete up to short gaps; what is compared with (yaw rate, heading, position) may have
+any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
+"""
+
+from math import pi, radians
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from scipy.interpolate import Akima1DInterpolator
+from scipy.signal import savgol_filter
+
+from agrobot_mj.core.geodesy import Origin, metres_per_latitude, metres_per_longitude
+from agrobot_mj.core.signals import Array
+from agrobot_mj.fieldlogs.columns import FieldLogError, Source, check_time, column_names, read_columns
+from agrobot_mj.fieldlogs.maps import (
+    HeadingColumn,
+    LogMap,
+    PositionColumns,
+    SpeedColumn,
+    SteerColumn,
+    ValveColumn,
+    YawRateColumn,
+    built_in,
+    named_columns,
+)
+
+SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
+ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LONGEST_GAP_S = 1.0
+"""Gap of an input that is bridged [s]. Estimate: a tractor does not turn round in it."""
+LARGEST_STEER, LARGEST_SPEED, LARGEST_YAW_RATE = radians(75), 20.0, 3.0
+"""Bounds of what a tractor can do [rad, m/s, rad/s]: beyond them a unit is wrong."""
+LARGEST_FIELD_M = 100e3
+"""Largest distance between two fixes [m]: beyond it a fix is none."""
+FARTHEST_M = 50e3
+"""Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
+SMOOTHING_S = 1.0
+"""Length of the cubic that differentiates headings and courses [s]."""
+COURSE_S = 2.0
+"""Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
+LEAST_SPEED = 0.3
+"""Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
+
+
+class TimeSeries(NamedTuple):
+    """Values at their own times."""
+
+    t: Array
+    """Times, increasing, shape (n,) [s]."""
+    value: Array
+    """Values in SI units, shape (n,) or (n, 2)."""
+
+    def at(self, t: Array) -> Array:
+        """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
+        found: Array = Akima1DInterpolator(self.t, self.value)(np.clip(t, self.t[0], self.t[-1]))
+        return found
+
+    def between(self, start: float, end: float) -> "TimeSeries":
+        """The part from `start` to `end` [s]."""
+        inside = (self.t >= start) & (self.t <= end)
+        return TimeSeries(self.t[inside], self.value[inside])
+
+
+class FieldRecording(NamedTuple):
+    """A recording under its map."""
+
+    name: str
+    start: float
+    """First time at which all inputs are known [s]."""
+    end: float
+    """Last such time [s]."""
+    speed: TimeSeries
+    """Along the heading [m/s]."""
+    wheel_speed: bool
+    """Whether that is the speed of the driven wheels."""
+    steer: TimeSeries | None
+    """Wheel angle, left positive [rad]."""
+    voltage: TimeSeries | None
+    """Steering valve [V]."""
+    yaw_rate: TimeSeries | None
+    """Left positive [rad/s]."""
+    yaw_rate_source: str
+    """`gyro`, `heading`, `course`, or `none`."""
+    heading: TimeSeries | None
+    """From east, counter-clockwise, unwrapped [rad]."""
+    position: TimeSeries | None
+    """East and north of the point, shape (n, 2) [m]."""
+    arm: tuple[float, float, float]
+    """The point ahead of and to the left of R, and above it [m]."""
+    inputs: dict[str, str]
+    """Columns of the inputs: `speed`, and of `steer` and `voltage` those that there are."""
+
+    def between(self, start: float, end: float) -> "FieldRecording":
+        """The part from `start` to `end` [s]. Raises `FieldLogError` where there is none, or an input has a gap."""
+        first, last = max(start, self.start), min(end, self.end)
+        if last - first < 1.0:
+            raise FieldLogError(
+                f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s"
+            )
+        for part, column in self.inputs.items():
+            t = getattr(self, part).between(first - LONGEST_GAP_S, last + LONGEST_GAP_S).t
+            gaps = np.diff(t, append=t[-1:])
+            if gaps.max(initial=0.0) > LONGEST_GAP_S:
+                k = int(gaps.argmax())
+                raise FieldLogError(
+                    f"{self.name}: {column!r} has no value from {t[k]:.2f} to {t[k + 1]:.2f} s; "
+                    "take a part of the log with --from and --to"
+                )
+        cut = {
+            key: series.between(first, last)
+            for key in ("yaw_rate", "heading", "position")
+            if (series := getattr(self, key)) is not None
+        }
+        return self._replace(start=first, end=last, **cut)
+
+
+def read_recording(source: Source, log_map: LogMap | None, antenna_height: float) -> FieldRecording:
+    """The log under a map; under the one that fits of those that come with the package where it is None.
+
+    Raises `FieldLogError`, or `ScenarioError` where no map fits.
+    """
+    name = "log" if isinstance(source, pa.Table) else source.name
+    m = log_map or built_in(column_names(source), name)
+    keys = named_columns(m)
+    data = read_columns(source, list(keys), keys)
+    t = data[m.time.column] * SECONDS[m.time.unit]
+    check_time(name, m.time.column, t, "time.unit of the map")
+    r = _Reader(name, t - t[0], data)
+    steer = r.steer(m.steer) if m.steer else None
+    voltage = r.voltage(m.valve) if m.valve else None
+    speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
+    position = r.position(m.position) if m.position else None
+    yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
+    inputs = [series for series in (steer, voltage, speed) if series is not None]
+    columns = {"speed": m.speed, "steer": m.steer, "voltage": m.valve}
+    p = m.position or PositionColumns(east="x", north="y")
+    return FieldRecording(
+        name=name,
+        start=max(series.t[0] for series in inputs),
+        end=min(series.t[-1] for series in inputs),
+        speed=speed,
+        wheel_speed=m.speed.of == "wheel",
+        steer=steer,
+        voltage=voltage,
+        yaw_rate=yaw_rate,
+        yaw_rate_source=found,
+        heading=heading,
+        position=position,
+        arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
+        inputs={part: spec.column for part, spec in columns.items() if spec is not None},
+    )
+
+
+class _Reader(NamedTuple):
+    """Columns of a log, and how each kind becomes a series."""
+
+    name: str
+    t: Array
+    data: dict[str, Array]
+
+    def steer(self, c: SteerColumn) -> TimeSeries:
+        sign = 1.0 if c.positive == "left" else -1.0
+        angle = sign * c.scale * ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        series = self._known("steer", c.column, angle, c.delay_s)
+        self._bounded("steer", c.column, series.value, LARGEST_STEER, "rad")
+        return TimeSeries(series.t, _sharpened(series, c.averaged_s))
+
+    def voltage(self, c: ValveColumn) -> TimeSeries:
+        volts = 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral)
+        return self._known("valve", c.column, volts, c.delay_s)
+
+    def speed(self, c: SpeedColumn) -> TimeSeries:
+        series = self._known("speed", c.column, c.scale * SPEEDS[c.unit] * self.data[c.column], c.delay_s)
+        self._bounded("speed", c.column, series.value, LARGEST_SPEED, "m/s")
+        if np.abs(series.value).max() < LEAST_SPEED:
+            raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
+        return series
+
+    def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
+        sign = 1.0 if c.positive == "left" else -1.0
+        rate = sign * ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        series = self._known("yaw_rate", c.column, rate, c.delay_s)
+        self._bounded("yaw_rate", c.column, series.value, LARGEST_YAW_RATE, "rad/s")
+        return series
+
+    def heading(self, c: HeadingColumn) -> TimeSeries:
+        angle = ANGLES[c.unit] * self.data[c.column]
+        series = self._known("heading", c.column, pi / 2 - angle if c.convention == "compass" else angle, c.delay_s)
+        return TimeSeries(series.t, np.unwrap(series.value))
+
+    def position(self, c: PositionColumns) -> TimeSeries:
+        first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
+        a, b = self.data[first or ""], self.data[second or ""]
+        good = np.isfinite(a) & np.isfinite(b)
+        if c.quality:
+            good &= np.isin(self.data[c.quality], c.accepted)
+        if good.sum() < 4:
+            what = f"with {c.quality!r} in {list(c.accepted)}; see position.accepted" if c.quality else "in them"
+            raise FieldLogError(f"{self.name}: {first!r} and {second!r} have {good.sum()} positions {what}")
+        a, b = a[good], b[good]
+        if c.latitude:
+            if np.abs(a).max() > 90 or np.abs(b).max() > 360:
+                raise FieldLogError(f"{self.name}: {first!r}, {second!r} are no degrees; east and north have own keys")
+            origin = Origin(
+                float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
+                float(b[0]) if c.origin_lon_deg is None else c.origin_lon_deg,
+            )
+            places = _plane(origin, a, b)
+        else:
+            places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
+            if (away := float(np.abs(places).max())) > FARTHEST_M:
+                raise FieldLogError(
+                    f"{self.name}: {first!r} and {second!r} lie up to {away / 1e3:.3g} km from the origin; set "
+                    f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
+                )
+        if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
+            raise FieldLogError(
+                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
+                "quality's column (position.quality), so that rows without a fix are left out"
+            )
+        return TimeSeries(self.t[good] - c.delay_s, places)
+
+    def _known(self, part: str, column: str, values: Array, delay: float) -> TimeSeries:
+        good = np.isfinite(values)
+        if good.sum() < 4:
+            raise FieldLogError(f"{self.name}: {column!r} has {good.sum()} values; leave [{part}] out of the map")
+        return TimeSeries(self.t[good] - delay, values[good])
+
+    def _bounded(self, part: str, column: str, values: Array, bound: float, unit: str) -> None:
+        if (worst := float(np.abs(values).max())) > bound:
+            raise FieldLogError(f"{self.name}: {column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?")
+
+
+def _sharpened(series: TimeSeries, length: float) -> Array:
+    """Values without the averaging of their sensor over `length` [s], to second order in it."""
+    x, spacing = series.value, float(np.median(np.diff(series.t)))
+    if not length or len(x) < 3:
+        return x
+    bend = np.zeros_like(x)
+    bend[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
+    # the mean of a parabola exceeds its middle by length^2 / 24 times the second derivative
+    sharp: Array = x - (length / spacing) ** 2 / 24 * bend
+    return sharp
+
+
+def _plane(origin: Origin, latitude: Array, longitude: Array) -> Array:
+    """East and north, shape (n, 2) [m]; the longitude's scale at each point's own latitude as in `core/geodesy`."""
+    scale = np.array([metres_per_longitude(float(phi)) for phi in latitude])
+    east = (longitude - origin.longitude) * scale
+    return np.column_stack([east, (latitude - origin.latitude) * metres_per_latitude(origin.latitude)])
+
+
+def _derived(
+    heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
+) -> tuple[TimeSeries | None, str]:
+    """Yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway distort."""
+    if heading is not None:
+        return _slope(heading), "heading"
+    if position is None:
+        return None, "none"
+    found = _curving(position, speed)
+    return found, "course" if found is not None else "none"
+
+
+def _curving(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
+    """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
+    spacing = float(np.median(np.diff(position.t)))
+    length = max(7, 2 * round(COURSE_S / spacing / 2) + 1)
+    even = np.arange(position.t[0], position.t[-1], spacing, dtype=np.float64)
+    if len(even) < length:
+        return None
+    places = np.stack([np.interp(even, position.t, each) for each in position.value.T])
+    vx, vy = savgol_filter(places, length, 3, deriv=1, delta=spacing)
+    ax, ay = savgol_filter(places, length, 3, deriv=2, delta=spacing)
+    fast = np.abs(np.interp(even, speed.t, speed.value)) > LEAST_SPEED
+    kept = fast & _known_around(position.t, even)
+    if kept.sum() < 8:
+        return None
+    return TimeSeries(even[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
+
+
+def _known_around(t: Array, even: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Whether the samples at `t` before and after a time are less than `SMOOTHING_S` apart."""
+    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
+    known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (
+        t[following] - t[np.maximum(following - 1, 0)] < SMOOTHING_S
+    )
+    return known
+
+
+def _slope(series: TimeSeries) -> TimeSeries | None:
+    """Derivative by a cubic over `SMOOTHING_S`, on an even grid, left out where the series has gaps."""
+    spacing = float(np.median(np.diff(series.t)))
+    length = max(5, 2 * round(SMOOTHING_S / spacing / 2) + 1)
+    even = np.arange(series.t[0], series.t[-1], spacing)
+    if len(even) < length:
+        return None
+    slope = savgol_filter(np.interp(even, series.t, series.value), length, 3, deriv=1, delta=spacing)
+    whole = _known_around(series.t, even)
+    return TimeSeries(even[whole], slope[whole])

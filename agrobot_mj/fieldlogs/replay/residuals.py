@@ -1,0 +1,207 @@
+"""How far a driven plant is from its recording, without any truth: yaw rate and position; and what kinematics say.
+
+The start's pose is fitted to the first metres of recorded positions, since an antenna has no heading. From there on the
+open loop integrates every small error of the yaw rate; windows of some seconds, each laid on the recorded way as well
+as a rigid motion can, say what of it is the plant's and what is the start's.
+"""
+
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import from_heading, wrap
+from agrobot_mj.core.signals import Array
+from agrobot_mj.fieldlogs.recording import LEAST_SPEED, FieldRecording, TimeSeries
+from agrobot_mj.fieldlogs.replay.driving import Driven, Pose
+
+START_M = 10.0
+"""Length of the recorded way to which the start's pose is fitted [m]."""
+WINDOW_S = 10.0
+"""Length of a window [s]: one bend or so."""
+LARGEST_LAG_S = 0.5
+"""Largest lag between yaw rates that is looked for [s]."""
+
+
+class Rigid(NamedTuple):
+    """A turn and a shift of the plane."""
+
+    turn: float
+    """Counter-clockwise [rad]."""
+    shift: Array
+    """After the turn, shape (2,) [m]."""
+
+    def of(self, points: Array) -> Array:
+        """Points (n, 2) turned and shifted."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
+        return moved
+
+
+def rigid(points: Array, onto: Array) -> Rigid:
+    """The rigid motion that lays points (n, 2) onto others with the least sum of squares."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
+    at_origin = Rigid(turn, np.zeros(2))
+    return Rigid(turn, onto.mean(axis=0) - at_origin.of(points.mean(axis=0)[None])[0])
+
+
+def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
+    """The start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on slopes."""
+    fixes = _first_metres(recording)
+    if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
+        return pose
+    at = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+    found = rigid(at, fixes.value)
+    x, y = found.of(np.array([pose[:2]]))[0]
+    return float(x), float(y), wrap(pose[2] + found.turn)
+
+
+def first_metres_end(recording: FieldRecording) -> float:
+    """Time at which the first metres are over [s]."""
+    fixes = _first_metres(recording)
+    return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
+
+
+def _first_metres(recording: FieldRecording) -> TimeSeries | None:
+    """Positions on the first `START_M` of the way, by the recorded speed; None without positions."""
+    if recording.position is None:
+        return None
+    fixes = recording.position.between(recording.start, recording.end)
+    t = np.arange(recording.start, recording.end, 0.05)
+    way = np.cumsum(np.abs(np.interp(t, recording.speed.t, recording.speed.value))) * 0.05
+    first = np.interp(fixes.t, t, way) <= START_M
+    first[:4] = True
+    return TimeSeries(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
+
+
+def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
+    """Pose of R at the recording's start, from its first metres and kinematics; the origin without positions."""
+    fixes = _first_metres(recording)
+    if fixes is None:
+        return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
+    t, yaw, point = kinematic(recording, wheelbase)
+    found = rigid(np.column_stack([np.interp(fixes.t, t, each) for each in point.T]), fixes.value)
+    psi, (ahead, left, _) = wrap(yaw[0] + found.turn), recording.arm
+    x, y = found.of(point[:1])[0]
+    east, north = from_heading(psi, ahead, left)
+    return float(x) - east, float(y) - north, psi
+
+
+def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
+    """Time, yaw and point (n, 2) of wheels that do not slip, from the origin; a gyro replaces the steering angle."""
+    t = np.arange(recording.start, recording.end, 0.02)
+    u = np.interp(t, recording.speed.t, recording.speed.value)
+    if recording.steer is not None:
+        rate = u * np.tan(recording.steer.at(t)) / wheelbase
+    else:
+        r = recording.yaw_rate
+        rate = np.interp(t, r.t, r.value) if r is not None else np.zeros(len(t))
+    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    velocity = np.column_stack([u * np.cos(yaw), u * np.sin(yaw)])
+    rear = np.vstack([np.zeros((1, 2)), np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)[:, None], axis=0)])
+    ahead, left, _ = recording.arm
+    arm = np.column_stack([ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)])
+    return t, yaw, rear + arm
+
+
+def metrics(recording: FieldRecording, driven: Driven, wheelbase: float) -> dict[str, Any]:
+    """Numbers of a replay; None where the recording cannot tell. SI units and radians."""
+    u = np.interp(driven.t, recording.speed.t, recording.speed.value)
+    found: dict[str, Any] = {
+        "outcome": driven.outcome,
+        "start_s": recording.start,
+        "duration_s": float(driven.t[-1] - driven.t[0]),
+        "way_m": float(np.abs(u).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0,
+        "speed_rms": _rms(driven.speed - u),
+        "steer_rms": _rms(driven.steer - recording.steer.at(driven.t)) if recording.steer else None,
+        "yaw_rate": _yaw_rate(recording, driven, wheelbase),
+        "position": _position(recording, driven),
+    }
+    return found
+
+
+def _yaw_rate(recording: FieldRecording, driven: Driven, wheelbase: float) -> dict[str, Any] | None:
+    if recording.yaw_rate is None:
+        return None
+    seen = moving(recording, recording.yaw_rate.between(driven.t[0], driven.t[-1]))
+    if len(seen.t) < 8:
+        return None
+    model = np.interp(seen.t, driven.t, driven.yaw_rate)
+    off = model - seen.value
+    slipless = None
+    if recording.steer is not None:
+        u = np.interp(seen.t, recording.speed.t, recording.speed.value)
+        slipless = float(np.std(u * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value))
+    spread = float(np.var(seen.value))
+    return {
+        "source": recording.yaw_rate_source,
+        "samples": len(seen.t),
+        "recorded_rms": _rms(seen.value),
+        "bias": float(off.mean()),
+        "rms": _rms(off),
+        "rms_without_bias": float(np.std(off)),
+        "kinematic_rms_without_bias": slipless,
+        "explained": 1.0 - float(np.var(off)) / spread if spread > 0 else None,
+        "lag_s": _lag(seen, driven),
+    }
+
+
+def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
+    """The part of a series in which the tractor moves faster than `LEAST_SPEED`."""
+    fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
+    return TimeSeries(series.t[fast], series.value[fast])
+
+
+def _lag(seen: TimeSeries, driven: Driven) -> float:
+    """Time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola [s]."""
+    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
+    spread = np.array([np.var(np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value) for lag in lags])
+    k = int(np.clip(spread.argmin(), 1, len(lags) - 2))
+    before, here, after = spread[k - 1 : k + 2]
+    bend = before - 2 * here + after
+    return float(lags[k] + (0.5 * 0.02 * (before - after) / bend if bend > 0 else 0.0))
+
+
+def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
+    """Times (n,), and plant less recording ahead and to the left of the plant's heading (n, 2), and over windows (n,).
+
+    The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
+    """
+    if recording.position is None:
+        return np.empty(0), np.empty((0, 2)), np.empty(0)
+    fixes = recording.position.between(driven.t[0], driven.t[-1])
+    model = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+    east, north = (model - fixes.value).T
+    yaw = np.interp(fixes.t, driven.t, driven.yaw)
+    c, s = np.cos(yaw), np.sin(yaw)
+    shape = np.full(len(fixes.t), nan)
+    window = ((fixes.t - driven.t[0]) // WINDOW_S).astype(int)
+    for k in np.unique(window):
+        inside = window == k
+        if inside.sum() >= 8 and np.ptp(fixes.t[inside]) > 0.5 * WINDOW_S:
+            laid = rigid(model[inside], fixes.value[inside]).of(model[inside])
+            shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
+    return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
+
+
+def _position(recording: FieldRecording, driven: Driven) -> dict[str, Any] | None:
+    t, off, shape = position_errors(recording, driven)
+    if len(t) < 4:
+        return None
+    distance, fitted = np.hypot(*off.T), shape[np.isfinite(shape)]
+    return {
+        "samples": len(t),
+        "ahead_rms": _rms(off[:, 0]),
+        "left_rms": _rms(off[:, 1]),
+        "rms": _rms(distance),
+        "largest": float(distance.max()),
+        "at_the_end": float(distance[-1]),
+        "window_s": WINDOW_S,
+        "windows_rms": _rms(fitted) if len(fitted) else None,
+        "windows_p95": float(np.percentile(fitted, 95)) if len(fitted) else None,
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

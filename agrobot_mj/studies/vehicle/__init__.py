@@ -1,5 +1,0 @@
-"""Identification of a vehicle's lateral dynamics from a recording."""
-
-from agrobot_mj.studies.vehicle.command import identify_vehicle_command
-
-__all__ = ["identify_vehicle_command"]

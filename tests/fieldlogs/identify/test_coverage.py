@@ -1,0 +1,49 @@
+"""Hidden parameters of machines lie inside the 95 % intervals of their fit."""
+
+from math import radians
+
+import numpy as np
+import pytest
+from machines import INERTIA, L_F, L_R, MASS, tyred_log
+from scipy.special import stdtrit
+
+from agrobot_mj.fieldlogs.identify.fit import fit, prepare
+from agrobot_mj.fieldlogs.identify.model import Chassis2
+from agrobot_mj.fieldlogs.replay import read_recording
+
+NAMES = (
+    *("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m"),
+    *("steer_offset", "steer_delay_s", "backlash"),
+)
+
+
+def hidden(seed):
+    """Parameters that the fit does not know, in the order of `NAMES`."""
+    rng = np.random.default_rng([seed, 1])
+    C_f, C_r = rng.uniform(10e3, 20e3), rng.uniform(20e3, 40e3)
+    sigma_f, sigma_r, offset = rng.uniform(0.2, 0.6), rng.uniform(0.4, 1.2), radians(rng.uniform(-1, 1))
+    delay, backlash = rng.uniform(0, 0.15), radians(rng.uniform(0.3, 1.5))
+    return np.array([1 / C_f, 1 / C_r, sigma_f, sigma_r, offset, delay, backlash])
+
+
+def deviations(seed):
+    """Fitted less hidden parameters over the half width of the 95 % interval."""
+    front, rear, sigma_f, sigma_r, offset, delay, backlash = true = hidden(seed)
+    log = tyred_log(seed, 1 / front, 1 / rear, sigma_f, sigma_r, backlash, offset, delay)
+    recording = read_recording(log, None, 2.0).between(0.0, 1e9)
+    found = fit(prepare(recording, Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
+    half = stdtrit(found.freedom, 0.975) * np.sqrt(np.diag(found.covariance))
+    return (found.value - np.concatenate([true, [radians(0.02), 0.0]])) / half
+
+
+def test_hidden_parameters_are_found():
+    off = np.array([deviations(seed) for seed in (1, 2)])
+    assert np.abs(off[:, : len(NAMES)]).max() < 1.5
+    assert (np.abs(off[:, : len(NAMES)]) < 1).mean() > 0.8
+
+
+@pytest.mark.slow
+def test_truth_is_inside_the_interval_in_nine_of_ten():
+    inside = np.sum([np.abs(deviations(seed)[: len(NAMES)]) < 1 for seed in range(10)], axis=0)
+    print(dict(zip(NAMES, inside.tolist(), strict=True)))
+    assert inside.min() >= 9

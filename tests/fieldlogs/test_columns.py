@@ -1,0 +1,146 @@
+"""Logs from outside are read as numbers, or refused by file and column with what to do."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.fieldlogs import columns as fieldlog
+from agrobot_mj.fieldlogs.columns import FieldLogError, check_time, column_names, read_columns
+
+T = 0.05 * np.arange(100)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def parquet(**columns):
+        file = tmp_path / "log.parquet"
+        pq.write_table(pa.table(columns), file)
+        return file
+
+    return parquet
+
+
+def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
+    file = write(
+        t=T,
+        whole=pa.array(range(100), pa.int16()),
+        small=pa.array(T, pa.float32()),
+        gaps=pa.array([None, np.inf, *T[2:]]),
+        words=pa.array([1.5, 2.5] * 50).dictionary_encode(),
+        clock=pa.array((1e9 * T + 1.8e18).astype("int64"), pa.timestamp("ns")),
+    )
+    found = read_columns(file, column_names(file))
+    assert all(values.dtype == np.float64 and values.shape == (100,) for values in found.values())
+    assert np.isnan(found["gaps"][:2]).all()
+    assert found["words"][1] == 2.5
+    assert np.diff(found["clock"]) == pytest.approx(np.diff(T), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (["3.5 deg"] * 100, "'bad' holds text"),
+        (["3.5"] * 100, r"'bad' holds text \('3.5' in row 1\)"),
+        (["3.5", *["-1e3"] * 97, "lost", "2"], r"'bad' holds text \('lost' in row 99\)"),
+        (["", *[" .5 "] * 98, "inf"], r"'bad' holds text \('inf' in row 100\)"),
+        (["3,5"] * 100, "'bad' holds decimal commas"),
+        ([[1.0, 2.0]] * 100, "'bad' holds list"),
+        ([None] * 100, "'bad' is empty in every row"),
+        ([True] * 100, "'bad' holds bool"),
+    ],
+)
+def test_what_is_no_number_is_told_by_its_column(write, values, told):
+    with pytest.raises(FieldLogError, match=told) as error:
+        read_columns(write(t=T, bad=values), ["t", "bad"])
+    assert str(error.value).startswith("log.parquet: ")
+
+
+def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(write):
+    with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
+        read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
+    assert "(has: t, speed)" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("t", "told"),
+    [
+        (np.zeros(100), "is constant"),
+        (T[::-1], "runs backwards at row 2; sort"),
+        (np.repeat(T[:50], 2), "stands still at row 2"),
+        (np.where(T[7] == T, np.nan, T), "no number in row 8"),
+        (1000 * T, 'looks like milliseconds; set time.unit, e.g. "ms"'),
+        (T[:1], "has 1 rows"),
+    ],
+)
+def test_a_clock_that_cannot_be_is_refused(t, told):
+    with pytest.raises(FieldLogError, match=told):
+        check_time("log.csv", "time", t, "time.unit")
+
+
+def test_a_hundred_million_rows_are_refused_before_they_are_read(write, monkeypatch):
+    file = write(t=T)
+    monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
+    monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
+    with pytest.raises(FieldLogError, match="has 100 rows, the limit is 99"):
+        read_columns(file, ["t"])
+
+
+def test_the_limit_is_below_a_hundred_million():
+    assert fieldlog.MOST_ROWS < 1e8
+
+
+def test_damaged_pages_are_told_by_their_column(write):
+    file = write(t=T, speed=np.random.default_rng(1).standard_normal(100))
+    content = bytearray(file.read_bytes())
+    start = pq.read_metadata(file).row_group(0).column(1).dictionary_page_offset or 4
+    content[start : start + 40] = bytes(40)
+    file.write_bytes(content)
+    assert read_columns(file, ["t"])["t"] == pytest.approx(T)
+    with pytest.raises(FieldLogError, match=r"'speed' cannot be read.*damaged"):
+        read_columns(file, ["speed"])
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"no table at all"])
+def test_a_file_that_is_none_is_refused(tmp_path, content):
+    file = tmp_path / "log.parquet"
+    file.write_bytes(content)
+    with pytest.raises(FieldLogError, match="is no Parquet file"):
+        column_names(file)
+
+
+def test_other_places_are_refused(tmp_path):
+    for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
+        with pytest.raises(FieldLogError, match=told):
+            column_names(path)
+    other = tmp_path / "log.xlsx"
+    other.write_bytes(b"x")
+    with pytest.raises(FieldLogError, match="convert it"):
+        column_names(other)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_csv_of_any_delimiter(tmp_path, delimiter):
+    file = tmp_path / "log.csv"
+    rows = [["t", '"v"', "note"], *([f"{t:.2f}", f"{2 * t:.3f}", "x y"] for t in T)]
+    file.write_text("\ufeff" + "\n".join(delimiter.join(row) for row in rows), encoding="utf-8")
+    found = read_columns(file, ["t", "v"])
+    assert found["v"] == pytest.approx(2 * T, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "has no first line"),
+        (b"t,v\n1,2\n3\n", "cannot be read as CSV"),
+        (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
+        (b"t,v\n1,two\n", "'v' holds text"),
+        (b"\xff\xfet\x00", "UTF-8"),
+        (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
+    ],
+)
+def test_csv_that_cannot_be_read(tmp_path, content, told):
+    file = tmp_path / "log.csv"
+    file.write_bytes(content)
+    with pytest.raises(FieldLogError, match=told):
+        read_columns(file, ["t", "v"])
