@@ -8,10 +8,8 @@ A value that a board does not have is NaN here and a reserved number on the wire
 from math import nan
 from typing import NamedTuple
 
-HOST, STEER, MACHINE, IMU, GPS = 127, 126, 123, 121, 120
+HOST, STEER, IMU = 127, 126, 121
 """Numbers of the modules."""
-HELLO, SUBNET, SCAN = 200, 201, 202
-"""Numbers of the host's housekeeping messages."""
 NO_LINE = 255
 """Cross-track byte of a host without a line."""
 
@@ -65,54 +63,12 @@ class SteerConfig(NamedTuple):
     """Unused by boards."""
 
 
-class MachineData(NamedTuple):
-    """239: sections and implement."""
-
-    speed: float
-    """Speed [m/s]."""
-    u_turn: int = 0
-    """State of the turn at the headland."""
-    lift: int = 0
-    """0 off, 1 down, 2 up."""
-    sections: int = 0
-    """Bit mask of sections 1-16."""
-
-
-class SectionData(NamedTuple):
-    """229: sections of wide implements."""
-
-    sections: int
-    """Bit mask of sections 1-64."""
-    left_speed: int = 0
-    """Tool speed at the left end, as sent."""
-    right_speed: int = 0
-    """Tool speed at the right end, as sent."""
-
-
 class Hello(NamedTuple):
     """200: which modules are there? Sent every 2 s, also by a bridge whose guidance program has died."""
 
 
-class SubnetChange(NamedTuple):
-    """201: move to another subnet."""
-
-    subnet: tuple[int, int, int]
-    """First three numbers of the address."""
-
-
 class Scan(NamedTuple):
     """202: modules on all subnets, report."""
-
-
-class CorrectedPosition(NamedTuple):
-    """100: the host's own position after its corrections."""
-
-    longitude: float
-    """Longitude [deg]."""
-    latitude: float
-    """Latitude [deg]."""
-    yaw: float = nan
-    """NaN where the host sends none [rad]."""
 
 
 class SteerState(NamedTuple):
@@ -130,15 +86,8 @@ class SteerState(NamedTuple):
     """Magnitude of the drive, for display [PWM counts]."""
 
 
-class SensorValue(NamedTuple):
-    """250: pressure or current of the steering."""
-
-    value: int
-    """0-255, as sent."""
-
-
 class HelloReply(NamedTuple):
-    """126, 123, 121 or 120: here is a module."""
+    """126 or 121: here is a module."""
 
     module: int
     """Number of the module; also the number of the message."""
@@ -155,70 +104,11 @@ class ScanReply(NamedTuple):
 
     module: int
     """Number of the module."""
-    address: tuple[int, int, int, int]
-    """Its own."""
-    subnet: tuple[int, int, int]
-    """That of the host which asked."""
+    address: tuple[int, ...]
+    """Its own, four numbers."""
+    subnet: tuple[int, ...]
+    """That of the host which asked, three numbers."""
 
 
-class ImuData(NamedTuple):
-    """211: an inertial unit with a board of its own."""
-
-    yaw: float
-    """Yaw [rad]."""
-    roll: float
-    """Left side up positive [rad]."""
-    yaw_rate: float = 0.0
-    """Left positive [rad/s]; half degrees per second on the wire."""
-
-
-class BridgePosition(NamedTuple):
-    """214: position from the bridge to the guidance program on one computer; values as sent."""
-
-    longitude: float
-    """Longitude [deg]."""
-    latitude: float
-    """Latitude [deg]."""
-    dual_heading: float
-    """Heading of two antennas [deg]."""
-    heading: float
-    """Heading [deg]."""
-    speed: float
-    """Speed [km/h]."""
-    roll: float
-    """Roll [deg]."""
-    altitude: float
-    """Altitude [m]."""
-    satellites: int
-    """In use."""
-    fix: int
-    """Quality as in GGA."""
-    hdop: int
-    """Hundredths."""
-    age: int
-    """Age of the corrections [0.01 s]."""
-    imu_heading: int
-    """Heading of the inertial unit [0.1 deg]."""
-    imu_roll: int
-    """Roll of the inertial unit [0.1 deg]."""
-    imu_pitch: int
-    """Pitch of the inertial unit [0.1 deg]."""
-    imu_yaw_rate: int
-    """As sent."""
-
-
-HostMessage = (
-    SteerData
-    | SteerSettings
-    | SteerConfig
-    | MachineData
-    | SectionData
-    | Hello
-    | SubnetChange
-    | Scan
-    | CorrectedPosition
-)
-"""From the host to the boards."""
-BoardMessage = SteerState | SensorValue | HelloReply | ScanReply | ImuData | BridgePosition
-"""From the boards to the host."""
-Message = HostMessage | BoardMessage
+Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply
+"""What host and boards say to each other, as far as a tractor's boards have a use for it."""

@@ -9,14 +9,14 @@ Some senders put a constant into the check byte of hello and scan frames; there 
 
 from typing import NamedTuple
 
-from agrobot_mj.links.agopengps.layouts import CODECS
-from agrobot_mj.links.agopengps.messages import HELLO, HOST, SCAN, SUBNET, Message
+from agrobot_mj.links.agopengps.layouts import CODECS, NUMBERS
+from agrobot_mj.links.agopengps.messages import HelloReply, Message
 
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6
 """Bytes of a frame beside its data [bytes]."""
-UNCHECKED = frozenset({HELLO, SUBNET, SCAN})
-"""Numbers of frames whose check byte some senders leave wrong."""
+UNCHECKED = frozenset({200, 201, 202})
+"""Numbers of frames whose check byte some senders leave wrong: hello, change of the subnet, scan."""
 
 
 class Rejected(NamedTuple):
@@ -48,10 +48,9 @@ def frame(source: int, number: int, data: bytes) -> bytes:
 
 def encode(message: Message) -> bytes:
     """The frame of a message; values beyond the range of their field saturate."""
-    codec = next(c for c in CODECS.values() if isinstance(message, c.message))
-    source = getattr(message, "module", codec.source)
-    number = source if codec.replies else codec.number
-    return frame(source, number, codec.pack(message))
+    number = message.module if isinstance(message, HelloReply) else NUMBERS[type(message)]
+    codec = CODECS[number]
+    return frame(codec.source, number, codec.pack(message))
 
 
 def decode(datagram: bytes) -> Message | Unknown | Rejected:
@@ -66,9 +65,6 @@ def decode(datagram: bytes) -> Message | Unknown | Rejected:
     codec = CODECS.get(number)
     if codec is None:
         return Unknown(source, number)
-    if (codec.source == HOST) != (source == HOST) or (codec.replies and source != number):
+    if source != codec.source:
         return Rejected("source")
-    if len(data) < codec.least:
-        return Rejected("data")
-    message: Message = codec.unpack(source, data)
-    return message
+    return codec.unpack(data) if len(data) >= codec.least else Rejected("data")
