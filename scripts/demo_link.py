@@ -14,7 +14,8 @@ import numpy as np
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.links.agopengps.command import Arguments, link
+from agrobot_mj.links.agopengps.link import link
+from agrobot_mj.links.agopengps.session import LinkOptions
 from agrobot_mj.simulation.progress import task
 
 LEVEL, SLOPE = "straight_line", "side_slope_10"
@@ -61,7 +62,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     command = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={other}", f"--board-port={own}"]
     process = subprocess.Popen([*command, *host.split()], stderr=subprocess.PIPE, text=True)
     try:
-        arguments = Arguments(port=own, host_port=other, pace="answered")
+        arguments = LinkOptions(port=own, host_port=other, pace="answered")
         log = link(load_scenario(scenario, {**keys, **overrides}), folder, arguments, (), lambda: bool(process.poll()))
     finally:
         process.kill()

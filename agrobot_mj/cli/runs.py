@@ -1,7 +1,8 @@
 """Commands that drive: one run, or one scenario under several laws, variants, plants and seeds."""
 
 import sys
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +23,12 @@ from agrobot_mj.cli.options import (
 from agrobot_mj.cli.output import say
 from agrobot_mj.cli.variants import variants
 
+if TYPE_CHECKING:
+    from agrobot_mj.recording import Recording
+    from agrobot_mj.simulation.log import Log
+
+Live = Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")]
+
 
 def run(
     source: Source,
@@ -29,28 +36,23 @@ def run(
     plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
-    live: Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")] = False,
+    live: Live = False,
     quiet: Quiet = False,
 ) -> None:
     """Run one scenario."""
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import Progress
-    from agrobot_mj.simulation.run import Watcher
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import RECORDING, exclusive, files_of_run, write_log
+    from agrobot_mj.simulation.storage import exclusive, files_of_run, write_log
 
     load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
-    watchers: list[Watcher] = [] if quiet else [Progress()]
+    watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
     tell_doubts([scenario], quiet)
-    if live or not no_rrd:
-        from agrobot_mj.recording import Recording
-
-        watchers.append(Recording(None if no_rrd else folder / RECORDING, live=live))
     with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
-        log = run_scenario(scenario, tuple(watchers), lambda: bool(stopped))
+        log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     if not quiet:
         rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
@@ -59,11 +61,28 @@ def run(
     if rejected := log.metrics.get("rejected_readings"):
         counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
         print(f"{scenario.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
-    if not log.as_expected:
-        wanted = f"; expected_outcome is {scenario.expectation}"
-        why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
-        print(f"{scenario.name}: ended after {log.column('t')[-1]:.2f} s: {log.outcome}{why}{wanted}", file=sys.stderr)
-        raise typer.Exit(1)
+    leave_unexpected(log)
+
+
+def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
+    """The recording that follows a run into its folder or a viewer, if any."""
+    if not recorded and not live:
+        return ()
+    from agrobot_mj.recording import Recording
+    from agrobot_mj.simulation.storage import RECORDING
+
+    return (Recording(folder / RECORDING if recorded else None, live=live),)
+
+
+def leave_unexpected(log: "Log") -> None:
+    """Leave with exit status 1 if a run has not ended as its scenario expects."""
+    if log.as_expected:
+        return
+    s, t = log.scenario, log.column("t")
+    why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
+    ended = f"ended after {t[-1] if len(t) else 0.0:.2f} s: {log.outcome}{why}"
+    print(f"{s.name}: {ended}; expected_outcome is {s.expectation}", file=sys.stderr)
+    raise typer.Exit(1)
 
 
 def compare(

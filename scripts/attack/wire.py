@@ -5,12 +5,12 @@ from functools import cache
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.agopengps import AgOpenGps
-from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.channels import Incoming
-from agrobot_mj.links.agopengps.guide import Guide, GuideSettings, GuideState, line_of
-from agrobot_mj.links.agopengps.run import run_link
-from agrobot_mj.links.agopengps.session import Options
+from agrobot_mj.links.agopengps.guide import Guide, GuideState
+from agrobot_mj.links.agopengps.host_laws import HostSettings
+from agrobot_mj.links.agopengps.link import run_link
+from agrobot_mj.links.agopengps.session import LinkOptions
+from agrobot_mj.links.agopengps.udp import Incoming
 from agrobot_mj.links.agopengps.wire import decode, frame
 
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
@@ -75,18 +75,14 @@ def hostile(chance: random.Random) -> bytes:
 @cache
 def guide() -> Guide:
     """The host of the package."""
-    return Guide(
-        GuideSettings(
-            line=line_of(0.0, 0.0, 0.0), origin=Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
-        )
-    )
+    return Guide(HostSettings())
 
 
 def datagrams(chance: random.Random) -> str:
     """200 messages for parser, board and host, or a second of a run with all of them at once."""
     if chance.random() < 0.3:
         keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
-        options = Options(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)
+        options = LinkOptions(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)
         try:
             log = run_link(load_scenario("straight_line", keys), Hostile(chance, guide()), options).log
         except Exception as error:

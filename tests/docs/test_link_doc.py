@@ -11,8 +11,8 @@ from agrobot_mj.cli import app
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.links.agopengps.channels import RealTime, Replayed
 from agrobot_mj.links.agopengps.host import parser
-from agrobot_mj.links.agopengps.run import run_link
-from agrobot_mj.links.agopengps.session import Options
+from agrobot_mj.links.agopengps.link import run_link
+from agrobot_mj.links.agopengps.session import LinkOptions
 from agrobot_mj.links.agopengps.udp import UdpSockets
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -46,6 +46,6 @@ def test_it_explains_every_metric(live):
     scenario = load_scenario("straight_line", {"guidance.kind": "agopengps", "duration_s": 0.1})
     with UdpSockets("127.0.0.1", 0, 9) as sockets:
         channel = RealTime(sockets) if live else Replayed([])
-        block = run_link(scenario, channel, Options(start="now")).log.metrics["link"]
+        block = run_link(scenario, channel, LinkOptions(start="now")).log.metrics["link"]
     named = set(re.findall(r"`([a-z_]+)`", TEXT)) | {"latency_ms_p95", "latency_ms_worst", "host", "steer_by"}
     assert set(block) <= named

@@ -10,8 +10,8 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality, Truth
-from agrobot_mj.links.agopengps.channels import Incoming
 from agrobot_mj.links.agopengps.guide import GuideState
+from agrobot_mj.links.agopengps.udp import Incoming
 
 
 def free_ports(number):

@@ -9,17 +9,15 @@ from doubles import Direct, free_ports
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.links.agopengps.channels import Incoming
-from agrobot_mj.links.agopengps.command import Arguments, link
 from agrobot_mj.links.agopengps.guide import Guide
 from agrobot_mj.links.agopengps.host import parser, settings_of
+from agrobot_mj.links.agopengps.link import link, run_link
+from agrobot_mj.links.agopengps.link_metrics import health, positions_since_heard
 from agrobot_mj.links.agopengps.messages import Hello, Scan, ScanReply, SteerData
 from agrobot_mj.links.agopengps.position import read
-from agrobot_mj.links.agopengps.report import health, positions_since_heard
-from agrobot_mj.links.agopengps.run import run_link
-from agrobot_mj.links.agopengps.session import NoHostError, Options
+from agrobot_mj.links.agopengps.session import LinkOptions, NoHostError
 from agrobot_mj.links.agopengps.traffic import Datagram
-from agrobot_mj.links.agopengps.udp import UdpSockets
+from agrobot_mj.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.links.agopengps.wire import decode, encode
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -52,7 +50,7 @@ class Gap(Direct):
 
 def driven(channel, duration, start="heard", **keys):
     said = []
-    done = run_link(scenario(duration, **keys), channel, Options(start=start, notify=said.append))
+    done = run_link(scenario(duration, **keys), channel, LinkOptions(start=start, notify=said.append))
     return done, said
 
 
@@ -116,11 +114,11 @@ class Bridge:
 def test_who_waits_hears_of_hellos(host, named):
     said = []
     with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* is not: open it, simulator off"):
-        run_link(scenario(1.0, guidance__host=host), Bridge(), Options(wait_s=8.0, notify=said.append))
+        run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
     assert len(said) == 1
     assert named in said[0]
     with pytest.raises(NoHostError, match="is there, but has not engaged"):
-        run_link(scenario(1.0), Direct(guide("--engage-after", "99")), Options(start="engaged", wait_s=2.0))
+        run_link(scenario(1.0), Direct(guide("--engage-after", "99")), LinkOptions(start="engaged", wait_s=2.0))
 
 
 class Scanning(Bridge):
@@ -140,7 +138,7 @@ class Scanning(Bridge):
 
 def test_a_scan_is_answered_with_the_boards_address():
     channel = Scanning()
-    run_link(scenario(0.1), channel, Options(), address=(192, 168, 5, 77))
+    run_link(scenario(0.1), channel, LinkOptions(), address=(192, 168, 5, 77))
     (reply,) = (found for data in channel.sent if isinstance(found := decode(data), ScanReply))
     assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
 
@@ -170,7 +168,7 @@ class Listening(Direct):
 def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
     line = Listening(guide())
     keys = {f"{DUAL}.mounting_deg": 1.5, f"{DUAL}.wander_sigma_m": 0.0, f"{DUAL}.sigma_m": 0.001}
-    log = run_link(scenario(3.0, **keys), line, Options()).log
+    log = run_link(scenario(3.0, **keys), line, LinkOptions()).log
     sent = np.degrees(headings(line)[-30:])
     assert sent[-1] == pytest.approx(degrees(log.column("gnss_heading")[-2]), abs=0.01)
     assert (sent - np.degrees(log.column("yaw")[-60::2])).mean() == pytest.approx(1.5, abs=0.05)
@@ -179,7 +177,7 @@ def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
 def test_without_fixed_ambiguities_the_last_heading_stands():
     fault = [{"kind": "gnss_float", "start_s": 2.0, "end_s": 3.0}]
     line = Listening(guide())
-    run_link(scenario(4.0, fault=fault), line, Options())
+    run_link(scenario(4.0, fault=fault), line, LinkOptions())
     found = headings(line)
     assert len(found) == 40
     assert len(set(found[20:30])) == 1
@@ -205,7 +203,7 @@ def test_a_latch_that_is_neither_a_time_nor_never_is_told_by_its_key():
 def test_the_hosts_own_cross_track_error_is_a_column_and_a_metric(host):
     """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
     keys = {"path__start_offset_m": -0.6, "guidance__host": host}
-    log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), Options()).log
+    log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), LinkOptions()).log
     t, off = log.column("t"), log.column("link_cross_track")
     assert off[t < 1].min() == pytest.approx(-0.6, abs=0.08)
     late = t > 25
@@ -265,14 +263,14 @@ def test_the_share_of_answered_positions_is_a_metric():
 def recorded(tmp_path_factory):
     """Folder of a recorded drive of 3 s."""
     folder = tmp_path_factory.mktemp("recorded")
-    done = run_link(scenario(3.0), Direct(guide()), Options())
+    done = run_link(scenario(3.0), Direct(guide()), LinkOptions())
     table = done.session.traffic.table(done.session.started, scenario(3.0).portable()[0])
     pq.write_table(table, folder / "link.parquet")
     return folder
 
 
 def test_another_scenario_is_not_replayed(recorded, tmp_path):
-    replay = Arguments(replay=recorded / "link.parquet")
+    replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
         ScenarioError, match=r"recorded with path\.speed_m_s = 1\.5, here it is 2\.0; replay it with the"
@@ -285,7 +283,7 @@ def test_another_scenario_is_not_replayed(recorded, tmp_path):
 def test_a_record_without_metadata_is_held_against_the_scenario_beside_it(recorded, tmp_path):
     bare = pq.read_table(recorded / "link.parquet").replace_schema_metadata(None)
     pq.write_table(bare, tmp_path / "link.parquet")
-    replay = Arguments(replay=tmp_path / "link.parquet")
+    replay = LinkOptions(replay=tmp_path / "link.parquet")
     link(scenario(1.0, seed=4), tmp_path / "out", replay)
     (tmp_path / "scenario.toml").write_text(scenario(3.0).portable()[0])
     with pytest.raises(ScenarioError, match="recorded with seed = 1, here it is 4"):
@@ -295,5 +293,5 @@ def test_a_record_without_metadata_is_held_against_the_scenario_beside_it(record
 def test_another_guidance_is_refused_before_a_port_is_opened(tmp_path):
     said = []
     with pytest.raises(ScenarioError, match="is not driven over a link"):
-        link(load_scenario("straight_line"), tmp_path, Arguments(), notify=said.append)
+        link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))
     assert said == []

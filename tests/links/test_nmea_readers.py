@@ -14,7 +14,8 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.geodesy import Origin, to_local
-from agrobot_mj.links.agopengps.command import Arguments, link
+from agrobot_mj.links.agopengps.link import link
+from agrobot_mj.links.agopengps.session import LinkOptions
 from agrobot_mj.links.nmea import START
 
 SECONDS = 4.0
@@ -37,7 +38,7 @@ def free_port(kind=socket.SOCK_DGRAM):
 def sent_to(port, folder):
     """Log of a run without a host, whose sentences go to `port`."""
     scenario = load_scenario("circle", KEYS)
-    arguments = Arguments(port=free_port(), host_port=free_port(), start="now", nmea=f"127.0.0.1:{port}")
+    arguments = LinkOptions(port=free_port(), host_port=free_port(), start="now", nmea=("127.0.0.1", port))
     return link(scenario, folder, arguments)
 
 

@@ -8,9 +8,8 @@ import pytest
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control.cmd_vel import CmdVel, VelocityRequest
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.links.ros2.command import SENSORS, run_session
 from agrobot_mj.links.ros2.node import VelocityMessage
-from agrobot_mj.links.ros2.session import NoProgramError, RosOptions
+from agrobot_mj.links.ros2.session import SENSORS, NoProgramError, RosOptions, run_over
 
 KEYS = {"guidance.kind": "cmd_vel", "plant.kind": "bicycle", "duration_s": 2.0, **SENSORS}
 LOCK_STEP = RosOptions("lock_step", wait_s=0.2)
@@ -47,7 +46,7 @@ def straight(content):
 
 def driven(law, options=LOCK_STEP, **keys):
     program = Program(law)
-    return run_session(load_scenario("straight_line", {**KEYS, **keys}), program, options), program
+    return run_over(load_scenario("straight_line", {**KEYS, **keys}), program, options), program
 
 
 def test_a_run_in_lock_step_repeats_and_has_one_request_a_tick():

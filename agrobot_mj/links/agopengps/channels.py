@@ -6,11 +6,12 @@ answers (`rest`) before it steers. The board's loop runs at 40 Hz: `rest` lasts 
 
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from math import inf
+from typing import Protocol
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.traffic import Datagram
-from agrobot_mj.links.agopengps.udp import Received, UdpSockets
+from agrobot_mj.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.links.pacing import Pace
 
 BOARD_LOOP_S = 0.025
@@ -19,18 +20,6 @@ QUIET_S = 0.010
 """No report to the host this long before a position [s]: some hosts lose the position then."""
 ANSWER_S = 0.5
 """Longest wait for an answer of a host that paces the run [s]. Estimate."""
-
-
-class Incoming(NamedTuple):
-    """A datagram for the board."""
-
-    wall: float
-    """Wall time since the link opened [s]."""
-    address: str
-    """`host:port` of its sender."""
-    data: bytes
-    quiet: bool = False
-    """Too close before the next position for an answer."""
 
 
 class Channel(Protocol):
@@ -65,8 +54,9 @@ class _Sockets:
         host, port = target or self.sockets.target
         return time.perf_counter() - self.opened, f"{host}:{port}"
 
-    def _taken(self, received: Received, quiet: bool = False) -> Incoming:
-        return Incoming(received.wall - self.opened, received.address, received.data, quiet)
+    def _received(self, until: float, quiet_from: float = inf) -> Iterator[Incoming]:
+        for incoming in self.sockets.receive(until):
+            yield incoming._replace(wall=incoming.wall - self.opened, quiet=incoming.wall > quiet_from)
 
 
 class RealTime(_Sockets):
@@ -79,14 +69,12 @@ class RealTime(_Sockets):
     def begin(self, turn: int) -> Iterator[Incoming]:
         """Listen until the turn is due."""
         due = self.pace.next
-        for received in self.sockets.receive(due):
-            yield self._taken(received, received.wall > due - QUIET_S)
+        yield from self._received(due, due - QUIET_S)
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
         """Listen for the length of the board's loop."""
-        for received in self.sockets.receive(time.perf_counter() + BOARD_LOOP_S):
-            yield self._taken(received)
+        return self._received(time.perf_counter() + BOARD_LOOP_S)
 
 
 class Answered(_Sockets):
@@ -102,15 +90,14 @@ class Answered(_Sockets):
     def begin(self, turn: int) -> Iterator[Incoming]:
         """Take what is there; wait for a host that has not answered yet."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
-        for received in self.sockets.receive(time.perf_counter() + wait):
-            yield self._taken(received)
+        return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
         """Listen until the host has answered."""
         if answered():
             return
-        for received in self.sockets.receive(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
-            yield self._taken(received)
+        for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
+            yield incoming
             if answered():
                 break
         self.alive = answered()
@@ -122,6 +109,7 @@ class Replayed:
     pace = None
 
     def __init__(self, record: list[Datagram]) -> None:
+        self.record = record
         self.turns: dict[int, list[Datagram]] = {}
         for datagram in record:
             if datagram.direction == "in":

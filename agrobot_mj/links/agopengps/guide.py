@@ -5,12 +5,12 @@ roll) and a heading from two antennas, or from fix to fix, carried between fixes
 one. It engages by itself some time after it knows its heading, and drives one straight line.
 """
 
-from math import atan2, cos, hypot, isnan, nan, radians, sin
+from math import atan2, cos, hypot, isnan, nan, sin
 from typing import NamedTuple
 
-from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.geodesy import to_local
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.links.agopengps.host_laws import AbLine, AxlePose, LawSettings, LawState, steer
+from agrobot_mj.links.agopengps.host_laws import AxlePose, HostSettings, LawState, steer
 from agrobot_mj.links.agopengps.layouts import cross_track_byte
 from agrobot_mj.links.agopengps.messages import Hello, SteerData, SteerSettings
 from agrobot_mj.links.agopengps.position import Position, read
@@ -26,22 +26,6 @@ TRUST = 0.05
 """Share of a new heading from fix to fix in the inertial unit's offset [-]. Estimate."""
 JUMP_S = 1.0
 """A gap between positions that makes the host forget its motion [s]. Estimate."""
-
-
-class GuideSettings(NamedTuple):
-    """What a user of the host enters."""
-
-    line: AbLine
-    origin: Origin
-    law: LawSettings = LawSettings()
-    antenna_height: float = 2.0
-    """Height of the antenna above the ground [m]."""
-    engage_after: float = 1.0
-    """Time from the first known heading to engaging [s]."""
-    board: SteerSettings | None = None
-    """Settings sent to the board at the start."""
-    dialect: str = "agopengps"
-    """`agopengps` or `agopenweb`."""
 
 
 class GuideState(NamedTuple):
@@ -68,7 +52,7 @@ class GuideState(NamedTuple):
 class Guide(NamedTuple):
     """A host with certain settings."""
 
-    settings: GuideSettings
+    settings: HostSettings
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
         """Take a datagram from the boards at time `t` [s]; returns what goes back."""
@@ -77,7 +61,8 @@ class Guide(NamedTuple):
             return state, []
         answers = []
         if self.settings.board is not None and isnan(state.hello_at):
-            answers.append(encode(self.settings.board))
+            kp, high_pwm, min_pwm = self.settings.board
+            answers.append(encode(SteerSettings(kp, high_pwm, min_pwm, min_pwm, 30, 0, 100)))
         if not t - state.hello_at < HELLO_S:
             answers.append(encode(Hello()))
             state = state._replace(hello_at=t)
@@ -93,7 +78,7 @@ class Guide(NamedTuple):
             return state, SteerData(pose.speed, 0, 0.0)
         if isnan(state.ready_since):
             state = state._replace(ready_since=t)
-        law, angle, off = steer(self.settings.law, state.law, self.settings.line, pose, dt)
+        law, angle, off = steer(self.settings, state.law, pose, dt)
         engaged = t - state.ready_since >= self.settings.engage_after - 1e-6
         worst = max(state.worst, abs(off)) if engaged else state.worst
         state = state._replace(law=law, engaged=engaged, worst=worst)
@@ -129,8 +114,3 @@ class Guide(NamedTuple):
         if self.settings.dialect == "agopenweb":
             return VALID | (WORKING if engaged else 0)
         return ENGAGED if engaged else 0
-
-
-def line_of(x: float, y: float, heading_deg: float) -> AbLine:
-    """A line through a point [m] in a direction from east, counter-clockwise [deg]."""
-    return AbLine(x, y, radians(heading_deg))

@@ -7,13 +7,12 @@ some seconds after the last position, or when its time is up.
 import argparse
 import sys
 import time
+from math import radians
 
-from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geodesy import Origin
-from agrobot_mj.links.agopengps.guide import Guide, GuideSettings, GuideState, line_of
-from agrobot_mj.links.agopengps.host_laws import LawSettings
-from agrobot_mj.links.agopengps.messages import SteerSettings
+from agrobot_mj.links.agopengps.guide import Guide, GuideState
+from agrobot_mj.links.agopengps.host_laws import AbLine, HostSettings
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0
@@ -24,18 +23,18 @@ SLICE_S = 0.2
 
 def parser() -> argparse.ArgumentParser:
     """Command line of the host."""
-    keys, law = AgOpenGps(), LawSettings()
+    d = HostSettings()
     p = argparse.ArgumentParser(prog="python -m agrobot_mj.links.agopengps.host", description=__doc__)
-    p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=law.law)
-    p.add_argument("--line", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("X", "Y", "HEADING_DEG"))
-    p.add_argument("--origin", type=float, nargs=2, default=(keys.origin_lat_deg, keys.origin_lon_deg))
-    p.add_argument("--wheelbase", type=float, default=law.wheelbase, help="[m]")
-    p.add_argument("--antenna-height", type=float, default=2.0, help="[m]")
-    p.add_argument("--look-ahead", type=float, default=law.look_ahead_s, help="[s]")
-    p.add_argument("--integral", type=float, default=law.integral_gain, help="[rad/(m s)]")
-    p.add_argument("--side-hill", type=float, default=law.side_hill, help="steering per roll [-]")
-    p.add_argument("--engage-after", type=float, default=1.0, help="[s] after the heading is known")
-    p.add_argument("--dialect", choices=("agopengps", "agopenweb"), default="agopengps")
+    p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=d.law)
+    p.add_argument("--line", type=float, nargs=3, default=d.line, metavar=("X", "Y", "HEADING_DEG"))
+    p.add_argument("--origin", type=float, nargs=2, default=d.origin)
+    p.add_argument("--wheelbase", type=float, default=d.wheelbase, help="[m]")
+    p.add_argument("--antenna-height", type=float, default=d.antenna_height, help="[m]")
+    p.add_argument("--look-ahead", type=float, default=d.look_ahead, help="[s]")
+    p.add_argument("--integral", type=float, default=d.integral, help="[rad/(m s)]")
+    p.add_argument("--side-hill", type=float, default=d.side_hill, help="steering per roll [-]")
+    p.add_argument("--engage-after", type=float, default=d.engage_after, help="[s] after the heading is known")
+    p.add_argument("--dialect", choices=("agopengps", "agopenweb"), default=d.dialect)
     p.add_argument("--board", type=int, nargs=3, metavar=("KP", "HIGH_PWM", "MIN_PWM"), help="settings for the board")
     p.add_argument("--port", type=int, default=HOST_PORT, help="own port")
     p.add_argument("--board-port", type=int, default=BOARD_PORT)
@@ -44,21 +43,11 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def settings_of(a: argparse.Namespace) -> GuideSettings:
+def settings_of(a: argparse.Namespace) -> HostSettings:
     """Settings of a command line."""
-    board = None
-    if a.board:
-        kp, high_pwm, min_pwm = a.board
-        board = SteerSettings(kp, high_pwm, min_pwm, min_pwm, 30, 0, 100)
-    return GuideSettings(
-        line=line_of(*a.line),
-        origin=Origin(*a.origin),
-        law=LawSettings(a.law, a.wheelbase, a.look_ahead, integral_gain=a.integral, side_hill=a.side_hill),
-        antenna_height=a.antenna_height,
-        engage_after=a.engage_after,
-        board=board,
-        dialect=a.dialect,
-    )
+    x, y, heading_deg = a.line
+    given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
+    return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.geodesy import Origin, to_geodetic
-from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Measurement, Quality, Truth
 from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi
 from agrobot_mj.links.nmea import NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
+from agrobot_mj.links.running import gyro_heading
 
 QUALITIES = {Quality.NONE: NO_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
 """GGA's number of a solution's quality."""
@@ -43,8 +43,7 @@ class Receiver(NamedTuple):
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
         """Take the measurements of one tick of `dt` [s]; of the truth only the heading at which the gyro starts."""
-        yaw = truth.yaw if isnan(state.yaw) else wrap(state.yaw + m.gyro * dt)
-        yaw = nan if isnan(m.gyro) else yaw
+        yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
         solution = self._solution(m) or state.solution

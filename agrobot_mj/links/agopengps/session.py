@@ -6,14 +6,16 @@ find a module. What the host says acts in the tick in which it arrives, at the l
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.core.signals import TICK_S, Measurement
 from agrobot_mj.links.agopengps.board import Board, BoardState
-from agrobot_mj.links.agopengps.channels import Channel, Incoming
+from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.receiver import Receiver, ReceiverState
 from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
+from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, Incoming
 from agrobot_mj.links.running import NotBegunError
 from agrobot_mj.simulation.stepping import Simulation
 
@@ -21,22 +23,35 @@ PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpen
 """What sends hellos, and what sends the steering, by dialect."""
 PATIENCE_S = 5.0
 """Wait after which a person is told what is missing [s]."""
-Start = Literal["heard", "engaged", "now"]
-"""When the clock of the run starts: with the host's first message, when it has engaged, or at once."""
 
 
 class NoHostError(NotBegunError):
     """No guidance program has answered in time."""
 
 
-class Options(NamedTuple):
-    """How a session runs."""
+class LinkOptions(NamedTuple):
+    """How to run over the link, beside the scenario."""
 
-    start: Start = "heard"
+    address: str = "127.0.0.1"
+    """Address of the host."""
+    port: int = BOARD_PORT
+    """Own port."""
+    host_port: int = HOST_PORT
+    """Port of the host."""
+    replay: Path | None = None
+    """Record to drive from, in place of a host."""
+    start: Literal["heard", "engaged", "now"] = "heard"
+    """What starts the clock of the run: the host's first message, its engagement, or nothing."""
     wait_s: float = 60.0
     """Longest wait for the start [s]."""
     nmea: tuple[str, int] | None = None
     """Where GGA, RMC and VTG go, besides the host's position."""
+    pace: Literal["real_time", "answered"] = "real_time"
+    """The wall clock paces the run, or the host by its answers."""
+    live: bool = False
+    """Watchers are told as the run goes."""
+    recorded: bool = True
+    """Whether a watcher writes the recording."""
     notify: Callable[[str], None] = lambda text: None
     """Told in a line what happens."""
 
@@ -44,11 +59,8 @@ class Options(NamedTuple):
 class Session:
     """One run over a channel; `run` once."""
 
-    def __init__(
-        self, vehicle: Simulation, board: Board, channel: Channel, options: Options, tell: Callable[[], None]
-    ) -> None:
-        """`tell` is called after each tick."""
-        self.vehicle, self.board, self.channel, self.options, self.tell = vehicle, board, channel, options, tell
+    def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
+        self.sim, self.board, self.channel, self.options = sim, board, channel, options
         self.spec: AgOpenGps = board.spec
         self.traffic = Traffic()
         self.receiver, self.state = Receiver(self.spec), board.init()
@@ -62,10 +74,10 @@ class Session:
         """The board's time [s]: turns since the link opened."""
         return self.turn * TICK_S
 
-    def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
-        """Drive to the end. Raises `NoHostError` where none answers in time."""
-        measured = self._measured(self.vehicle.reset())
-        while not self.vehicle.done and not should_stop():
+    def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
+        """Drive to the end; `tell` is called after each tick. Raises `NoHostError` where none answers in time."""
+        measured = self._measured(self.sim.reset())
+        while not self.sim.done and not should_stop():
             before = self.state
             actuation = self._turn(measured)
             waits = self.started < 0 and not self._starts(actuation)
@@ -73,8 +85,8 @@ class Session:
             self.turn += 1
             if waits:
                 continue
-            measured = self._measured(self.vehicle.drive(actuation))
-            self.tell()
+            measured = self._measured(self.sim.drive(actuation))
+            tell()
             self.engaged_ticks += actuation.engaged
             self.latched_ticks += self.board.refuses(self.state)
             if self._host_is_gone():
@@ -82,7 +94,7 @@ class Session:
                 return
         if self.started < 0:
             raise NoHostError(f"stopped before a guidance program has answered{self._missing()}")
-        if not self.vehicle.done:
+        if not self.sim.done:
             return
         if self.state.silent and self.state.tally.lost:
             self.ended = "host_lost"
@@ -92,7 +104,7 @@ class Session:
             self.ended = "not_engaged"
 
     def _measured(self, measured: Measurement) -> Measurement:
-        self.received = self.receiver.measure(self.received, measured, self.vehicle.truth, TICK_S)
+        self.received = self.receiver.measure(self.received, measured, self.sim.truth, TICK_S)
         return measured
 
     def _turn(self, measured: Measurement) -> Actuation:

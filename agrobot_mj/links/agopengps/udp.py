@@ -25,14 +25,16 @@ MOST_A_TURN = 500
 """Datagrams taken in one turn of the link's loop; what is left waits for the next."""
 
 
-class Received(NamedTuple):
+class Incoming(NamedTuple):
     """A datagram from the network."""
 
     wall: float
-    """`time.perf_counter` at its arrival [s]."""
+    """Wall time of its arrival [s]: `time.perf_counter`, or since the link opened."""
     address: str
     """`host:port` of its sender."""
     data: bytes
+    quiet: bool = False
+    """Whether it came too close before the next position for an answer."""
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
@@ -88,7 +90,7 @@ class UdpSockets:
         except OSError:
             self.lost += 1
 
-    def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Received]:
+    def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
         """What arrives before `until` of `time.perf_counter` [s]; what is there already also after it."""
         taken = 0
         while True:
@@ -98,7 +100,7 @@ class UdpSockets:
             for each in ready:
                 with suppress(OSError):
                     data, (host, port) = each.recvfrom(LONGEST)
-                    yield Received(time.perf_counter(), f"{host}:{port}", data)
+                    yield Incoming(time.perf_counter(), f"{host}:{port}", data)
                 taken += 1
             if taken >= most:
                 time.sleep(max(0.0, until - time.perf_counter()))

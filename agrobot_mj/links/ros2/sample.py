@@ -3,87 +3,26 @@
 The same numbers in both, so that a recording holds what a live subscriber would have received.
 """
 
+from collections import namedtuple
 from collections.abc import Iterator
 from math import nan
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Quality
+from agrobot_mj.links.running import gyro_heading
 from agrobot_mj.simulation.stepping import Simulation
 
-
-class TickSample(NamedTuple):
-    """Signals of one tick, named as the columns of a log; NaN for those that a run does not have."""
-
-    t: float
-    """Time since the start [s]."""
-    gnss_x: float
-    """Solution of the antenna, east [m]."""
-    gnss_y: float
-    """Solution of the antenna, north [m]."""
-    gnss_quality: float
-    """One of `Quality`."""
-    imu_roll: float
-    """Left side up positive [rad]."""
-    imu_pitch: float
-    """Nose down positive [rad]."""
-    gyro: float
-    """Yaw rate, left positive [rad/s]."""
-    steer_measured: float
-    """Front-wheel angle, left positive [rad]."""
-    wheel_speed: float
-    """Driven wheels, forward positive [m/s]."""
-    rear_x_hat: float
-    """Estimated R, east [m]."""
-    rear_y_hat: float
-    """Estimated R, north [m]."""
-    yaw_hat: float
-    """Estimated heading [rad]."""
-    speed_hat: float
-    """Estimated speed [m/s]."""
-    yaw_rate_hat: float
-    """Estimated yaw rate [rad/s]."""
-    p_xx: float
-    """Estimated variance, east [m2]."""
-    p_xy: float
-    """Estimated covariance, east and north [m2]."""
-    p_yy: float
-    """Estimated variance, north [m2]."""
-    p_yaw: float
-    """Estimated variance of the heading [rad2]."""
-    rear_x: float
-    """True R, east [m]."""
-    rear_y: float
-    """True R, north [m]."""
-    z: float
-    """True CG, up [m]."""
-    yaw: float
-    """True heading [rad]."""
-    pitch: float
-    """True pitch, nose down positive [rad]."""
-    roll: float
-    """True roll, left side up positive [rad]."""
-    speed: float
-    """True speed of the CG [m/s]."""
-    lateral_speed: float
-    """True lateral speed of the CG [m/s]."""
-    yaw_rate: float
-    """True yaw rate [rad/s]."""
-    imu_force_x: float = nan
-    """Specific force at the inertial unit, forward [m/s2]."""
-    imu_force_y: float = nan
-    """Specific force at the inertial unit, to the left [m/s2]."""
-    imu_force_z: float = nan
-    """Specific force at the inertial unit, up [m/s2]."""
-    cmd_speed: float = nan
-    """Speed asked for on /cmd_vel [m/s]."""
-    cmd_yaw_rate: float = nan
-    """Yaw rate asked for on /cmd_vel [rad/s]."""
-    cmd_age: float = nan
-    """Age of that request [s]."""
+TickSample = namedtuple(
+    "TickSample",
+    "t gnss_x gnss_y gnss_quality imu_roll imu_pitch gyro steer_measured wheel_speed "
+    "rear_x_hat rear_y_hat yaw_hat speed_hat yaw_rate_hat p_xx p_xy p_yy p_yaw "
+    "rear_x rear_y z yaw pitch roll speed lateral_speed yaw_rate "
+    "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
+    defaults=(nan, nan, nan, nan, nan, nan),
+)
+"""Signals of one tick, named as the columns of a log and in their units; NaN for those that a run does not have."""
 
 
 def sample_of(sim: Simulation) -> TickSample:
@@ -107,21 +46,18 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
     ]
-    columns[QUALITY] = np.nan_to_num(columns[QUALITY], nan=Quality.NONE)  # of a run that diverged at once
+    quality = TickSample._fields.index("gnss_quality")
+    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # of a run that diverged at once
     return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
 
 
-QUALITY = TickSample._fields.index("gnss_quality")
-
-
 class Heading:
-    """Heading of an inertial unit: its gyro, integrated from the true heading at the start; NaN without a gyro."""
+    """Heading of an inertial unit in the ticks of a run [rad]."""
 
     def __init__(self) -> None:
         self.yaw = nan
 
     def follow(self, sample: TickSample) -> float:
         """The heading in the next tick [rad]."""
-        begun = self.yaw == self.yaw
-        self.yaw = wrap(self.yaw + sample.gyro * TICK_S) if begun else sample.yaw + 0.0 * sample.gyro
+        self.yaw = gyro_heading(self.yaw, sample.gyro, sample.yaw, TICK_S)
         return self.yaw

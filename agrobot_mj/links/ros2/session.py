@@ -2,32 +2,44 @@
 
 A turn is a tick of 50 ms: publish the sensors and the clock, take what is asked for, steer, step. In real time a
 request acts in the tick in which it arrives, at the latest 25 ms after the sensors. In lock-step the clock waits for
-the program: one request each `every` ticks, so that a run repeats however fast the
-computer is; without it the run ends. Before the run starts
-the tractor stands, and the clock and the sensors go on in real time until the program is heard.
+the program: one request each `every` ticks, so that a run repeats however fast the computer is; without it the run
+ends. Before the run starts the tractor stands, and the clock and the sensors go on in real time until the program is
+heard.
 """
 
 import time
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
 
 from agrobot_mj.control.cmd_vel import CmdVel, VelocityRequest
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.pacing import Pace
 from agrobot_mj.links.ros2.content import Content, messages, path, site_of
-from agrobot_mj.links.ros2.node import LATCHED, VelocityMessage
+from agrobot_mj.links.ros2.node import LATCHED, RosNode, VelocityMessage
+from agrobot_mj.links.ros2.profile import loopback_only
 from agrobot_mj.links.ros2.sample import Heading, TickSample, sample_of
-from agrobot_mj.links.running import NotBegunError
+from agrobot_mj.links.running import NotBegunError, run_session
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.run import Watcher
 from agrobot_mj.simulation.stepping import Simulation
+from agrobot_mj.simulation.storage import write_log
 
-Pacing = Literal["real_time", "lock_step"]
-"""The wall clock paces the run, or the program by its requests."""
 ANSWER_S = 0.025
 """Part of a turn in which a request still acts in it [s]."""
 SETTLE_S = 0.3
 """Silence after which no answer to an old clock is under way in lock-step [s]. Estimate."""
 PATH_TURNS = 100
 """Turns after which /path is sent again, for subscribers that came later."""
+
+
+SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
+"""Sensors that a tractor on ROS has unless its scenario is told otherwise."""
 
 
 class NoProgramError(NotBegunError):
@@ -52,15 +64,26 @@ class Port(Protocol):
 
 
 class RosOptions(NamedTuple):
-    """How a session runs."""
+    """How to run as a node, beside the scenario."""
 
-    pace: Pacing = "real_time"
+    pace: Literal["real_time", "lock_step"] = "real_time"
+    """The wall clock paces the run, or the program by its requests."""
     every: int = 1
     """Ticks for each request in lock-step."""
     start: Literal["heard", "now"] = "heard"
     """What starts the run's clock."""
     wait_s: float = 60.0
     """Longest wait for the start, and for a request in lock-step [s]."""
+    network: bool = False
+    """Other computers may see the topics."""
+    domain: int | None = None
+    """ROS domain; that of the environment where it is left out."""
+    stamped: bool = False
+    """/cmd_vel is a TwistStamped."""
+    live: bool = False
+    """Watchers are told as the run goes."""
+    recorded: bool = True
+    """Whether a watcher writes the recording."""
     notify: Callable[[str], None] = lambda text: None
     """Told in a line what happens."""
 
@@ -68,11 +91,11 @@ class RosOptions(NamedTuple):
 class RosSession:
     """One run over a port; `run` once."""
 
-    def __init__(
-        self, sim: Simulation, spec: CmdVel, port: Port, options: RosOptions, tell: Callable[[], None]
-    ) -> None:
-        """`spec` is the simulation's guidance; `tell` is called after each tick."""
-        self.sim, self.spec, self.port, self.options, self.tell = sim, spec, port, options, tell
+    def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
+        """Raises `ScenarioError` where the simulation has another guidance than `cmd_vel`."""
+        if not isinstance(spec := sim.scenario.guidance, CmdVel):
+            raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
+        self.sim, self.spec, self.port, self.options = sim, spec, port, options
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.heading, self.request = Heading(), VelocityRequest()
         self.pace = Pace(TICK_S)
@@ -84,8 +107,11 @@ class RosSession:
         self.ended: str | None = None
         """Outcome that the link gives the run, None where the run's own stands."""
 
-    def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
-        """Drive to the end. Raises `NoProgramError` where nothing is asked for in time."""
+    def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
+        """Drive to the end; `tell` is called after each tick.
+
+        Raises `NoProgramError` where nothing is asked for in time.
+        """
         self.sim.reset()
         sample, yaw = self._sensed()
         while not self.sim.done and not should_stop():
@@ -98,7 +124,7 @@ class RosSession:
             if self.started < 0:
                 continue
             self.sim.drive(self.request)
-            self.tell()
+            tell()
             self.request = self.request._replace(age=self.request.age + TICK_S)
             if self.port.heard and self.request.age > self.spec.give_up_s:
                 self.ended = "host_lost"
@@ -162,3 +188,51 @@ class RosSession:
         while heard != self.port.heard:
             heard = self.port.heard
             self.port.spin(time.perf_counter() + SETTLE_S)
+
+    def metrics(self) -> dict[str, Any]:
+        """How the link went: requests, latency [s], late turns."""
+        waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
+        return {
+            "pace": self.options.pace,
+            "requests": self.port.heard,
+            "latency_median_s": float(np.median(waits)) if len(waits) else None,
+            "latency_p95_s": float(np.quantile(waits, 0.95)) if len(waits) else None,
+            "late_turns": self.pace.late if real_time else 0,
+            "worst_delay_s": self.pace.worst if real_time else 0.0,
+            "waited_s": max(self.started, 0) * TICK_S,
+        }
+
+
+def ros2(
+    scenario: Scenario,
+    folder: Path,
+    options: RosOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario of guidance `cmd_vel` as a node; writes into `folder`.
+
+    Raises `ScenarioError` without rclpy or with another guidance, `NoProgramError` where nothing is asked for.
+    """
+    with ExitStack() as stack:
+        if not options.network:
+            stack.enter_context(loopback_only())
+        reach = "the network" if options.network else "this computer only"
+        node = stack.enter_context(RosNode(options.stamped, options.domain))
+        options.notify(f"node /tractor, on {reach}; waits for /cmd_vel")
+        log = run_over(scenario, node, options, watchers, should_stop)
+    write_log(log, folder, recorded=options.recorded)
+    return log
+
+
+def run_over(
+    scenario: Scenario,
+    port: Port,
+    options: RosOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario over a port; its log has a metrics block `ros2`. Raises as `ros2` does."""
+    session = RosSession(Simulation(scenario), port, options)
+    told = options.live or options.pace == "lock_step"
+    return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)

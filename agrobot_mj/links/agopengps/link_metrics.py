@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array
-from agrobot_mj.links.agopengps.channels import Channel
+from agrobot_mj.links.agopengps.channels import Channel, Replayed
 from agrobot_mj.links.agopengps.messages import SteerData
 from agrobot_mj.links.agopengps.session import Session
 from agrobot_mj.links.agopengps.traffic import Datagram
@@ -82,8 +82,10 @@ def health(block: dict[str, Any]) -> list[str]:
     return found
 
 
-def link_metrics(session: Session, log: Log, record: list[Datagram]) -> dict[str, Any]:
-    """The block; `record` is that of the live run also where the session replays it."""
+def link_metrics(session: Session, log: Log) -> dict[str, Any]:
+    """The block; where the session replays a record, wall times are those of the live run."""
+    channel = session.channel
+    record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec
     ticks = max(session.turn - max(session.started, 0), 1)
     positions = sum(d.direction == "out" and d.data.startswith(POSITIONS) for d in record)
@@ -111,7 +113,7 @@ def link_metrics(session: Session, log: Log, record: list[Datagram]) -> dict[str
         "repeated_datagrams": tally.repeats,
         "rejected_datagrams": dict(tally.rejected),
         "not_recorded": session.traffic.dropped,
-        **_pace(session.channel),
+        **_pace(channel),
     }
 
 
