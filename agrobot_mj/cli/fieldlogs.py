@@ -24,7 +24,7 @@ from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
     from agrobot_mj.fieldlogs.columns import Source
-    from agrobot_mj.fieldlogs.replay import LogMap
+    from agrobot_mj.fieldlogs.maps import LogMap
     from agrobot_mj.scenario.schema import Scenario
 
 MapFile = Annotated[
@@ -59,14 +59,17 @@ def replay(
 
     Tells how far its yaw rate and position are from the recorded ones; writes replay.json, .parquet and .png.
     """
-    from agrobot_mj.fieldlogs.replay import replay_command
-    from agrobot_mj.fieldlogs.replay.command import summary
+    from agrobot_mj.fieldlogs.replay import files_of_replay, summary, write_replay
+    from agrobot_mj.fieldlogs.replay import replay as drive
+    from agrobot_mj.simulation.storage import exclusive
 
     load_plugins(plugins)
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
     folder = results_folder(out, f"replay-{log.stem}")
-    found = replay_command(source, log_map, scenario, folder, by, start, end)
+    with exclusive(folder, files_of_replay(scenario)):
+        found = drive(source, log_map, scenario, by, start, end)
+        write_replay(found, scenario, folder)
     if not quiet:
         say(summary(found))
         say(folder)
@@ -135,7 +138,7 @@ def _scenario(log: Path, base: str | None, sets: list[str] | None) -> "Scenario"
 def _source(log: Path, map_file: Path | None) -> "tuple[Source, LogMap | None]":
     """The log and its map; a link's record is decoded."""
     from agrobot_mj.fieldlogs.columns import column_names
-    from agrobot_mj.fieldlogs.replay import read_map
+    from agrobot_mj.fieldlogs.maps import read_map
     from agrobot_mj.links.agopengps.fieldlog import is_link_record, link_log
 
     if log.is_dir():

@@ -6,7 +6,8 @@ wrong is a `ScenarioError` that names the file, the column and what to do.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -51,13 +52,16 @@ Source: TypeAlias = Path | pa.Table
 def column_names(source: Source) -> list[str]:
     """Names of the columns of a log, without reading it. Raises `FieldLogError` for a file that is none."""
     if isinstance(source, pa.Table):
-        return [str(name) for name in source.column_names]
+        return list(source.column_names)
     if not source.is_file():
         raise FieldLogError(
             f"{source}: {'is a folder' if source.is_dir() else 'no such file'}; name a .parquet or .csv"
         )
     if source.suffix.lower() == ".parquet":
-        return [str(name) for name in _metadata(source).names]
+        try:
+            return list(pq.read_schema(source.absolute()).names)
+        except (pa.ArrowException, OSError) as error:
+            raise FieldLogError(f"{source.name}: is no Parquet file: {_first_line(error)}") from None
     if source.suffix.lower() == ".csv":
         return _header(source)[0]
     raise FieldLogError(f"{source.name}: unknown type {source.suffix!r}; convert it to .parquet or .csv")
@@ -77,14 +81,17 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
             raise FieldLogError(f"{name}: has no column {column!r}{asked}{suggestion(column, known)} (has: {shown})")
         if known.count(column) > 1:
             raise FieldLogError(f"{name}: has more than one column {column!r}; rename all but one")
-    table = source if isinstance(source, pa.Table) else None
-    rows = table.num_rows if table is not None else _rows(source)
+    cells: Callable[[str], pa.ChunkedArray]
+    if isinstance(source, pa.Table):
+        rows, cells = source.num_rows, source.column
+    elif source.suffix.lower() == ".csv":
+        table = _csv(source, wanted)
+        rows, cells = table.num_rows, table.column
+    else:
+        rows, cells = pq.read_metadata(source.absolute()).num_rows, partial(_page, source)
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
-    wanted = list(dict.fromkeys(wanted))
-    if table is None and isinstance(source, Path) and source.suffix.lower() == ".csv":
-        table = _csv(source, wanted)
-    return {c: _floats(name, c, table[c] if table is not None else _page(source, c)) for c in wanted}
+    return {column: _floats(name, column, cells(column)) for column in dict.fromkeys(wanted)}
 
 
 def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
@@ -130,23 +137,6 @@ def source_name(source: Source) -> str:
     return source.name if isinstance(source, Path) else "log"
 
 
-def _metadata(path: Path) -> pa.Schema:
-    try:
-        return pq.read_schema(path.absolute())
-    except (pa.ArrowException, OSError) as error:
-        raise FieldLogError(f"{path.name}: is no Parquet file: {_first_line(error)}") from None
-
-
-def _rows(path: Path) -> int:
-    """Number of rows that a Parquet file declares; of a CSV file none can be known, its size is checked instead."""
-    if path.suffix.lower() == ".parquet":
-        return int(pq.read_metadata(path.absolute()).num_rows)
-    size = path.stat().st_size
-    if size > MOST_CSV_BYTES:
-        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {MOST_CSV_BYTES / 1e6:g}; cut it")
-    return 0
-
-
 def _page(path: Path, column: str) -> pa.ChunkedArray:
     try:
         return pq.read_table(path.absolute(), columns=[column])[column]
@@ -172,22 +162,22 @@ def _header(path: Path) -> tuple[list[str], str]:
     return [name.strip().strip('"') for name in text.split(delimiter)], delimiter
 
 
-def _csv(path: Path, wanted: list[str]) -> pa.Table:
+def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
+    """The wanted columns; how many rows there are is not known before, so that the size is checked."""
+    if (size := path.stat().st_size) > MOST_CSV_BYTES:
+        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {MOST_CSV_BYTES / 1e6:g}; cut it")
     names, delimiter = _header(path)
     try:
-        table = pacsv.read_csv(
+        return pacsv.read_csv(
             path,
             read_options=pacsv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
             parse_options=pacsv.ParseOptions(delimiter=delimiter),
-            convert_options=pacsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True),
+            convert_options=pacsv.ConvertOptions(include_columns=list(dict.fromkeys(wanted)), strings_can_be_null=True),
         )
     except (pa.ArrowException, OSError, ValueError) as error:
         raise FieldLogError(
             f"{path.name}: cannot be read as CSV: {_first_line(error)}; mend or drop that row"
         ) from None
-    if table.num_rows > MOST_ROWS:
-        raise FieldLogError(f"{path.name}: has {table.num_rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it")
-    return table
 
 
 def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
@@ -198,7 +188,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
         per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[kind.unit]
         ticks = cells.cast(pa.int64())
-        first = next((v for v in (c.as_py() for c in ticks[:1])), None) or 0
+        first = (ticks[0].as_py() if len(ticks) else 0) or 0
         return _numpy(ticks, first) / per_second
     if pa.types.is_null(kind):
         raise FieldLogError(f"{name}: {column!r} is empty in every row; name another column")

@@ -32,11 +32,18 @@ class TimeColumn(Spec):
     """Unit of the numbers."""
 
 
-class SteerColumn(Spec):
-    """Angle of the front wheels, as that of the bicycle's one front wheel."""
+class MeasuredColumn(Spec):
+    """One measured quantity."""
 
     column: Name
     """Name of the column."""
+    delay_s: Delay = 0.0
+    """Age of the value [s]."""
+
+
+class SteerColumn(MeasuredColumn):
+    """Angle of the front wheels, as that of the bicycle's one front wheel."""
+
     unit: Literal["deg", "rad"] = "deg"
     """Unit of the numbers."""
     positive: Literal["left", "right"] = "left"
@@ -45,66 +52,49 @@ class SteerColumn(Spec):
     """Reading with the wheels straight ahead [in the column's unit]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True angle over the reading [-]."""
-    delay_s: Delay = 0.0
-    """Age of the value [s]."""
+
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Length of time over which the sensor averages a value [s]; half of it belongs into `delay_s`."""
 
 
-class ValveColumn(Spec):
+class ValveColumn(MeasuredColumn):
     """Voltage of the steering valve, or what stands for it, e.g. a PWM count."""
 
-    column: Name
-    """Name of the column."""
     volts_per_unit: Factor = 1.0
     """Volts of the simulator's valve (0-12 V) per unit of the column; negative where the column counts right [V]."""
     neutral: Factor = 6.0
     """Reading at which the valve is shut [in the column's unit]."""
-    delay_s: Delay = 0.0
-    """Age of the value [s]."""
 
 
-class SpeedColumn(Spec):
+class SpeedColumn(MeasuredColumn):
     """Speed along the heading, negative in reverse."""
 
-    column: Name
-    """Name of the column."""
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
     """Unit of the numbers."""
     of: Literal["ground", "wheel"] = "ground"
     """Over ground (GNSS, radar), or of the driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed over the reading [-]."""
-    delay_s: Delay = 0.0
-    """Age of the value [s]."""
 
 
-class YawRateColumn(Spec):
+class YawRateColumn(MeasuredColumn):
     """Yaw rate from a gyro."""
 
-    column: Name
-    """Name of the column."""
     unit: Literal["deg/s", "rad/s"] = "deg/s"
     """Unit of the numbers."""
     positive: Literal["left", "right"] = "left"
     """Direction of turning that the numbers count positive."""
     offset: Factor = 0.0
     """Reading when not turning [in the column's unit]."""
-    delay_s: Delay = 0.0
-    """Age of the value [s]."""
 
 
-class HeadingColumn(Spec):
+class HeadingColumn(MeasuredColumn):
     """Heading of the body: two antennas or an inertial unit, not the course over ground."""
 
-    column: Name
-    """Name of the column."""
     unit: Literal["deg", "rad"] = "deg"
     """Unit of the numbers."""
     convention: Literal["compass", "enu"] = "compass"
     """From north clockwise, or from east counter-clockwise."""
-    delay_s: Delay = 0.0
-    """Age of the value [s]."""
 
 
 class PositionColumns(Spec):

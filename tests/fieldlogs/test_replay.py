@@ -14,8 +14,8 @@ from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import read_map
-from agrobot_mj.fieldlogs.replay.command import COLUMNS, replay, summary
 from agrobot_mj.fieldlogs.replay.residuals import rigid
+from agrobot_mj.fieldlogs.replay.result import COLUMNS, replay, summary
 from agrobot_mj.links.agopengps.fieldlog import link_log
 from agrobot_mj.links.agopengps.messages import SteerState
 from agrobot_mj.links.agopengps.position import BoardAttitude, paogi

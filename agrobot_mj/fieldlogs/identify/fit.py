@@ -113,8 +113,6 @@ class VehicleFit(NamedTuple):
     """Values of `names`, SI and radians."""
     covariance: Array
     """Their covariance."""
-    at_bound: tuple[str, ...]
-    """Parameters at their bound."""
     freedom: int
     """Degrees of freedom of the intervals: windows less one."""
 
@@ -284,10 +282,7 @@ def fit(data: VehicleData, names: Sequence[str]) -> VehicleFit:
     if "backlash" in names:  # play no wider than the noise cannot be told from it
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, low, high)
-    near = tuple(
-        n for n, v, lo, hi, s in zip(names, x, low, high, scale, strict=True) if min(v - lo, hi - v) < 2e-3 * s
-    )
-    return VehicleFit(names, x, covariance, near, len(next(iter(data.channels.values())).t) - 1)
+    return VehicleFit(names, x, covariance, len(next(iter(data.channels.values())).t) - 1)
 
 
 def _jacobian(problem: Problem, x: Array, scale: Array, low: Array, high: Array) -> Array:

@@ -13,10 +13,11 @@ A step is the L-stable SDIRK2 [Hairer1996], since slips settle within u dt / sig
 The steering goes through play of width b (the wheels follow when it is taken up) and a first-order lag before it acts.
 """
 
-from math import cos, exp, sin
+from math import cos, exp, inf, sin
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
@@ -72,20 +73,22 @@ class LateralMotion(NamedTuple):
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
     """Angle of the wheels behind play of width `backlash` [rad] and a lag [s], from the steering at steps `dt` [s]."""
-    angle = np.empty_like(steer)
-    take_up(steer, 0.5 * max(backlash, 0.0), exp(-dt / lag) if lag > 1e-4 else 0.0, angle)
-    return angle
+    angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
+    play(steer, 0.5 * max(backlash, 0.0), inf, angle)
+    lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
+    return lagged
 
 
 @kernel
-def take_up(steer: Array, half: float, keep: float, angle: Array) -> None:
-    """Play of half width `half`, then a lag that keeps the share `keep` in a step, into `angle` (n,)."""
-    followed = steer[0]
-    lagged = steer[0]
-    for k in range(steer.shape[0]):
-        followed = min(max(followed, steer[k] - half), steer[k] + half)
-        lagged = followed + keep * (lagged - followed)
-        angle[k] = lagged
+def play(angle: Array, half: float, centred: float, out: Array) -> None:
+    """Angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken up.
+
+    Beyond `centred` [rad] to either side it falls back as far as the play, or that angle, lets it.
+    """
+    out[0] = angle[0]
+    for k in range(1, angle.shape[0]):
+        held = min(max(out[k - 1], -centred), centred)
+        out[k] = min(max(held, angle[k] - half), angle[k] + half)
 
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:

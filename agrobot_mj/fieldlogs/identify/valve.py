@@ -24,8 +24,10 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import check_even, read_columns, source_name
+from agrobot_mj.fieldlogs.identify.model import play
 from agrobot_mj.machine.hydraulics import (
     LITRE_PER_MINUTE,
     Cylinder,
@@ -199,19 +201,16 @@ def table(found: Identified, valve: Valve | None, cylinder: Cylinder, backlash_d
     known = {} if valve is None else valve.model_dump()
     if valve is not None:
         known |= {"rate_limit_deg_s": _rate(valve.largest_flow, cylinder), "backlash_deg": backlash_deg}
-    lines = [_row("parameter", "identified", "std error", "scenario"), f"|{'-' * 20}|{'|'.join(['-' * 11 + ':'] * 3)}|"]
-    for name in NAMES:
-        value, error = getattr(found, name), found.errors.get(name)
-        lines.append(_row(name, _text(value, "not seen"), _text(error), _text(known.get(name))))
+    rows = [
+        (name, _text(getattr(found, name), "not seen"), _text(found.errors.get(name)), _text(known.get(name)))
+        for name in NAMES
+    ]
+    lines = [markdown_table(("parameter", "identified", "std error", "scenario"), rows, 1, aligned=True)]
     if found.rate_limit_deg_s is None:
         fastest = found.rate_reached_deg_s
         lines.append(f"The run stays below the rate limit: its fastest steering is {fastest:.3g} deg/s.")
     share, rms = 100 * found.explained, found.residual_rms_deg
     return "\n".join([*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."])
-
-
-def _row(name: str, *cells: str) -> str:
-    return f"| {name:18} | {' | '.join(f'{cell:>10}' for cell in cells)} |"
 
 
 def _text(value: float | None, absent: str = "-") -> str:
@@ -242,18 +241,6 @@ def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: 
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
-
-
-@kernel
-def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken up.
-
-    Beyond `centred` [rad] to either side it falls back as far as the play, or that angle, lets it.
-    """
-    out[0] = angle[0]
-    for k in range(1, angle.shape[0]):
-        held = min(max(out[k - 1], -centred), centred)
-        out[k] = min(max(held, angle[k] - half), angle[k] + half)
 
 
 def _angles(p: Array, data: Data) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source
 from agrobot_mj.fieldlogs.identify.fit import VehicleData, VehicleFit, fit, predictions, prepare
 from agrobot_mj.fieldlogs.identify.model import Chassis2, understeer_gradient
@@ -219,9 +220,8 @@ def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
 
 def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
     """Values with their 95 % intervals as plain text and valid Markdown, and what they are worth."""
-    lines = [_row("quantity", "value", "from", "to", "identified"), f"|{'-' * 33}|{'|'.join(['-' * 11 + ':'] * 4)}|"]
-    for key, each in found.found.items():
-        lines.append(_row(key, *map(_text, each[:3]), "yes" if each.identified else "no"))
+    rows = [(key, *map(_text, each[:3]), "yes" if each.identified else "no") for key, each in found.found.items()]
+    lines = [markdown_table(("quantity", "value", "from", "to", "identified"), rows, 1, aligned=True)]
     if not all(found.found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear")):
         lines.append("The axles cannot be told apart in this log: take the understeer gradient, which both share.")
     if (b := found.found.get("backlash_deg")) and not b.identified:
@@ -236,10 +236,6 @@ def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
         f"{100 * t.front_load_fraction:g} % in front; {found.geometry}; {found.windows} windows of 5 s."
     )
     return "\n".join(lines)
-
-
-def _row(name: str, *cells: str) -> str:
-    return f"| {name:31} | {' | '.join(f'{cell:>10}' for cell in cells)} |"
 
 
 def _text(value: float | None) -> str:

@@ -9,6 +9,7 @@ from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Array
@@ -97,12 +98,10 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
     else:
         r = recording.yaw_rate
         rate = np.interp(t, r.t, r.value) if r is not None else np.zeros(len(t))
-    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-    velocity = np.column_stack([u * np.cos(yaw), u * np.sin(yaw)])
-    rear = np.vstack([np.zeros((1, 2)), np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)[:, None], axis=0)])
-    ahead, left, _ = recording.arm
-    arm = np.column_stack([ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)])
-    return t, yaw, rear + arm
+    yaw = cumulative_trapezoid(rate, t, initial=0)
+    (ahead, left, _), c, s = recording.arm, np.cos(yaw), np.sin(yaw)
+    x, y = (cumulative_trapezoid(u * each, t, initial=0) for each in (c, s))
+    return t, yaw, np.column_stack([x + ahead * c - left * s, y + ahead * s + left * c])
 
 
 def metrics(recording: FieldRecording, driven: Driven, wheelbase: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 
 from agrobot_mj.fieldlogs.identify.fit import fit, prepare
 from agrobot_mj.fieldlogs.identify.model import Chassis2
-from agrobot_mj.fieldlogs.replay import read_recording
+from agrobot_mj.fieldlogs.recording import read_recording
 
 NAMES = (
     *("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m"),

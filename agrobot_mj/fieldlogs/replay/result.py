@@ -1,7 +1,6 @@
-"""What `agrobot-mj replay` does: read, drive, compare, write `replay.json`, `.parquet`, `.png` and the scenario."""
+"""A replay: read, drive, compare; and its files, `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
-from collections.abc import Mapping
 from math import degrees, inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from agrobot_mj.fieldlogs.replay.driving import By, Driven, drive
 from agrobot_mj.fieldlogs.replay.figure import write_figure
 from agrobot_mj.fieldlogs.replay.residuals import first_metres_end, metrics, position_errors, refined, start_pose
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import atomic, exclusive, write_json
+from agrobot_mj.simulation.storage import atomic, write_json
 
 COLUMNS = (
     Column("t", "s", "time since the log's first row"),
@@ -38,9 +37,6 @@ COLUMNS = (
     Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
 )
 """Columns of `replay.parquet`: one row per tick of the plant; null where nothing was recorded within half a tick."""
-
-FILES = ("replay.json", "replay.parquet", "replay.png", "replay.toml")
-"""What a replay leaves, beside the data files of its scenario."""
 
 
 class ReplayResult(NamedTuple):
@@ -79,24 +75,14 @@ def replay(
     return ReplayResult(recording, driven, numbers)
 
 
-def replay_command(
-    source: Source,
-    log_map: LogMap | None,
-    scenario: Scenario,
-    folder: Path,
-    by: By | None = None,
-    start_s: float = 0.0,
-    end_s: float = inf,
-) -> ReplayResult:
-    """As `replay`, and write the numbers, the signals, the figure and the scenario into `folder`."""
+def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the files that `write_replay` writes."""
+    return ("replay.json", "replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
+
+
+def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
+    """Write the numbers, the signals, the figure, and the scenario with its data files into `folder`."""
     text, data_files = scenario.portable()
-    with exclusive(folder, (*FILES, *data_files)):
-        found = replay(source, log_map, scenario, by, start_s, end_s)
-        _write(found, folder, text, data_files)
-    return found
-
-
-def _write(found: ReplayResult, folder: Path, text: str, data_files: Mapping[str, Path]) -> None:
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.recording, found.driven), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)
