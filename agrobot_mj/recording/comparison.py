@@ -6,7 +6,7 @@ times a second, signals at every tick, as far as each run went.
 """
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +17,10 @@ import rerun.blueprint as rrb
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW, rgba
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
 from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled
-from agrobot_mj.recording.info import compared, resolved
+from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, UNITS, Plot, Series
 from agrobot_mj.recording.transport.sink import Sink
@@ -63,27 +62,13 @@ class RecordedRun(NamedTuple):
     above: int
     """Number of tracks above its own; 0 for the run whose tractor is solid."""
 
+    values: dict[str, Array]
+    """Signals of the run by plot of `COMPARED`, in its unit, as far as there are any."""
+
     @property
     def place(self) -> str:
         """Entity path of the tractor."""
         return f"world/{self.entity}"
-
-    @property
-    def values(self) -> dict[str, Array]:
-        """Signals of the run by plot of `COMPARED`, in its unit, as far as there are any."""
-        found = {}
-        for plot in COMPARED:
-            column = plot.series[0].column
-            values = self._signal(column) * (-1 if column in NEGATED else 1) * UNITS[plot.unit]
-            if np.nan_to_num(values).any():
-                found[plot.path] = values
-        return found
-
-    def _signal(self, column: str) -> Array:
-        log = self.log
-        if column == "cross_track":
-            return cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
-        return log.column(column)
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
@@ -91,29 +76,38 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
-        RecordedRun(name, entity, log, rgba(PALETTE[i % len(PALETTE)]), i, last - i)
+        RecordedRun(name, entity, log, rgba(PALETTE[i % len(PALETTE)]), i, last - i, _values(log))
         for i, ((name, log), entity) in enumerate(zip(named, entities, strict=True))
     ]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
     sink = Sink(stream, path)
-    stream.send_recording_name(f"{scenario.name}: {len(runs)} runs")
-    about = rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
-    stream.send_property("scenario", about)
+    describe(stream, f"{scenario.name}: {len(runs)} runs", scenario)
+    tell(stream, compared(scenario, [(run.name, run.colour, run.log) for run in runs]))
     ground = scenario.terrain.ground()
     reference = max((reference_line(run.log.scenario, ground) for run in runs), key=len)
     send_scene(stream, Scene((), ()), ground, reference)
-    values = {run.name: run.values for run in runs}
     for run in runs:
-        _send(stream, run, values[run.name])
-    rows = [(run.name, run.colour, run.log) for run in runs]
-    for entity, text in (("info", compared(scenario, rows)), ("scenario", resolved(scenario))):
-        stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
-    stream.send_blueprint(_blueprint(runs, values, reference))
+        _send(stream, run)
+    stream.send_blueprint(_blueprint(runs, reference))
     sink.close()
 
 
-def _send(stream: rr.RecordingStream, run: RecordedRun, values: dict[str, Array]) -> None:
+def _values(log: Log) -> dict[str, Array]:
+    """Signals of a run by plot of `COMPARED`, in its unit, as far as there are any."""
+    found = {}
+    for plot in COMPARED:
+        column = plot.series[0].column
+        if column == "cross_track":
+            values = cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
+        else:
+            values = log.column(column)
+        if np.nan_to_num(values).any():
+            found[plot.path] = values * (-1 if column in NEGATED else 1) * UNITS[plot.unit][1]
+    return found
+
+
+def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
     """Everything of one run."""
     log = run.log
     times = nanoseconds(log.column("t"))
@@ -129,7 +123,7 @@ def _send(stream: rr.RecordingStream, run: RecordedRun, values: dict[str, Array]
             stream.send_columns(f"{run.place}/{body}", [column], moved)
     if there:
         _send_track(stream, run, times[:there])
-    for path, numbers in values.items():
+    for path, numbers in run.values.items():
         _send_signal(stream, f"plots/{path}/{run.entity}", run, times, numbers)
 
 
@@ -169,7 +163,7 @@ def _painted(geom: Geom, run: RecordedRun) -> Geom:
     return geom._replace(rgba=(r, g, b, opacity))
 
 
-def _blueprint(runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array]], reference: Array) -> rrb.Blueprint:
+def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
     """Scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     t = longest.column("t")
@@ -178,7 +172,7 @@ def _blueprint(runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.entity}" for run in runs]
     left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
-    plots = [(plot, frame_) for plot in COMPARED for plot, frame_ in _shared(plot, runs, values, t)]
+    plots = [(plot, frame_) for plot in COMPARED for plot, frame_ in _shared(plot, runs, t)]
 
     def views(rows: int) -> list[rrb.View]:
         return [plot_view(plot, end_s, frame_, rows) for plot, frame_ in plots]
@@ -194,16 +188,14 @@ def _blueprint(runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array
     )
 
 
-def _shared(
-    plot: Plot, runs: Sequence[RecordedRun], values: Mapping[str, dict[str, Array]], t: Array
-) -> list[tuple[Plot, Frame]]:
+def _shared(plot: Plot, runs: Sequence[RecordedRun], t: Array) -> list[tuple[Plot, Frame]]:
     """The plot with a line for each run that has the signal, and its frame; nothing if no run has it."""
-    having = [run for run in runs if plot.path in values[run.name]]
+    having = [run for run in runs if plot.path in run.values]
     if not having:
         return []
     lines = tuple(Series(run.name, plot.series[0].column, run.colour) for run in having)
     numbers = np.full((len(t), len(having)), np.nan)
     for k, run in enumerate(having):
-        numbers[: run.log.rows.filled, k] = values[run.name][plot.path]
+        numbers[: run.log.rows.filled, k] = run.values[plot.path]
     shown = plot._replace(series=lines)
     return [(shown, frame(t, numbers, shown))]

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+import rerun as rr
+
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import NAMES
 from agrobot_mj.core.signals import TICK_S
@@ -20,6 +22,19 @@ ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units by the ends of names that carry one."""
 LINKS = ("link", "ros2")
 """Blocks of the metrics about a program outside."""
+
+
+def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
+    """Name the recording, and tell of the scenario in its properties and as TOML with every key."""
+    stream.send_recording_name(name)
+    about = rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
+    stream.send_property("scenario", about)
+    tell(stream, f"```toml\n{scenario.portable()[0]}```\n", "scenario")
+
+
+def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
+    """Show a text in markdown."""
+    stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def running(scenario: Scenario) -> str:
@@ -70,11 +85,6 @@ def _page(scenario: Scenario, result: str) -> str:
     outside = f", a program outside (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
     what = f"`{s.name}`: plant **{s.plant.kind}**, guidance **{s.law}**{outside}, seed {s.seed}"
     return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, scenario hash `{s.hash8}`\n\n{result}\n"
-
-
-def resolved(scenario: Scenario) -> str:
-    """The scenario with every key, as TOML."""
-    return f"```toml\n{scenario.portable()[0]}```\n"
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:

@@ -11,10 +11,9 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.core.version import __version__
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
-from agrobot_mj.recording.info import broken, resolved, running, summary
+from agrobot_mj.recording.info import broken, describe, running, summary, tell
 from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.catalogue import reported_plots
 from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
@@ -45,13 +44,8 @@ class Recording:
             clear(self.path.parent)  # signals of an earlier run beside this recording would mislead
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.sink = Sink(self.stream, self.path, self.live, rows.values.nbytes + SPARE_BYTES)
-        self.stream.send_recording_name(f"{scenario.name} ({scenario.plant.kind}, {scenario.law})")
-        self.stream.send_property(
-            "scenario",
-            rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name),
-        )
-        self._tell(running(scenario))
-        self._tell(resolved(scenario), "scenario")
+        describe(self.stream, f"{scenario.name} ({scenario.plant.kind}, {scenario.law})", scenario)
+        tell(self.stream, running(scenario))
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
         self.motion = BodyMotion(rows, scene, ground, scenario)
@@ -80,7 +74,7 @@ class Recording:
             return
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
-        self._tell(summary(log))
+        tell(self.stream, summary(log))
         self.motion.finish(self.stream, log)
         self.states.finish(self.stream, log.outcome)
         if self.rows.filled:
@@ -91,7 +85,7 @@ class Recording:
         """Say what ended the run, and close."""
         if not self.recording:
             return
-        self._tell(broken(self.scenario, error, self.rows.filled * TICK_S))
+        tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
@@ -103,6 +97,3 @@ class Recording:
             plots = [plot for plot in plots if plot.path in frames]
         shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome)
         self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))
-
-    def _tell(self, text: str, entity: str = "info") -> None:
-        self.stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)

@@ -19,7 +19,6 @@ from agrobot_mj.recording.plots.catalogue import PLOTS, UNITS, Plot, derived, sh
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
 from agrobot_mj.simulation.log import Rows
 
-Early = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 SETTLED_S = 5.0
 """Time from which the axis shows the bounds of the estimate, which begin far away [s]."""
 SCALARS = rr.Scalars.descriptor_scalars()
@@ -60,7 +59,7 @@ class Signals:
             _Lines(
                 plot,
                 np.array([known[series.column] for series in plot.series]),
-                np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
+                np.array([UNITS[plot.unit][1] * series.sign for series in plot.series]),
             )
             for plot in (*PLOTS, *more)
             if shown_by(plot, known)

@@ -5,6 +5,7 @@ A body's geoms go into one entity a shape, so that the 64 lugs of the wheels cos
 
 from collections.abc import Sequence
 from math import ceil
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -48,65 +49,31 @@ def reference_line(scenario: Scenario, ground: Ground) -> Array:
     return on_ground(ground, sample(scenario.path, times), PATH_LIFT_M)
 
 
+SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
+"""Entity of each kind of geom; the others are ellipsoids."""
+
+
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
     """One batch for each kind of shape among `geoms`, by the name of its entity."""
-    makers = {"boxes": _boxes, "cylinders": _cylinders, "capsules": _capsules, "ellipsoids": _ellipsoids}
-    kinds = {"boxes": "box", "cylinders": "cylinder", "capsules": "capsule", "ellipsoids": "ellipsoid sphere"}
-    chosen = {name: [geom for geom in geoms if geom.kind in kinds[name].split()] for name in makers}
-    return {name: makers[name](found) for name, found in chosen.items() if found}
+    batches: dict[str, list[Geom]] = {}
+    for geom in geoms:
+        batches.setdefault(SHAPES.get(geom.kind, "ellipsoids"), []).append(geom)
+    return {entity: _batch(entity, batch) for entity, batch in batches.items()}
 
 
-def _colours(geoms: Sequence[Geom]) -> Array:
-    return np.array([geom.rgba for geom in geoms])
-
-
-def _quaternions(geoms: Sequence[Geom]) -> Array:
-    """Shape (n, 4), x y z w as rerun has them."""
-    return np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]
-
-
-def _boxes(geoms: Sequence[Geom]) -> rr.AsComponents:
-    return rr.Boxes3D(
-        half_sizes=[geom.size for geom in geoms],
-        centers=[geom.pos for geom in geoms],
-        quaternions=_quaternions(geoms),
-        colors=_colours(geoms),
-        fill_mode=FillMode.Solid,
-    )
-
-
-def _cylinders(geoms: Sequence[Geom]) -> rr.AsComponents:
-    return rr.Cylinders3D(
-        lengths=[2 * geom.size[1] for geom in geoms],
-        radii=[geom.size[0] for geom in geoms],
-        centers=[geom.pos for geom in geoms],
-        quaternions=_quaternions(geoms),
-        colors=_colours(geoms),
-        fill_mode=FillMode.Solid,
-    )
-
-
-def _capsules(geoms: Sequence[Geom]) -> rr.AsComponents:
-    """Rerun's capsules start at their origin, MuJoCo's are centred on it."""
-    x, y, z, w = _quaternions(geoms).T
+def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
+    places = np.array([geom.pos for geom in geoms])
+    sizes = np.array([(geom.size[0],) * 3 if geom.kind == "sphere" else geom.size for geom in geoms])
+    turns = np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]  # x y z w as rerun has them
+    style: Any = {"quaternions": turns, "colors": np.array([geom.rgba for geom in geoms]), "fill_mode": FillMode.Solid}
+    if entity == "boxes":
+        return rr.Boxes3D(half_sizes=sizes, centers=places, **style)
+    if entity == "ellipsoids":
+        return rr.Ellipsoids3D(half_sizes=sizes, centers=places, **style)
+    tube: Any = {"lengths": 2 * sizes[:, 1], "radii": sizes[:, 0], **style}
+    if entity == "cylinders":
+        return rr.Cylinders3D(centers=places, **tube)
+    x, y, z, w = turns.T
     axes = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    halves = np.array([[geom.size[1]] for geom in geoms])
-    return rr.Capsules3D(
-        lengths=2 * halves[:, 0],
-        radii=[geom.size[0] for geom in geoms],
-        translations=np.array([geom.pos for geom in geoms]) - halves * axes,
-        quaternions=_quaternions(geoms),
-        colors=_colours(geoms),
-        fill_mode=FillMode.Solid,
-    )
-
-
-def _ellipsoids(geoms: Sequence[Geom]) -> rr.AsComponents:
-    sizes = [geom.size if geom.kind == "ellipsoid" else (geom.size[0],) * 3 for geom in geoms]
-    return rr.Ellipsoids3D(
-        half_sizes=sizes,
-        centers=[geom.pos for geom in geoms],
-        quaternions=_quaternions(geoms),
-        colors=_colours(geoms),
-        fill_mode=FillMode.Solid,
-    )
+    # rerun's capsules start at their origin, MuJoCo's are centred on it
+    return rr.Capsules3D(translations=places - sizes[:, 1:2] * axes, **tube)
