@@ -1,6 +1,7 @@
 """Texts of `--variant` to named overrides: `"worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]"`."""
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,8 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 60
 """Characters of a variant's name."""
-CLOSING = {"[": "]", "{": "}", "(": ")"}
+BRACKETS = set("[]{}\"'")
+"""Characters that are no part of a bare word."""
 FORM = '"name: key=value, key=value"'
 
 
@@ -31,8 +33,7 @@ def _variant(text: str) -> "ComparedVariant":
     if len(name) > LONGEST_NAME or not name.isprintable():
         raise ScenarioError(f"--variant {name!r}: a name has at most {LONGEST_NAME} printable characters")
     found: dict[str, Any] = {}
-    for item in _items(rest, name):
-        key, value = _assignment(item, name)
+    for key, value in _items(rest, name):
         if key in found:
             raise ScenarioError(f"--variant {name!r}: {key} is given twice")
         given = {key.rpartition(".")[2]: value}
@@ -41,37 +42,23 @@ def _variant(text: str) -> "ComparedVariant":
     return ComparedVariant(name, found)
 
 
-def _items(text: str, name: str) -> list[str]:
-    """The parts between commas that stand outside of brackets and quotes."""
-    items, begun, open_brackets, quote, escaped = [], 0, [""], "", False
-    for place, character in enumerate(text):
-        if quote:
-            if character == quote and not escaped:
-                quote = ""
-            escaped = quote == '"' and character == "\\" and not escaped
-        elif character in "\"'":
-            quote = character
-        elif character in CLOSING:
-            open_brackets.append(CLOSING[character])
-        elif character in CLOSING.values():
-            if character != open_brackets.pop() or not open_brackets:
-                raise ScenarioError(f"--variant {name!r}: {text[begun:].strip()}: {character!r} closes nothing")
-        elif character == "," and len(open_brackets) == 1:
-            items.append(text[begun:place])
-            begun = place + 1
-    if quote or len(open_brackets) > 1:
-        raise ScenarioError(f"--variant {name!r}: {text[begun:].strip()}: {quote or open_brackets[-1]} is missing")
-    return [item for item in (*items, text[begun:]) if item.strip()]
-
-
-def _assignment(item: str, name: str) -> tuple[str, Any]:
-    """Key and value: TOML where it parses, else a bare word as a string."""
-    key, equals, value = (part.strip() for part in item.partition("="))
-    if not equals or not key or not value:
-        raise ScenarioError(f"--variant {name!r}: {item.strip()!r}: write it as key=value")
-    try:
-        return key, tomllib.loads(f"v = {value}")["v"]
-    except tomllib.TOMLDecodeError as error:
-        if value[0] in "[{\"'" or not value.isprintable():
-            raise ScenarioError(f"--variant {name!r}: {key}: not valid TOML: {error}") from None
-        return key, value
+def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
+    """Key and value of each part between commas: TOML, for which a part may hold commas, or else a bare word."""
+    item, fault = "", ""
+    for part in text.split(","):
+        item += part
+        key, equals, value = (piece.strip() for piece in item.partition("="))
+        if not item.strip():
+            continue
+        if not equals or not key or not value:
+            raise ScenarioError(f"--variant {name!r}: {item.strip()!r}: write it as key=value")
+        try:
+            yield key, tomllib.loads(f"v = {value}")["v"]
+        except tomllib.TOMLDecodeError as error:
+            if BRACKETS & set(value) or not value.isprintable():
+                item, fault = f"{item},", f"--variant {name!r}: {key}: not valid TOML: {error}"
+                continue
+            yield key, value
+        item = ""
+    if item.strip():
+        raise ScenarioError(fault)
