@@ -38,7 +38,6 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # a terminal without the letters of a name still shows the rest
             stream.reconfigure(errors="backslashreplace")
     try:
-        _check_place()
         status, message = _called()
     except ScenarioError as error:
         status, message = 2, str(error)
@@ -50,15 +49,12 @@ def main() -> None:
     raise SystemExit(_flushed(status))
 
 
-def _check_place() -> None:
+def _called() -> tuple[int, str]:
+    """Exit status of the command, and what is to be said of it."""
     try:
         Path.cwd()
     except FileNotFoundError:
-        raise ScenarioError("the working directory no longer exists; change to another one") from None
-
-
-def _called() -> tuple[int, str]:
-    """Exit status of the command, and what is to be said of it."""
+        return 2, "the working directory no longer exists; change to another one"
     try:
         app()
     except SystemExit as leaving:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
@@ -24,7 +23,7 @@ from agrobot_mj.cli.options import (
     results_file,
     results_folder,
 )
-from agrobot_mj.cli.output import say
+from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.cli.runs import Live, leave_unexpected, recordings
 from agrobot_mj.core.errors import ScenarioError
 

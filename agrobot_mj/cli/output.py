@@ -1,6 +1,29 @@
-"""What commands print: results on stdout, which may be closed or full without harm to a finished run."""
+"""What commands print: results on stdout, which may be closed or full without harm, and doubts on stderr."""
 
 import sys
+from collections.abc import Iterable
+from itertools import islice
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agrobot_mj.scenario.schema import Scenario
+
+MOST_SCENARIOS, MOST_LINES = 100, 10
+"""Scenarios that are looked at, and lines that are told of them."""
+
+
+def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
+    """Tell the doubts of the first scenarios, each once."""
+    if quiet:
+        return
+    from agrobot_mj.scenario.doubts import doubts
+
+    some = islice(scenarios, MOST_SCENARIOS)
+    lines = list(dict.fromkeys(f"{scenario.name}: {line}" for scenario in some for line in doubts(scenario)))
+    for line in lines[:MOST_LINES]:
+        print(line, file=sys.stderr)
+    if len(lines) > MOST_LINES:
+        print(f"and {len(lines) - MOST_LINES} more such lines", file=sys.stderr)
 
 
 def say(text: object) -> None:

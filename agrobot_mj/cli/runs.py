@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
@@ -20,7 +19,7 @@ from agrobot_mj.cli.options import (
     overrides,
     results_folder,
 )
-from agrobot_mj.cli.output import say
+from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.cli.variants import variants
 
 if TYPE_CHECKING:
@@ -132,12 +131,7 @@ def compare(
         rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
         say("\n".join([table(rows), *notes(rows), f"figures and runs: {folder}"]))
-    _leave_failed(scenario.name, failures(rows), quiet)
-
-
-def _leave_failed(name: str, failed: str, quiet: bool) -> None:
-    """Leave with exit status 1 if runs failed."""
-    if failed and quiet:
-        print(f"{name}: failed {failed}", file=sys.stderr)
-    if failed:
+    if failed := failures(rows):
+        if quiet:
+            print(f"{scenario.name}: failed {failed}", file=sys.stderr)
         raise typer.Exit(1)

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
-from agrobot_mj.cli.output import say
+from agrobot_mj.cli.output import say, tell_doubts
 
 if TYPE_CHECKING:
     from agrobot_mj.bench.manoeuvres import Check

@@ -4,11 +4,10 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli.hints import tell_doubts
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import (
     Jobs,
@@ -23,11 +22,8 @@ from agrobot_mj.cli.options import (
     overrides,
     results_folder,
 )
-from agrobot_mj.cli.output import say
+from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.core.errors import ScenarioError
-
-if TYPE_CHECKING:
-    from agrobot_mj.studies.limit import Found
 
 
 def sweep(
@@ -145,16 +141,11 @@ def limit(
     with interruptible():
         found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet), sound)
     if not quiet:
-        _print_answers(found)
+        for each in found:
+            print(each.statement)
+            if each.beside:
+                print(f"  {each.beside.statement}")
         print(folder / "limit.json")
-
-
-def _print_answers(found: "list[Found]") -> None:
-    """The answer for each law, and below it that of its counterpart."""
-    for each in found:
-        print(each.statement)
-        if each.beside:
-            print(f"  {each.beside.statement}")
 
 
 def _ends(text: str) -> tuple[float, float]:

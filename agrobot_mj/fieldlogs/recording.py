@@ -4,20 +4,21 @@ Inputs (steering, speed) are complete up to short gaps; what is compared with (y
 any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
 """
 
-from math import pi, radians
-from typing import NamedTuple
+from math import inf, pi, radians
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_filter
 
-from agrobot_mj.core.geodesy import Origin, metres_per_latitude, metres_per_longitude
+from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source, check_time, column_names, read_columns
 from agrobot_mj.fieldlogs.maps import (
     HeadingColumn,
     LogMap,
+    MeasuredColumn,
     PositionColumns,
     SpeedColumn,
     SteerColumn,
@@ -44,6 +45,8 @@ COURSE_S = 2.0
 """Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
+
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 class TimeSeries(NamedTuple):
@@ -166,17 +169,14 @@ class _Reader(NamedTuple):
     def steer(self, c: SteerColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         angle = sign * c.scale * ANGLES[c.unit] * (self.data[c.column] - c.offset)
-        series = self._known("steer", c.column, angle, c.delay_s)
-        self._bounded("steer", c.column, series.value, LARGEST_STEER, "rad")
+        series = self._known("steer", c, angle, LARGEST_STEER, "rad")
         return TimeSeries(series.t, _sharpened(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
-        volts = 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral)
-        return self._known("valve", c.column, volts, c.delay_s)
+        return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
 
     def speed(self, c: SpeedColumn) -> TimeSeries:
-        series = self._known("speed", c.column, c.scale * SPEEDS[c.unit] * self.data[c.column], c.delay_s)
-        self._bounded("speed", c.column, series.value, LARGEST_SPEED, "m/s")
+        series = self._known("speed", c, c.scale * SPEEDS[c.unit] * self.data[c.column], LARGEST_SPEED, "m/s")
         if np.abs(series.value).max() < LEAST_SPEED:
             raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
         return series
@@ -184,13 +184,11 @@ class _Reader(NamedTuple):
     def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         rate = sign * ANGLES[c.unit] * (self.data[c.column] - c.offset)
-        series = self._known("yaw_rate", c.column, rate, c.delay_s)
-        self._bounded("yaw_rate", c.column, series.value, LARGEST_YAW_RATE, "rad/s")
-        return series
+        return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
     def heading(self, c: HeadingColumn) -> TimeSeries:
         angle = ANGLES[c.unit] * self.data[c.column]
-        series = self._known("heading", c.column, pi / 2 - angle if c.convention == "compass" else angle, c.delay_s)
+        series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
         return TimeSeries(series.t, np.unwrap(series.value))
 
     def position(self, c: PositionColumns) -> TimeSeries:
@@ -210,7 +208,7 @@ class _Reader(NamedTuple):
                 float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
                 float(b[0]) if c.origin_lon_deg is None else c.origin_lon_deg,
             )
-            places = _plane(origin, a, b)
+            places = np.array([to_local(origin, *each) for each in zip(a.tolist(), b.tolist(), strict=True)])
         else:
             places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
             if (away := float(np.abs(places).max())) > FARTHEST_M:
@@ -225,15 +223,16 @@ class _Reader(NamedTuple):
             )
         return TimeSeries(self.t[good] - c.delay_s, places)
 
-    def _known(self, part: str, column: str, values: Array, delay: float) -> TimeSeries:
+    def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
+        """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < 4:
-            raise FieldLogError(f"{self.name}: {column!r} has {good.sum()} values; leave [{part}] out of the map")
-        return TimeSeries(self.t[good] - delay, values[good])
-
-    def _bounded(self, part: str, column: str, values: Array, bound: float, unit: str) -> None:
-        if (worst := float(np.abs(values).max())) > bound:
-            raise FieldLogError(f"{self.name}: {column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?")
+            raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")
+        if (worst := float(np.abs(values[good]).max())) > bound:
+            raise FieldLogError(
+                f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?"
+            )
+        return TimeSeries(self.t[good] - c.delay_s, values[good])
 
 
 def _sharpened(series: TimeSeries, length: float) -> Array:
@@ -246,13 +245,6 @@ def _sharpened(series: TimeSeries, length: float) -> Array:
     # the mean of a parabola exceeds its middle by length^2 / 24 times the second derivative
     sharp: Array = x - (length / spacing) ** 2 / 24 * bend
     return sharp
-
-
-def _plane(origin: Origin, latitude: Array, longitude: Array) -> Array:
-    """East and north, shape (n, 2) [m]; the longitude's scale at each point's own latitude as in `core/geodesy`."""
-    scale = np.array([metres_per_longitude(float(phi)) for phi in latitude])
-    east = (longitude - origin.longitude) * scale
-    return np.column_stack([east, (latitude - origin.latitude) * metres_per_latitude(origin.latitude)])
 
 
 def _derived(
@@ -269,37 +261,34 @@ def _derived(
 
 def _curving(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
     """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
-    spacing = float(np.median(np.diff(position.t)))
-    length = max(7, 2 * round(COURSE_S / spacing / 2) + 1)
-    even = np.arange(position.t[0], position.t[-1], spacing, dtype=np.float64)
-    if len(even) < length:
+    if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
-    places = np.stack([np.interp(even, position.t, each) for each in position.value.T])
-    vx, vy = savgol_filter(places, length, 3, deriv=1, delta=spacing)
-    ax, ay = savgol_filter(places, length, 3, deriv=2, delta=spacing)
-    fast = np.abs(np.interp(even, speed.t, speed.value)) > LEAST_SPEED
-    kept = fast & _known_around(position.t, even)
+    t, known, cubic = grid
+    places = np.stack([np.interp(t, position.t, each) for each in position.value.T])
+    (vx, vy), (ax, ay) = (savgol_filter(places, **cubic, deriv=order) for order in (1, 2))
+    kept = known & (np.abs(np.interp(t, speed.t, speed.value)) > LEAST_SPEED)
     if kept.sum() < 8:
         return None
-    return TimeSeries(even[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
-
-
-def _known_around(t: Array, even: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Whether the samples at `t` before and after a time are less than `SMOOTHING_S` apart."""
-    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
-    known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (
-        t[following] - t[np.maximum(following - 1, 0)] < SMOOTHING_S
-    )
-    return known
+    return TimeSeries(t[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
 
 
 def _slope(series: TimeSeries) -> TimeSeries | None:
-    """Derivative by a cubic over `SMOOTHING_S`, on an even grid, left out where the series has gaps."""
-    spacing = float(np.median(np.diff(series.t)))
-    length = max(5, 2 * round(SMOOTHING_S / spacing / 2) + 1)
-    even = np.arange(series.t[0], series.t[-1], spacing)
+    """Derivative by a cubic over `SMOOTHING_S`, left out where the series has gaps."""
+    if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
+        return None
+    t, known, cubic = grid
+    slope = savgol_filter(np.interp(t, series.t, series.value), **cubic, deriv=1)
+    return TimeSeries(t[known], slope[known])
+
+
+def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
+    """Even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart about them, and the
+    cubic of `length_s` for `savgol_filter`; None where there are too few."""
+    spacing = float(np.median(np.diff(t)))
+    length = max(least, 2 * round(length_s / spacing / 2) + 1)
+    even = np.arange(t[0], t[-1], spacing, dtype=np.float64)
     if len(even) < length:
         return None
-    slope = savgol_filter(np.interp(even, series.t, series.value), length, 3, deriv=1, delta=spacing)
-    whole = _known_around(series.t, even)
-    return TimeSeries(even[whole], slope[whole])
+    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
+    known: Mask = t[following] - t[np.maximum(following - 1, 0)] < SMOOTHING_S
+    return even, known, {"window_length": length, "polyorder": 3, "delta": spacing}

@@ -97,9 +97,9 @@ def place(solution: Solution) -> tuple[str, str, str, str]:
     return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
 
 
-def compass(solution: Solution) -> str:
-    """Course over ground [deg], clockwise from north."""
-    return f"{degrees(pi / 2 - solution.course) % 360:.2f}"
+def to_compass(yaw: float) -> float:
+    """Heading [deg], clockwise from north, in [0, 360), of a yaw [rad]."""
+    return degrees(pi / 2 - yaw) % 360.0
 
 
 def gga(s: Solution) -> bytes:
@@ -114,7 +114,7 @@ def gga(s: Solution) -> bytes:
 def rmc(s: Solution) -> bytes:
     """Position, speed, course and date."""
     where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
-    motion = (f"{s.speed * KNOTS:.3f}", compass(s)) if s.quality else ("", "")
+    motion = (f"{s.speed * KNOTS:.3f}", f"{to_compass(s.course):.2f}") if s.quality else ("", "")
     return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
 
 
@@ -122,5 +122,5 @@ def vtg(s: Solution) -> bytes:
     """Course and speed over ground."""
     if not s.quality:
         return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
-    motion = compass(s), "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"
+    motion = f"{to_compass(s.course):.2f}", "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"
     return sentence("GPVTG", *motion, MODES.get(s.quality, "A"))

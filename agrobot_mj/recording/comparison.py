@@ -24,7 +24,7 @@ from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, UNITS, Plot, Series
 from agrobot_mj.recording.transport.sink import Sink
-from agrobot_mj.recording.transport.timeline import APPLICATION, TIMELINE, Times, nanoseconds
+from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.motion import sound_rows
 from agrobot_mj.recording.world.scene import reference_line, send_scene, shapes
@@ -103,7 +103,7 @@ def _values(log: Log) -> dict[str, Array]:
         else:
             values = log.column(column)
         if np.nan_to_num(values).any():
-            found[plot.path] = values * (-1 if column in NEGATED else 1) * UNITS[plot.unit][1]
+            found[plot.path] = values * (-1 if column in NEGATED else 1) * UNITS[plot.unit]
     return found
 
 
@@ -113,14 +113,13 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
     times = nanoseconds(log.column("t"))
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
     poses = log.poses[:there:POSE_TICKS]
-    column = rr.TimeColumn(TIMELINE, duration=times[:there:POSE_TICKS])
     for i, body in enumerate(log.scene.bodies):
         geoms = [_painted(geom, run) for geom in log.scene.geoms if geom.body == body]
         for kind, shape in shapes(geoms).items():
             stream.log(f"{run.place}/{body}/{kind}", shape, static=True)
         if there:
             moved = rr.Transform3D.columns(translation=poses[:, i, :3], quaternion=poses[:, i, [4, 5, 6, 3]])
-            stream.send_columns(f"{run.place}/{body}", [column], moved)
+            send(stream, f"{run.place}/{body}", times[:there:POSE_TICKS], moved)
     if there:
         _send_track(stream, run, times[:there])
     for path, numbers in run.values.items():
@@ -132,9 +131,8 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
     lift, width = TRACK_LIFT_M + TRACK_STEP_M * run.below, TRACK_WIDTH + TRACK_WIDER * run.above
     laid = on_ground(run.log.scenario.terrain.ground(), points, lift)
     ends = piece_ends(len(points))
-    column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
     pieces = rr.LineStrips3D.columns(strips=strips(laid, np.append(0, ends[:-1] - 1), ends))
-    stream.send_columns(f"world/tracks/{run.entity}", [column], pieces)
+    send(stream, f"world/tracks/{run.entity}", times[ends - 1], pieces)
     style = rr.LineStrips3D.from_fields(colors=run.colour, radii=rr.Radius.ui_points(width))
     stream.log(f"world/tracks/{run.entity}", style, static=True)
 
@@ -142,8 +140,7 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
 def _send_signal(stream: rr.RecordingStream, entity: str, run: RecordedRun, times: Times, numbers: Array) -> None:
     """One line of a plot that the runs share, where it has values."""
     finite = np.isfinite(numbers)
-    column = rr.TimeColumn(TIMELINE, duration=times[finite])
-    stream.send_columns(entity, [column], rr.Scalars.columns(scalars=numbers[finite]))
+    send(stream, entity, times[finite], rr.Scalars.columns(scalars=numbers[finite]))
     style = rr.SeriesLines(
         names=run.name,
         colors=run.colour,

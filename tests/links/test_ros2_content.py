@@ -7,10 +7,12 @@ import pytest
 
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.core.geodesy import to_local
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.ros2.bag import recorded
 from agrobot_mj.links.ros2.content import EPOCH_NS, fix, imu, messages, path, quaternion, site_of, stamp, true
 from agrobot_mj.links.ros2.definitions import DEFINITIONS, RECORDED, TOPICS, full_definition, full_name
-from agrobot_mj.links.ros2.sample import Heading, TickSample, sample_of
+from agrobot_mj.links.ros2.sample import sample_of
+from agrobot_mj.links.running import gyro_heading
 
 UNIT = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 KEYS = {"guidance.kind": "stanley", "duration_s": 3.0, **UNIT}
@@ -19,12 +21,13 @@ KEYS = {"guidance.kind": "stanley", "duration_s": 3.0, **UNIT}
 @pytest.fixture(scope="module")
 def drive():
     """What was live in each tick, and the log."""
-    sim, heading, live = Simulation("side_slope_10", KEYS), Heading(), []
+    sim, yaw, live = Simulation("side_slope_10", KEYS), nan, []
     sim.reset()
     site = site_of(sim.scenario)
     while not sim.done:
         sample = sample_of(sim)
-        live.append((sample, messages(sample, site, heading.follow(sample))))
+        yaw = gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)
+        live.append((sample, messages(sample, site, yaw)))
         sim.step()
     return live, sim.log()
 
@@ -116,11 +119,12 @@ def test_a_unit_without_sensors_says_so(drive):
 
 
 def test_the_heading_is_the_integral_of_the_gyro():
-    heading, blank = Heading(), TickSample(*[0.0] * 27)
-    turned = [heading.follow(blank._replace(yaw=3.0, gyro=0.2)) for _ in range(101)]
+    turned = [gyro_heading(nan, 0.2, 3.0, TICK_S)]
+    for _ in range(100):
+        turned.append(gyro_heading(turned[-1], 0.2, 0.0, TICK_S))
     assert turned[0] == 3.0
     assert turned[-1] == pytest.approx(3.0 + 0.2 * 100 * 0.05 - 2 * pi)
-    assert isnan(Heading().follow(blank._replace(gyro=nan)))
+    assert isnan(gyro_heading(nan, nan, 3.0, TICK_S))
 
 
 def test_the_path_is_the_reference_s():

@@ -9,7 +9,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS, blueprint
 from agrobot_mj.recording.info import running, summary
-from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, UNITS
+from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
 
@@ -238,7 +238,7 @@ def test_units_of_plots_are_those_of_the_columns(eight):
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:
             if series.column in units:
-                assert units[series.column] == UNITS[plot.unit][0], series.column
+                assert units[series.column] == SI.get(plot.unit, plot.unit), series.column
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])

@@ -94,7 +94,8 @@ def identify_vehicle(
     recording = read_recording(source, log_map, scenario.tractor.antenna_height_m).between(start_s, end_s)
     if recording.steer is None:
         raise FieldLogError(f"{recording.name}: its map has no [steer]; a vehicle is identified from the wheel angle")
-    chassis = _chassis(scenario)
+    t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
+    chassis = Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
     middle = recording.start + share * (recording.end - recording.start)
     data = _checked(prepare(recording.between(recording.start, middle), chassis))
     rest = prepare(recording.between(middle, recording.end), chassis)
@@ -147,12 +148,6 @@ def _chosen(names: Sequence[str]) -> list[str]:
     if not {"front", "rear"} <= set(names):
         raise ScenarioError("--fit: name front and rear, too: the model has no other stiffness")
     return [parameter for name in names for parameter in CHOICES[name].split()]
-
-
-def _chassis(scenario: Scenario) -> Chassis2:
-    t = scenario.tractor
-    small = isinstance(scenario.plant, Bicycle)
-    return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
 
 
 def _checked(data: VehicleData) -> VehicleData:

@@ -25,6 +25,7 @@ from agrobot_mj.links.agopengps.messages import (
     SteerSettings,
     SteerState,
 )
+from agrobot_mj.links.nmea import to_compass
 
 KMH = 3.6
 """One metre per second in kilometres per hour [km/h per m/s]."""
@@ -53,11 +54,6 @@ def to_wire_angle(angle: float) -> int:
 def from_wire_angle(value: int) -> float:
     """Steering angle [rad] of an int16."""
     return -radians(value / 100)
-
-
-def to_compass(yaw: float) -> float:
-    """Heading [deg], clockwise from north, in [0, 360), of a yaw [rad]."""
-    return degrees(pi / 2 - yaw) % 360.0
 
 
 def from_compass(heading: float) -> float:

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.channels import Channel, Replayed
 from agrobot_mj.links.agopengps.messages import SteerData
 from agrobot_mj.links.agopengps.session import Session
 from agrobot_mj.links.agopengps.traffic import Datagram
 from agrobot_mj.links.agopengps.wire import decode
+from agrobot_mj.metrics.base import rms
 from agrobot_mj.simulation.log import Log
 
 POSITIONS = (b"$PANDA", b"$PAOGI")
@@ -27,9 +28,9 @@ def latencies(record: list[Datagram]) -> list[float]:
     found: list[float] = []
     sent: float | None = None
     for datagram in record:
-        if datagram.direction == "out" and datagram.data.startswith(POSITIONS):
+        if _is_position(datagram):
             sent = datagram.wall
-        elif sent is not None and datagram.direction == "in" and _steers(datagram):
+        elif sent is not None and _steers(datagram):
             found.append(datagram.wall - sent)
             sent = None
     return found
@@ -37,14 +38,16 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 def positions_since_heard(record: list[Datagram]) -> int:
     """Positions from the last one before the first steering message on: those that a host was there to answer."""
-    out = [d.direction == "out" and d.data.startswith(POSITIONS) for d in record]
-    heard = next((k for k, d in enumerate(record) if d.direction == "in" and _steers(d)), len(record))
-    before = max((k for k in range(heard) if out[k]), default=0)
-    return sum(out[before:]) if heard < len(record) else 0
+    heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
+    return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
+
+
+def _is_position(datagram: Datagram) -> bool:
+    return datagram.direction == "out" and datagram.data.startswith(POSITIONS)
 
 
 def _steers(datagram: Datagram) -> bool:
-    return isinstance(decode(datagram.data), SteerData)
+    return datagram.direction == "in" and isinstance(decode(datagram.data), SteerData)
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
@@ -60,14 +63,10 @@ def cross_track(log: Log) -> dict[str, float | None]:
     beyond = np.flatnonzero(known & (np.abs(off) >= SETTLED_M))
     after = t[known & (t > (t[beyond[-1]] if len(beyond) else -1.0))]
     return {
-        "cross_track_rms": _rms(off[known]),
-        "cross_track_late_rms": _rms(off[known & (t > LATE_S)]),
+        "cross_track_rms": rms(off[known]),
+        "cross_track_late_rms": rms(off[known & (t > LATE_S)]),
         "cross_track_settled_s": float(after[0]) if len(after) else None,
     }
-
-
-def _rms(values: Array) -> float | None:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
 def health(block: dict[str, Any]) -> list[str]:
@@ -88,13 +87,12 @@ def link_metrics(session: Session, log: Log) -> dict[str, Any]:
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec
     ticks = max(session.turn - max(session.started, 0), 1)
-    positions = sum(d.direction == "out" and d.data.startswith(POSITIONS) for d in record)
     answers, since = latencies(record), positions_since_heard(record)
     span = max((d.wall for d in record), default=0.0) - min((d.wall for d in record), default=0.0)
     return {
         "host": spec.host,
         "steer_by": spec.steer_by,
-        "positions": positions,
+        "positions": sum(map(_is_position, record)),
         "steer_messages": tally.steer_data,
         "steer_messages_hz": tally.steer_data / span if span > 0 else None,
         "answered_fraction": min(len(answers) / since, 1.0) if since else None,

@@ -5,6 +5,7 @@ requests on /cmd_vel where a program drove.
 """
 
 from collections.abc import Iterator
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
 from agrobot_mj.fieldlogs.columns import check_time, column_names, read_columns
 from agrobot_mj.links.extras import required
 from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
-from agrobot_mj.links.ros2.sample import Heading, TickSample, samples_of
+from agrobot_mj.links.ros2.sample import TickSample, samples_of
+from agrobot_mj.links.running import gyro_heading
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
@@ -78,10 +81,11 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
 
 def recorded(scenario: Scenario, signals: pa.Table) -> Iterator[tuple[str, float, Content]]:
     """Topic, time [s] and content of every message of a run, in the order of time."""
-    site, heading = site_of(scenario), Heading()
+    site, yaw = site_of(scenario), nan
     yield "/path", 0.0, path(scenario)
     for sample in samples_of(signals):
-        for topic, content in messages(sample, site, heading.follow(sample)):
+        yaw = gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)
+        for topic, content in messages(sample, site, yaw):
             yield topic, sample.t, content
         yield "/tf", sample.t, frames(sample, site, stamp(sample.t))
         if sample.cmd_age == 0.0:

@@ -5,7 +5,6 @@ point on the ground below the rear axle, x forward, y left; so are roll and pitc
 time, so that runs repeat. What the tractor does not measure is marked as ROS has it: a covariance that begins with -1.
 """
 
-from collections.abc import Iterable
 from math import cos, isfinite, isnan, nan, radians, sin
 from typing import Any, NamedTuple
 
@@ -234,5 +233,4 @@ def _transform(at: Content, parent: str, child: str, place: Content, turn: Conte
 
 def _diagonal(*variances: float) -> list[float]:
     """Row-major matrix with these on its diagonal."""
-    found: Iterable[float] = np.diag(variances).ravel().tolist()
-    return list(found)
+    return [float(x) for x in np.diag(variances).ravel()]

@@ -10,8 +10,7 @@ from math import nan
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.core.signals import TICK_S, Quality
-from agrobot_mj.links.running import gyro_heading
+from agrobot_mj.core.signals import Quality
 from agrobot_mj.simulation.stepping import Simulation
 
 TickSample = namedtuple(
@@ -49,15 +48,3 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
     quality = TickSample._fields.index("gnss_quality")
     columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # of a run that diverged at once
     return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
-
-
-class Heading:
-    """Heading of an inertial unit in the ticks of a run [rad]."""
-
-    def __init__(self) -> None:
-        self.yaw = nan
-
-    def follow(self, sample: TickSample) -> float:
-        """The heading in the next tick [rad]."""
-        self.yaw = gyro_heading(self.yaw, sample.gyro, sample.yaw, TICK_S)
-        return self.yaw

@@ -10,6 +10,7 @@ heard.
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from math import nan
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -22,8 +23,8 @@ from agrobot_mj.links.pacing import Pace
 from agrobot_mj.links.ros2.content import Content, messages, path, site_of
 from agrobot_mj.links.ros2.node import LATCHED, RosNode, VelocityMessage
 from agrobot_mj.links.ros2.profile import loopback_only
-from agrobot_mj.links.ros2.sample import Heading, TickSample, sample_of
-from agrobot_mj.links.running import NotBegunError, run_session
+from agrobot_mj.links.ros2.sample import TickSample, sample_of
+from agrobot_mj.links.running import NotBegunError, gyro_heading, run_session
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import Watcher
@@ -97,7 +98,8 @@ class RosSession:
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
         self.sim, self.spec, self.port, self.options = sim, spec, port, options
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
-        self.heading, self.request = Heading(), VelocityRequest()
+        self.yaw, self.request = nan, VelocityRequest()
+        """Heading of the inertial unit [rad], and what is asked for."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.answered = 0
@@ -113,11 +115,11 @@ class RosSession:
         Raises `NoProgramError` where nothing is asked for in time.
         """
         self.sim.reset()
-        sample, yaw = self._sensed()
+        sample = self._sensed()
         while not self.sim.done and not should_stop():
             if self.started < 0:
                 self._starts()
-            self._turn(sample, yaw)
+            self._turn(sample)
             if self.ended:
                 return
             self.turn += 1
@@ -130,15 +132,16 @@ class RosSession:
                 self.ended = "host_lost"
                 return
             if not self.sim.done:
-                sample, yaw = self._sensed()
+                sample = self._sensed()
         if not self.port.heard:
             self.ended = "not_engaged"
 
-    def _sensed(self) -> tuple[TickSample, float]:
+    def _sensed(self) -> TickSample:
         sample = sample_of(self.sim)
-        return sample, self.heading.follow(sample)
+        self.yaw = gyro_heading(self.yaw, sample.gyro, sample.yaw, TICK_S)
+        return sample
 
-    def _turn(self, sample: TickSample, yaw: float) -> None:
+    def _turn(self, sample: TickSample) -> None:
         """Publish, and take the newest request."""
         port, lock_step = self.port, self.options.pace == "lock_step"
         held = lock_step and self.started >= 0
@@ -151,7 +154,10 @@ class RosSession:
         heard, now = port.heard, time.perf_counter()
         if heard > before and not held:
             self.answered = self.turn - 1
-        self._publish(sample, yaw)
+        if self.turn % PATH_TURNS == 0:
+            port.publish(LATCHED, self.path)
+        for topic, content in messages(sample, self.site, self.yaw, self.turn * TICK_S):
+            port.publish(topic, content)
         if not held:
             port.spin(now + ANSWER_S, lambda: port.heard > heard)
         elif (self.turn - self.answered) % self.options.every == 0:
@@ -164,12 +170,6 @@ class RosSession:
             self.latencies.append(port.last.wall - now)
         if port.last is not None and port.heard > before:
             self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
-
-    def _publish(self, sample: TickSample, yaw: float) -> None:
-        if self.turn % PATH_TURNS == 0:
-            self.port.publish(LATCHED, self.path)
-        for topic, content in messages(sample, self.site, yaw, self.turn * TICK_S):
-            self.port.publish(topic, content)
 
     def _starts(self) -> None:
         """Start the run's clock if it is time. Raises `NoProgramError` if it should have been."""

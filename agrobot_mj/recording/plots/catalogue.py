@@ -16,12 +16,16 @@ from agrobot_mj.core.signals import WHEELS, Array, Column
 from agrobot_mj.simulation.columns import COLUMNS
 from agrobot_mj.simulation.log import Rows
 
-UNITS = {
-    **{unit: (unit, 1.0) for unit in ("m", "m/s", "s", "1/m", "V", "-", "N m")},
-    **{"cm": ("m", 100.0), "kN": ("N", 1e-3), "%": ("-", 100.0), "l/min": ("m3/s", 6e4), "bar": ("Pa", 1e-5)},
-    **{"deg": ("rad", degrees(1)), "deg/s": ("rad/s", degrees(1)), "deg/s2": ("rad/s2", degrees(1))},
+SI = {
+    **{"cm": "m", "kN": "N", "%": "-", "l/min": "m3/s", "bar": "Pa"},
+    **{"deg": "rad", "deg/s": "rad/s", "deg/s2": "rad/s2"},
 }
-"""Unit of the log by unit of a plot, and the factor from the one to the other."""
+"""Unit of the log by unit of a plot; the others are the same."""
+UNITS = {
+    **{"m": 1.0, "m/s": 1.0, "s": 1.0, "1/m": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
+    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
+}
+"""Factor from the unit of the log to the unit of a plot."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))

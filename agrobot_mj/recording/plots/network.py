@@ -25,7 +25,7 @@ from agrobot_mj.core.palette import (
 )
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import NETWORK, Plot, Series
-from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
+from agrobot_mj.recording.transport.timeline import Index, Times, partitioned, send
 from agrobot_mj.simulation.log import Rows
 
 COLOURS = tuple(
@@ -50,23 +50,13 @@ INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "de
 class Map(NamedTuple):
     """A heat map: rows are the sets of x1, columns those of x2."""
 
-    path: str
-    matrix: str
-    """Beginning of the names of its columns in the log."""
+    entity: str
+    """Entity path of the map in the recording."""
     title: str
-    sizes: tuple[int, int] = (1, 1)
+    sizes: tuple[int, int]
     """Rows and columns."""
-
-    @property
-    def entity(self) -> str:
-        """Entity path of the map in the recording."""
-        return f"network/{self.path}"
-
-
-MAPS = (
-    Map("firing_lower", "w_lower", "Normalised firing of the rules, lower [-]"),
-    Map("firing_upper", "w_upper", "Normalised firing of the rules, upper [-]"),
-)
+    columns: Index
+    """Columns of the log with its cells, row by row."""
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
@@ -117,20 +107,24 @@ class Firing:
     """Sends the heat maps of a run; none without a network."""
 
     def __init__(self, rows: Rows) -> None:
-        self.rows, names = rows, family("w_lower", rows.columns)
-        self.sizes = len(family("c1", rows.columns)), len(family("c2", rows.columns))
-        self.maps = [shown._replace(sizes=self.sizes) for shown in MAPS] if names else []
-        columns = rows.columns
-        self.places = {
-            shown.matrix: np.array([columns.index(name) for name in family(shown.matrix, columns)])
-            for shown in self.maps
-        }
+        self.rows, columns = rows, rows.columns
+        sizes = len(family("c1", columns)), len(family("c2", columns))
+        self.maps = [
+            Map(
+                f"network/firing_{bound}",
+                f"Normalised firing of the rules, {bound} [-]",
+                sizes,
+                np.array([columns.index(name) for name in found]),
+            )
+            for bound in ("lower", "upper")
+            if (found := family(f"w_{bound}", columns))
+        ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
-            values = self.rows.values[np.ix_(first + chosen, self.places[shown.matrix])]
+            values = self.rows.values[np.ix_(first + chosen, shown.columns)]
             there = (np.abs(values) <= MOST_SHARE).all(axis=1)  # false for NaN
             if first == 0:
                 self._frame(stream, shown)
@@ -138,24 +132,18 @@ class Firing:
                 self._send(stream, shown, times[chosen][there], values[there])
 
     def _send(self, stream: rr.RecordingStream, shown: Map, times: Times, values: Array) -> None:
-        column = rr.TimeColumn(TIMELINE, duration=times)
-        stream.send_columns(shown.entity, [column], [partitioned(PICTURE, ImageBufferBatch(_buffers(values)))])
+        send(stream, shown.entity, times, [partitioned(PICTURE, ImageBufferBatch(_buffers(values)))])
         if values.shape[1] <= MOST_LABELS:
             labels = TextBatch([f"{value:.2f}" for value in values.ravel().tolist()])
-            stream.send_columns(f"{shown.entity}/values", [column], [partitioned(LABELS, labels, values.shape[1])])
-
-    def _brightest(self) -> float:
-        """The share at the bright end of the colours: four times what each rule has if all fire alike [-]."""
-        return min(4.0 / (self.sizes[0] * self.sizes[1]), 1.0)
+            send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
         """Format, colours and what the rows and columns are."""
-        height, width = self.sizes
+        height, width = shown.sizes
+        brightest = min(4.0 / (height * width), 1.0)  # four times what each rule has if all fire alike
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
         viridis = rr.components.Colormap.Viridis
-        picture = rr.DepthImage.from_fields(
-            format=size, meter=1.0, colormap=viridis, depth_range=[0.0, self._brightest()]
-        )
+        picture = rr.DepthImage.from_fields(format=size, meter=1.0, colormap=viridis, depth_range=[0.0, brightest])
         stream.log(shown.entity, picture, static=True)
         cells = [(j + 0.5, i + 0.5) for i in range(height) for j in range(width)]
         if len(cells) <= MOST_LABELS:

@@ -59,7 +59,7 @@ class Signals:
             _Lines(
                 plot,
                 np.array([known[series.column] for series in plot.series]),
-                np.array([UNITS[plot.unit][1] * series.sign for series in plot.series]),
+                np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
             )
             for plot in (*PLOTS, *more)
             if shown_by(plot, known)

@@ -13,7 +13,7 @@ from agrobot_mj.control.supervisor import Mode
 from agrobot_mj.core.palette import GREEN, ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array, Outcome
 from agrobot_mj.faults import Scripted
-from agrobot_mj.recording.transport.timeline import TIMELINE, Times, nanoseconds
+from agrobot_mj.recording.transport.timeline import Times, nanoseconds, send
 from agrobot_mj.simulation.log import Rows
 
 GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708AFF
@@ -117,8 +117,7 @@ class States:
 
 
 def _send(stream: rr.RecordingStream, lane: Lane, times: Times, states: list[str]) -> None:
-    column = rr.TimeColumn(TIMELINE, duration=times)
-    stream.send_columns(lane.entity, [column], rr.StateChange.columns(state=states))
+    send(stream, lane.entity, times, rr.StateChange.columns(state=states))
 
 
 def _style(lane: Lane) -> rr.StateConfiguration:

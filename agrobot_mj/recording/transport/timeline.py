@@ -1,5 +1,7 @@
 """What recordings share: the application's name, the timeline `sim_time` since the start of the run, and columns."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import rerun as rr
 
@@ -15,6 +17,11 @@ Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 def nanoseconds(t: Array) -> Times:
     """Seconds (n,) as whole nanoseconds, so that equal times are equal."""
     return np.rint(t * 1e9).astype("timedelta64[ns]")
+
+
+def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
+    """Send columns of an entity at `times` (n,)."""
+    stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:

@@ -9,7 +9,7 @@ from rerun.components import FillMode
 from scipy.spatial.transform import Rotation
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.recording.transport.timeline import TIMELINE, Times
+from agrobot_mj.recording.transport.timeline import Times, send
 from agrobot_mj.recording.world.ground import on_ground, slopes
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
@@ -39,12 +39,12 @@ class Belief:
         centres = on_ground(self.ground, np.column_stack([x, y])[there], LIFT_M)
         axes, frames = ellipses(*(v[there] for v in p))
         tilted = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
-        columns = rr.Ellipsoids3D.columns(
+        shapes = rr.Ellipsoids3D.columns(
             centers=centres.astype(np.float32),
             half_sizes=np.column_stack([SIGMAS * axes, np.full(len(axes), THICKNESS_M)]).astype(np.float32),
             quaternions=Rotation.from_matrix(tilted).as_quat().astype(np.float32),
         )
-        stream.send_columns(ENTITY, [rr.TimeColumn(TIMELINE, duration=times[there])], columns)
+        send(stream, ENTITY, times[there], shapes)
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import rerun as rr
 
 from agrobot_mj.faults import Scripted
 from agrobot_mj.recording.plots.states import by_subject, under
-from agrobot_mj.recording.transport.timeline import TIMELINE, Times, nanoseconds
+from agrobot_mj.recording.transport.timeline import Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
@@ -74,5 +74,4 @@ class Events:
             colors=np.array([colour for _, _, colour in found], dtype=np.uint32),
         )
         stream.log(ENTITY, rr.Points3D.from_fields(radii=RADIUS, show_labels=True), static=True)
-        times = nanoseconds(self.rows.column("t")[rows])
-        stream.send_columns(ENTITY, [rr.TimeColumn(TIMELINE, duration=times)], columns)
+        send(stream, ENTITY, nanoseconds(self.rows.column("t")[rows]), columns)

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times
+from agrobot_mj.recording.transport.timeline import Index, Times, send
 from agrobot_mj.recording.world.colours import ramp
 from agrobot_mj.recording.world.wheels import Wheels
 
@@ -36,12 +36,12 @@ class Forces:
             stream.log(FORCES, rr.Arrows3D.from_fields(radii=0.03), static=True)
             stream.log(LOADS, rr.Arrows3D.from_fields(radii=0.014, colors=LOAD_COLOUR), static=True)
         at = first + np.arange(len(times))
-        column, counts = rr.TimeColumn(TIMELINE, duration=times), np.full(len(times), len(WHEELS))
+        counts = np.full(len(times), len(WHEELS))
         starts, along, posts, up = (v.reshape(-1, 3).astype(np.float32) for v in self.arrows(at))
         use = np.nan_to_num(self.wheels.report("friction_use", at), nan=UNKNOWN_USE)
         forces = rr.Arrows3D.columns(origins=starts, vectors=along, colors=ramp(USE_COLOURS, use.ravel()))
-        stream.send_columns(FORCES, [column], forces.partition(counts))
-        stream.send_columns(LOADS, [column], rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
+        send(stream, FORCES, times, forces.partition(counts))
+        send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
         """Start and arrow of the forces along the ground, then of the loads, at rows `at` (n,), each (n, 4, 3) [m]."""

@@ -6,7 +6,7 @@ from rerun.components import RotationQuatBatch, Translation3DBatch
 
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.transport.timeline import TIMELINE, Times, partitioned
+from agrobot_mj.recording.transport.timeline import Times, partitioned, send
 from agrobot_mj.recording.world.belief import Belief
 from agrobot_mj.recording.world.events import Events
 from agrobot_mj.recording.world.forces import Forces
@@ -45,14 +45,13 @@ class BodyMotion:
         times = times[: self._sound(first)]
         if not times.size or first != self.last + 1:
             return
-        column = rr.TimeColumn(TIMELINE, duration=times)
         for i, body in enumerate(self.scene.bodies):
             pose = self.rows.poses[first : first + len(times), i]
             columns = (
                 partitioned(PLACE, Translation3DBatch(pose[:, :3])),
                 partitioned(ATTITUDE, RotationQuatBatch(pose[:, [4, 5, 6, 3]])),
             )
-            stream.send_columns(f"world/bodies/{body}", [column], columns)
+            send(stream, f"world/bodies/{body}", times, columns)
         for part in self.parts:
             part.send(stream, times, first)
         self.last = first + len(times) - 1

@@ -12,7 +12,7 @@ from rerun.components import LineStrip3DBatch
 
 from agrobot_mj.core.palette import GREEN, ORANGE, SKY_BLUE, VERMILION, rgba
 from agrobot_mj.core.signals import Array
-from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times
+from agrobot_mj.recording.transport.timeline import Index, Times, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
@@ -61,14 +61,13 @@ class Tracks:
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows from `first` on, at `times` (n,)."""
         ends = piece_ends(len(times))
-        column = rr.TimeColumn(TIMELINE, duration=times[ends - 1])
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
-            stream.send_columns(track.entity, [column], pieces)
+            send(stream, track.entity, times[ends - 1], pieces)
             if first == 0:
                 style = rr.LineStrips3D.from_fields(colors=track.colour, radii=rr.Radius.ui_points(track.width))
                 stream.log(track.entity, style, static=True)
-        self._send_fixes(stream, column, first, ends)
+        self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
         """The pieces that end before the rows `first + ends`, each joined to the one before."""
@@ -77,14 +76,14 @@ class Tracks:
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
         return strips(points, np.append(0, ends[:-1] + before - 1), ends + before)
 
-    def _send_fixes(self, stream: rr.RecordingStream, column: rr.TimeColumn, first: int, ends: Index) -> None:
+    def _send_fixes(self, stream: rr.RecordingStream, times: Times, first: int, ends: Index) -> None:
         columns = ("gnss_x", "gnss_y", "gnss_quality")
         x, y, quality = (self.rows.column(name, first)[: ends[-1]] for name in columns)
         there = np.isfinite(x)
         points = on_ground(self.ground, np.column_stack([x, y])[there], FIX_LIFT_M)
         fixes = rr.Points3D.columns(positions=points, colors=FIX_COLOURS[quality[there].astype(int)])
         counts = np.diff(np.append(0, np.cumsum(there)[ends - 1]))
-        stream.send_columns("world/tracks/gnss", [column], fixes.partition(counts))
+        send(stream, "world/tracks/gnss", times, fixes.partition(counts))
         if first == 0:
             stream.log("world/tracks/gnss", rr.Points3D.from_fields(radii=FIX_RADIUS_M), static=True)
 

@@ -9,7 +9,7 @@ import rerun as rr
 
 from agrobot_mj.core.palette import ORANGE, rgba
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds
+from agrobot_mj.recording.transport.timeline import Index, Times, nanoseconds, send
 from agrobot_mj.recording.world.colours import ramp
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.wheels import Wheels
@@ -57,8 +57,7 @@ class Trail:
         edges, colours = self.marks(at.ravel())
         count = 2 * len(WHEELS) * len(sections)
         columns = rr.Mesh3D.columns(vertex_positions=edges.reshape(-1, 3), vertex_colors=colours.ravel())
-        column = rr.TimeColumn(TIMELINE, duration=times)
-        stream.send_columns(ENTITY, [column], columns.partition(np.full(len(ends), count)))
+        send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
         """Left and right edge of each mark at rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n, 4, 2)."""
