@@ -82,18 +82,22 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
         rows = -(-(len(plots) + len(maps)) // COLUMNS)
         return tiled([*views(plots, rows), *(_map(one) for one in maps)], name)
 
+    beside = _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s)
+    return layout(
+        scenes(places, yaw), beside, *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts))
+    )
+
+
+def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
+    """The scene with plots beside it, further tabs, and one of what is told in words; all panels folded away."""
+    drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
+    told = rrb.TextDocumentView(origin="info", name="Run")
+    words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
     return rrb.Blueprint(
-        rrb.Tabs(
-            rrb.Horizontal(
-                scenes(places, yaw),
-                _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s),
-                column_shares=[3, 2],
-                name="Drive",
-            ),
-            *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
-            information(),
-        ),
-        *panels(),
+        rrb.Tabs(drive, *tabs, words),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
     )
 
@@ -121,20 +125,17 @@ def scenes(places: Array, yaw: float, followed: str = FOLLOWED, growing: Sequenc
 
     `growing` are the entities that stay from their time on.
     """
-    views = _follow(places[0], yaw, followed, growing), _overview(places, growing)
+    east, north = from_heading(yaw, *FOLLOW_FROM[:2])
+    following = rrb.EyeControls3D(
+        position=places[0] + np.array([east, north, FOLLOW_FROM[2]]),
+        look_target=places[0] + LOOK_AT,
+        tracking_entity=followed,
+    )
+    low, high = places.min(axis=0), places.max(axis=0)
+    above, middle = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max(), (low + high) / 2
+    overview = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
+    views = _view(following, "Tractor", growing, SKY), _view(overview, "From above", growing, BEYOND)
     return rrb.Vertical(*views, row_shares=[3, 2])
-
-
-def information() -> rrb.Horizontal:
-    """The tab of what is told in words."""
-    told = rrb.TextDocumentView(origin="info", name="Run")
-    return rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
-
-
-def panels() -> tuple[rrb.TimePanel, rrb.SelectionPanel, rrb.BlueprintPanel]:
-    """All folded away, the time within reach."""
-    time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
-    return time, rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
 
 
 @lru_cache(maxsize=64)
@@ -163,24 +164,6 @@ def _map(shown: Map) -> rrb.Spatial2DView:
     height, width = shown.sizes
     bounds = rrb.VisualBounds2D(x_range=[-0.4 * width, 1.1 * width], y_range=[-0.2 * height, 1.05 * height])
     return rrb.Spatial2DView(origin=shown.entity, name=shown.title, visual_bounds=bounds)
-
-
-def _follow(start: Array, yaw: float, followed: str, growing: Sequence[str]) -> rrb.Spatial3DView:
-    east, north = from_heading(yaw, *FOLLOW_FROM[:2])
-    eye = rrb.EyeControls3D(
-        position=start + np.array([east, north, FOLLOW_FROM[2]]),
-        look_target=start + LOOK_AT,
-        tracking_entity=followed,
-    )
-    return _view(eye, "Tractor", growing, SKY)
-
-
-def _overview(places: Array, growing: Sequence[str]) -> rrb.Spatial3DView:
-    low, high = places.min(axis=0), places.max(axis=0)
-    above = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max()
-    middle = (low + high) / 2
-    eye = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
-    return _view(eye, "From above", growing, BEYOND)
 
 
 def _view(eye: rrb.EyeControls3D, name: str, growing: Sequence[str], behind: int) -> rrb.Spatial3DView:

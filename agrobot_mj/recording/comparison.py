@@ -19,7 +19,7 @@ from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE,
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import information, panels, plot_view, scenes, tiled
+from agrobot_mj.recording.blueprint import layout, plot_view, scenes, tiled
 from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, UNITS, Plot, Series
@@ -169,20 +169,11 @@ def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.entity}" for run in runs]
     left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
-    plots = [(plot, frame_) for plot in COMPARED for plot, frame_ in _shared(plot, runs, t)]
-
-    def views(rows: int) -> list[rrb.View]:
-        return [plot_view(plot, end_s, frame_, rows) for plot, frame_ in plots]
-
-    return rrb.Blueprint(
-        rrb.Tabs(
-            rrb.Horizontal(left, rrb.Vertical(*views(BESIDE)[:BESIDE]), column_shares=[3, 2], name="Drive"),
-            tiled(views(BESIDE), "Control", 2),
-            information(),
-        ),
-        *panels(),
-        auto_views=False,
+    plots = [each for plot in COMPARED for each in _shared(plot, runs, t)]
+    beside, tab = (
+        [plot_view(plot, end_s, frame_, BESIDE) for plot, frame_ in some] for some in (plots[:BESIDE], plots)
     )
+    return layout(left, rrb.Vertical(*beside), tiled(tab, "Control", 2))
 
 
 def _shared(plot: Plot, runs: Sequence[RecordedRun], t: Array) -> list[tuple[Plot, Frame]]:

@@ -218,7 +218,7 @@ def noise_of(residuals: Array) -> Autoregression:
 
 
 class Problem:
-    """Least-squares problem under a model of the noise: `residuals` of a parameter vector."""
+    """Least-squares problem under a model of the noise."""
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: dict[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
@@ -230,10 +230,6 @@ class Problem:
         motions = [(one, zero), (zero, one), (-centred[:, 1], centred[:, 0])]
         columns = [whitened(np.stack(pair, axis=1)[None], self.noise["position"]).ravel() for pair in motions]
         return np.linalg.qr(np.stack(columns, axis=1))[0]
-
-    def residuals(self, x: Array) -> Array:
-        """Whitened residuals, shape (all,)."""
-        return self.blocks(x).ravel()
 
     def blocks(self, x: Array) -> Array:
         """Whitened residuals by window, shape (windows, samples); positions without what a shift and a turn explain."""
@@ -262,7 +258,7 @@ def fit(data: VehicleData, names: Sequence[str]) -> VehicleFit:
         problem = Problem(data, names, noise)
         # in units of the typical sizes, since the solver's tolerance is on the norm of all parameters together
         result = least_squares(
-            lambda z, problem=problem: problem.residuals(z * scale),
+            lambda z, problem=problem: problem.blocks(z * scale).ravel(),
             np.clip(x, low + 1e-3 * scale, high) / scale,
             bounds=(low / scale, high / scale),
             diff_step=1e-3,

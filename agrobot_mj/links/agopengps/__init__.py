@@ -2,5 +2,6 @@
 
 Speaks what the boards of that family speak (AgIO + AgOpenGPS, QtAgIO + QtAgOpenGPS, AgOpenWeb): `wire` frames,
 `messages` in both directions, `board` the steer module, `position` the receiver's sentences, `udp` sockets and
-pacing, `traffic` the record of every datagram, `session` the run, `host` a small guidance program for tests.
+pacing, `traffic` the record of every datagram, `session` the run, `link` the command, `host` a small guidance program
+for tests.
 """

@@ -2,5 +2,5 @@
 
 `sample` is what one tick has to tell, live or from a log; `content` makes the messages of it as plain data, of the
 types in `definitions`; `node` sends them over rclpy (the only importer), `profile` keeps it on this computer,
-`session` drives, `command` is `agrobot-mj ros2`; `bag` writes MCAP without ROS.
+`session` is `agrobot-mj ros2`; `bag` writes MCAP without ROS.
 """
