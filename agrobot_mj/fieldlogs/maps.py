@@ -52,7 +52,6 @@ class SteerColumn(MeasuredColumn):
     """Reading with the wheels straight ahead [in the column's unit]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True angle over the reading [-]."""
-
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Length of time over which the sensor averages a value [s]; half of it belongs into `delay_s`."""
 
