@@ -51,7 +51,7 @@ def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spe
         kind = place.owner.model_fields.get("kind")
         named = f"`[{table}]`" if table else "At the top"
         if kind:
-            named += f' `kind = "{kind.default}"`'
+            named += " or".join(f' `kind = "{name}"`' for name in members(place.owner))
         elif len({each.owner for each in found}) > 1:  # the kind of a table above it tells them apart
             named += ' under `{} = "{}"`'.format(*place.kinds[-1])
         usual = ", the default" if kind and kind.default == usual_kind(table) else ""

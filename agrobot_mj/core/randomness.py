@@ -6,6 +6,7 @@ no other stream, and the same seed gives the same numbers in every process (Pyth
 
 from hashlib import blake2b
 from math import exp, sqrt
+from typing import NamedTuple
 
 from numpy.random import Generator, SeedSequence, default_rng
 
@@ -26,3 +27,24 @@ def gauss_markov(value: float, white: float, dt: float, correlation: float) -> f
     """
     kept = exp(-dt / correlation)
     return kept * value + sqrt(1.0 - kept * kept) * white
+
+
+class GaussMarkov(NamedTuple):
+    """First-order Gauss-Markov process of unit variance between two ticks, in one axis or in several."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    value: tuple[float, ...]
+    """Value in each axis, in units of its standard deviation [-]."""
+
+    @classmethod
+    def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":
+        """A process drawn from its stationary distribution."""
+        return cls(generator, tuple(generator.standard_normal(axes).tolist()))
+
+    def after(self, dt: float, *correlation: float) -> "GaussMarkov":
+        """The process `dt` later; `correlation` in the unit of `dt`, one for all axes or one for each."""
+        times = correlation if len(correlation) > 1 else correlation * len(self.value)
+        white = self.generator.standard_normal(len(self.value)).tolist()
+        moved = [gauss_markov(v, w, dt, T) for v, w, T in zip(self.value, white, times, strict=True)]
+        return GaussMarkov(self.generator, tuple(moved))

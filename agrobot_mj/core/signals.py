@@ -14,6 +14,8 @@ import numpy as np
 
 TICK_S = 0.05
 """Sampling period of sensors and controllers [s]. Paper, T_s."""
+ROUNDING_S = 1e-6
+"""Tolerance on times, far above their rounding and far below a tick [s]."""
 NEUTRAL_V = 6.0
 """Voltage at which a valve moves nothing [V]. Paper: range 0-12 V."""
 
@@ -37,6 +39,7 @@ Outcome = Literal[
 """How a run can end; `completed` means that the path was driven, where the guidance follows it."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 
 class Column(NamedTuple):

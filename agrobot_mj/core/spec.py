@@ -83,10 +83,12 @@ class Spec(BaseModel):
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:
-    """The specs inside an annotation by their `kind` (by class name where they have none)."""
+    """The specs inside an annotation by their `kind`, or kinds (by class name where they have none)."""
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         kind = annotation.model_fields.get("kind")
-        return {str(kind.default) if kind else annotation.__name__: annotation}
+        return dict.fromkeys(
+            get_args(kind.annotation) or [str(kind.default)] if kind else [annotation.__name__], annotation
+        )
     found: dict[str, type[Spec]] = {}
     for argument in get_args(annotation):
         found.update(members(argument))
@@ -95,4 +97,4 @@ def members(annotation: Any) -> dict[str, type[Spec]]:
 
 def every(union: Any) -> list[type[Spec]]:
     """The members of a discriminated union, e.g. `every(Path)`: the union is the registry."""
-    return list(members(union).values())
+    return list(dict.fromkeys(members(union).values()))

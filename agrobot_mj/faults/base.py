@@ -6,11 +6,8 @@ from typing import Any, ClassVar
 from numpy.random import Generator
 from pydantic import model_validator
 
-from agrobot_mj.core.signals import Conditions
+from agrobot_mj.core.signals import ROUNDING_S, Conditions
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
-
-ROUNDING_S = 1e-6
-"""Tolerance on times, far above their rounding and far below a tick [s]."""
 
 
 class Scripted(Spec):

@@ -1,16 +1,21 @@
-"""Base of the faults of a line: one from a sensor, or one to a valve. `core.lines` says what becomes of the signal."""
+"""Faults of a line: one from a sensor, or one to a valve. `core.lines` says what becomes of the signal.
 
-from typing import Any
+A kind names the line, a field of `Conditions`, and the effect: `gyro_stuck`. A stuck, scaled, late or lost signal is
+the same on every line; an offset has the unit of its line.
+"""
+
+from math import radians
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from agrobot_mj.core.signals import Conditions, Distortion
+from agrobot_mj.core.spec import Latency, NonNegative
 from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """A fault of one line; its kind is the line's field of `Conditions` and the effect: `gyro_stuck`.
-
-    An effect overrides `apply` and calls `distorted`.
-    """
+    """A fault of one line; an effect overrides `apply` and calls `distorted`."""
 
     @property
     def line(self) -> str:
@@ -18,7 +23,7 @@ class LineFault(Scripted):
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """What the line suffers so far in this tick."""
+        """Distortion of the line by the earlier faults of this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
@@ -26,3 +31,122 @@ class LineFault(Scripted):
         """Conditions with these fields of the line's distortion changed."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
+
+
+class Scaled(LineFault):
+    """Gain of a line: a wrong parameter, a shunt, another tyre; negative with wires or a sign swapped.
+
+    A reading is multiplied by it, for a valve the voltage from neutral.
+    """
+
+    kind: Literal[
+        "steering_pot_scale", "pedal_pot_scale", "gyro_scale", "wheel_speed_scale", "valve_scale", "pedal_valve_scale"
+    ]
+    scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
+    """Signal over the true one [-]. Estimate: the sign swapped; 0.5-2 for a wrong parameter."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Scale the signal."""
+        return None, self.distorted(conditions, scale=self.scale * self.distortion(conditions).scale)
+
+
+class Stuck(LineFault):
+    """Line that repeats its last value or carries zero: a frozen bus message, a sheared shaft, a jammed spool.
+
+    From the start of a run it repeats its first value. A valve whose line is stuck holds its spool; at zero it is dead.
+    """
+
+    kind: Literal[
+        "steering_pot_stuck",
+        "pedal_pot_stuck",
+        "gyro_stuck",
+        "wheel_speed_stuck",
+        "heading_stuck",
+        "valve_stuck",
+        "pedal_valve_stuck",
+    ]
+    value: Literal["last", "zero"] = "last"
+    """Value that it keeps: the `last` one, or `zero`."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Freeze the signal."""
+        return None, self.distorted(conditions, stuck=self.value)
+
+
+class Delayed(LineFault):
+    """Valve that answers late: a loaded bus, cold oil, a sticking pilot.
+
+    While the delay sets in the last value stays.
+    """
+
+    kind: Literal["valve_delay", "pedal_valve_delay"]
+    delay_s: Latency = 0.5
+    """Delay on top of the valve's own, whole ticks [s]. Estimate (0.2-1)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Delay the signal."""
+        return None, self.distorted(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
+
+
+class Lost(LineFault):
+    """Reading that is missing, which the tractor's computer notices: a cut wire, a sensor without power.
+
+    A lost heading is that from two antennas; the position of the receiver is sound.
+    """
+
+    kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss"]
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Withhold the reading."""
+        return None, self.distorted(conditions, lost=True)
+
+
+class Bias(LineFault):
+    """Reading with an offset; a kind has it by a key `bias`, with its unit behind it."""
+
+    ramp_s: NonNegative = 0.0
+    """Time in which it grows linearly from zero, 0 for at once [s]."""
+
+    @property
+    def offset(self) -> float:
+        """Offset in SI units."""
+        name = next(name for name in type(self).model_fields if name.startswith("bias"))
+        value: float = getattr(self, name)
+        return radians(value) if name.startswith("bias_deg") else value
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Shift the reading."""
+        offset = self.distortion(conditions).offset + self.offset * self.grown(t, self.ramp_s)
+        return None, self.distorted(conditions, offset=offset)
+
+
+class SteeringPotBias(Bias):
+    """The steering angle reads too far to one side."""
+
+    kind: Literal["steering_pot_bias"] = "steering_pot_bias"
+    bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
+    """Offset of the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
+
+
+class PedalPotBias(Bias):
+    """The pedal position reads too far forward."""
+
+    kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
+    bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
+    """Offset of the reading, forward positive [-]. Estimate (0.05-0.2: a clamp that has slipped)."""
+
+
+class GyroBias(Bias):
+    """The gyro reads a turn that is not there."""
+
+    kind: Literal["gyro_bias"] = "gyro_bias"
+    bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
+    """Offset of the reading, left positive [deg/s]. Estimate (2-20: a shock, a supply that drops)."""
+
+
+class HeadingBias(Bias):
+    """The heading from two antennas is turned: ambiguities fixed to wrong integers, an antenna that was hit."""
+
+    kind: Literal["heading_bias"] = "heading_bias"
+    bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
+    """Offset of the heading, left positive [deg]. Estimate (5-180: a wavelength over the baseline is 11 deg)."""

@@ -7,7 +7,7 @@ from agrobot_mj.core.contracts import check_update
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Conditions, PointMass
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.faults.payload import Payload
+from agrobot_mj.faults.machine import Payload
 
 ScriptState = tuple[Any, ...]
 """State of each fault, in the order of the script."""
@@ -55,7 +55,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Every set of payloads carried in the run, each with the index of the fault whose begin or end brings it about."""
+    """Every set of payloads carried in the run, each with the index of the fault at whose begin or end it starts."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from math import ceil
 
 from agrobot_mj.core.contracts import without_exit
-from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.faults.base import ROUNDING_S
+from agrobot_mj.core.signals import ROUNDING_S, TICK_S
 from agrobot_mj.scenario.schema import Scenario
 
 

@@ -7,9 +7,8 @@ from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
-from agrobot_mj.sensors.radar_speed import RadarSpeed
+from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
 from agrobot_mj.sensors.suite import Sensors, SensorState
-from agrobot_mj.sensors.wheel_speed import WheelSpeed
 
 __all__ = [
     "Canopy",

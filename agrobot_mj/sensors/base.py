@@ -6,10 +6,10 @@ from `randomness.stream` under a name of the sensor's own, and each tick draws t
 the conditions, so that no sensor ever shifts another's noise. `columns` and `report` log a reading.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Conditions, Truth
+from agrobot_mj.core.signals import Column, Conditions, Truth
 
 
 class Sensor(Reporting):
@@ -22,3 +22,22 @@ class Sensor(Reporting):
     def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
         """State and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
         raise NotImplementedError
+
+
+class OptionalSensor(Sensor):
+    """Base of a sensor of one number that the paper's tractor does not have."""
+
+    column: ClassVar[Column]
+    """Column of its reading."""
+
+    enabled: bool = False
+    """Whether there is one; the reading is NaN without."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The reading, where there is a sensor."""
+        return (self.column,) if self.enabled else ()
+
+    def report(self, reading: float) -> tuple[float, ...]:
+        """The reading, where there is a sensor."""
+        return (reading,) if self.enabled else ()

@@ -13,11 +13,9 @@ from pydantic import Field, model_validator
 
 from agrobot_mj.core.geometry import check_polygon, in_polygon
 from agrobot_mj.core.randomness import stream
-from agrobot_mj.core.signals import TICK_S, Quality
+from agrobot_mj.core.signals import ROUNDING_S, TICK_S, Quality
 from agrobot_mj.core.spec import HUGE, NonNegative, Spec
 
-ROUNDING_S = 1e-6
-"""Tolerance on times, far above their rounding and far below a tick [s]."""
 Place = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 

@@ -10,12 +10,11 @@ atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities.
 from math import atan, nan, radians, sin, tan
 from typing import Annotated, NamedTuple
 
-from numpy.random import Generator
 from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.randomness import GaussMarkov, stream
 from agrobot_mj.core.signals import SOUND, Distortion, Quality, Truth
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
@@ -23,10 +22,8 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 class DualAntennaState(NamedTuple):
     """Both antennas between two ticks."""
 
-    generator: Generator
-    """Random stream; advances in place."""
-    wander: float
-    """Slow error, in units of its standard deviation [-]."""
+    wander: GaussMarkov
+    """Slow error; its stream gives the white one too."""
     line: SignalLine = SignalLine()
     """What carries the heading."""
 
@@ -49,8 +46,7 @@ class DualAntenna(Spec):
 
     def init(self, seed: int) -> DualAntennaState:
         """The slow error drawn from its stationary distribution."""
-        generator = stream(seed, "gnss.dual_antenna")
-        return DualAntennaState(generator, float(generator.standard_normal()))
+        return DualAntennaState(GaussMarkov.stationary(stream(seed, "gnss.dual_antenna")))
 
     def measure(
         self, state: DualAntennaState, truth: Truth, quality: int, dt: float, distortion: Distortion = SOUND
@@ -58,11 +54,10 @@ class DualAntenna(Spec):
         """Heading [rad], wrapped; NaN without antennas or without fixed ambiguities."""
         if not self.enabled:
             return state, nan
-        w_slow, w = state.generator.standard_normal(2).tolist()
-        wander = gauss_markov(state.wander, w_slow, dt, self.wander_time_s)
-        aside = self.wander_sigma_m * wander + self.sigma_m * w
+        wander = state.wander.after(dt, self.wander_time_s)
+        aside = self.wander_sigma_m * wander.value[0] + self.sigma_m * wander.generator.standard_normal()
         error = atan(aside / self.baseline_m) + radians(self.mounting_deg)
         leaning = -atan(sin(truth.pitch) * tan(truth.roll))
         heading = wrap(truth.yaw + leaning + error) if quality == Quality.FIX else nan
         line, heading = state.line.carried(heading, distortion, dt)
-        return DualAntennaState(state.generator, wander, line), wrap(heading)
+        return DualAntennaState(wander, line), wrap(heading)

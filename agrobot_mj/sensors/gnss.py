@@ -6,13 +6,13 @@ by millimetres and wanders by a centimetre over minutes, for which there are the
 ENU [m, m/s]; the solution is delivered whole ticks late.
 """
 
+from collections.abc import Iterator
 from math import nan, sqrt
 from typing import Annotated, NamedTuple
 
-from numpy.random import Generator
 from pydantic import Field
 
-from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.randomness import GaussMarkov, stream
 from agrobot_mj.core.signals import Column, Conditions, Fix, Frozen, Quality, Truth
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
@@ -21,8 +21,6 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaState
 
 Pair = tuple[float, float]
 """East and north."""
-Axes = tuple[float, float, float]
-"""East, north and up."""
 
 
 class GnssReading(NamedTuple):
@@ -34,60 +32,18 @@ class GnssReading(NamedTuple):
     """One of `Quality`."""
 
 
-class Wander(NamedTuple):
-    """A first-order Gauss-Markov process in three axes."""
-
-    generator: Generator
-    """Random stream; advances in place."""
-    value: Axes
-    """Value, in units of its standard deviation [-]."""
-
-    @classmethod
-    def of(cls, generator: Generator) -> "Wander":
-        """The process drawn from its stationary distribution."""
-        east, north, up = generator.standard_normal(3).tolist()
-        return cls(generator, (east, north, up))
-
-    def after(self, dt: float, correlation: float) -> "Wander":
-        """The process `dt` later; its correlation falls to 37 % over `correlation` [s]."""
-        (a, b, c), (w_a, w_b, w_c) = self.value, self.generator.standard_normal(3).tolist()
-        moved = (gauss_markov(v, w, dt, correlation) for v, w in ((a, w_a), (b, w_b), (c, w_c)))
-        return Wander(self.generator, (next(moved), next(moved), next(moved)))
-
-
-class Height(NamedTuple):
-    """Error of the height between two ticks, in units of its standard deviation."""
-
-    generator: Generator
-    """Random stream; advances in place."""
-    correlated: Pair
-    """Gauss-Markov part of a fixed and of a float solution [-]."""
-    white: float = 0.0
-    """White part of this tick [-]."""
-
-    def after(self, dt: float, correlation: Pair) -> "Height":
-        """The error `dt` [s] later."""
-        w_fix, w_float, white = self.generator.standard_normal(3).tolist()
-        fixed = gauss_markov(self.correlated[0], w_fix, dt, correlation[0])
-        return Height(self.generator, (fixed, gauss_markov(self.correlated[1], w_float, dt, correlation[1])), white)
-
-
 class GnssState(NamedTuple):
-    """The receiver between two ticks."""
+    """The receiver between two ticks; its errors are in units of their standard deviations."""
 
-    generator: Generator
-    """Random stream of a fixed solution; advances in place."""
-    correlated: Pair
-    """Gauss-Markov part of the east and north error, in units of its standard deviation [-]."""
-    float_generator: Generator
-    """Random stream of a float solution; advances in place."""
-    float_correlated: Pair
-    """Gauss-Markov part of a float solution's error [-]."""
-    height: Height
-    """Error of the height."""
-    multipath: Wander
-    """Further part of a fixed solution's error."""
-    drift: Wander
+    fixed: GaussMarkov
+    """Correlated error of a fixed solution, east and north; its stream gives the white errors too."""
+    floating: GaussMarkov
+    """Correlated error of a float solution, east and north."""
+    height: GaussMarkov
+    """Correlated error of the height, of a fixed and of a float solution; its stream gives the white error too."""
+    multipath: GaussMarkov
+    """Further part of a fixed solution's error, east, north and up."""
+    drift: GaussMarkov
     """Further part of a fixed solution's error, slower."""
     dual: DualAntennaState
     """Both antennas."""
@@ -142,16 +98,12 @@ class Gnss(Sensor):
 
     def init(self, seed: int) -> GnssState:
         """The error drawn from its stationary distribution; no solution under way."""
-        generator, float_generator = stream(seed, "gnss"), stream(seed, "gnss.float")
-        height = stream(seed, "gnss.height")
         return GnssState(
-            generator=generator,
-            correlated=_pair(generator),
-            float_generator=float_generator,
-            float_correlated=_pair(float_generator),
-            height=Height(height, _pair(height)),
-            multipath=Wander.of(stream(seed, "gnss.multipath")),
-            drift=Wander.of(stream(seed, "gnss.drift")),
+            fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
+            floating=GaussMarkov.stationary(stream(seed, "gnss.float"), 2),
+            height=GaussMarkov.stationary(stream(seed, "gnss.height"), 2),
+            multipath=GaussMarkov.stationary(stream(seed, "gnss.multipath"), 3),
+            drift=GaussMarkov.stationary(stream(seed, "gnss.drift"), 3),
             dual=self.dual_antenna.init(seed),
             canopies=tuple(canopy.init(seed, k) for k, canopy in enumerate(self.canopy)),
         )
@@ -164,27 +116,21 @@ class Gnss(Sensor):
         Quality and offset in `conditions` apply to the solution computed now, the latency to the one delivered now.
         While the latency grows nothing new arrives; when it shrinks, overtaken solutions are lost.
         """
-        w = state.generator.standard_normal(6).tolist()
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
         dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
-        state = GnssState(
-            generator=state.generator,
-            correlated=_correlated(state.correlated, (w[0], w[1]), dt, self.correlation_time_s),
-            float_generator=state.float_generator,
-            float_correlated=_correlated(
-                state.float_correlated, _pair(state.float_generator), dt, self.float_correlation_time_s
-            ),
-            height=state.height.after(dt, (self.correlation_time_s, self.float_correlation_time_s)),
+        state = state._replace(
+            fixed=state.fixed.after(dt, self.correlation_time_s),
+            floating=state.floating.after(dt, self.float_correlation_time_s),
+            height=state.height.after(dt, self.correlation_time_s, self.float_correlation_time_s),
             multipath=state.multipath.after(dt, self.multipath_time_s) if self.multipath_sigma_m else state.multipath,
             drift=state.drift.after(dt, self.drift_time_s) if self.drift_sigma_m else state.drift,
             dual=dual,
             canopies=canopies,
-            pending=state.pending,
-            last=state.last,
         )
+        white = (*state.fixed.generator.standard_normal(4).tolist(), state.height.generator.standard_normal())
         found = None
         if quality != Quality.NONE:
-            found = self._fix(state, truth, conditions.gnss_offset, quality, w[2:], heading)
+            found = self._fix(state, truth, conditions.gnss_offset, quality, white, heading)
             if conditions.gnss_frozen and state.last is not None:
                 found = _frozen(found, state.last, conditions.gnss_frozen)
             state = state._replace(last=found)
@@ -206,22 +152,22 @@ class Gnss(Sensor):
         return tuple(found), quality
 
     def _fix(
-        self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: list[float], heading: float
+        self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: tuple[float, ...], heading: float
     ) -> Fix:
-        """The solution of the antenna."""
+        """The solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
         fixed = quality == Quality.FIX
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
-        correlated = state.correlated if fixed else state.float_correlated
+        east, north = (state.fixed if fixed else state.floating).value
         slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
         x, y, z = truth.antenna
         vx, vy, _ = truth.antenna_velocity
         dx, dy = offset
         more_x, more_y, more_z = self._further(state) if fixed else (0.0, 0.0, 0.0)
-        up = slow * state.height.correlated[0 if fixed else 1] + fast * state.height.white + more_z
+        up = slow * state.height.value[0 if fixed else 1] + fast * white[4] + more_z
         return Fix(
-            x=x + dx + slow * correlated[0] + fast * white[0] + more_x,
-            y=y + dy + slow * correlated[1] + fast * white[1] + more_y,
+            x=x + dx + slow * east + fast * white[0] + more_x,
+            y=y + dy + slow * north + fast * white[1] + more_y,
             vx=vx + self.velocity_sigma_m_s * white[2],
             vy=vy + self.velocity_sigma_m_s * white[3],
             t=truth.t,
@@ -229,11 +175,10 @@ class Gnss(Sensor):
             heading=heading,
         )
 
-    def _further(self, state: GnssState) -> Axes:
-        """Further parts of a fixed solution's error, the last one before `height_ratio` [m]."""
+    def _further(self, state: GnssState) -> Iterator[float]:
+        """Further parts of a fixed solution's error, east, north and up, the last one before `height_ratio` [m]."""
         a, b = self.multipath_sigma_m, self.drift_sigma_m
-        (e_a, n_a, u_a), (e_b, n_b, u_b) = state.multipath.value, state.drift.value
-        return a * e_a + b * e_b, a * n_a + b * n_b, a * u_a + b * u_b
+        return (a * m + b * d for m, d in zip(state.multipath.value, state.drift.value, strict=True))
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
         """Height, and heading where there are two antennas; NaN without a solution."""
@@ -249,13 +194,3 @@ def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
         case "velocity":
             return last._replace(t=fix.t)
     return last._replace(vx=0.0, vy=0.0, t=fix.t)
-
-
-def _pair(generator: Generator) -> Pair:
-    east, north = generator.standard_normal(2).tolist()
-    return east, north
-
-
-def _correlated(value: Pair, white: Pair, dt: float, correlation: float) -> Pair:
-    """The next values of both axes, in units of their standard deviation [-]."""
-    return gauss_markov(value[0], white[0], dt, correlation), gauss_markov(value[1], white[1], dt, correlation)

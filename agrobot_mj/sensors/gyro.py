@@ -13,7 +13,7 @@ from numpy.random import Generator
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Column, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative
-from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.base import OptionalSensor
 
 
 class GyroState(NamedTuple):
@@ -27,11 +27,11 @@ class GyroState(NamedTuple):
     """Bias beyond the constant one [deg/s]."""
 
 
-class Gyro(Sensor):
-    """Yaw rate gyro, which the paper's tractor does not have; `[sensors.gyro]`."""
+class Gyro(OptionalSensor):
+    """Yaw rate gyro; `[sensors.gyro]`."""
 
-    enabled: bool = False
-    """Whether there is a gyro; the reading is NaN without one."""
+    column = Column("gyro", "rad/s", "yaw rate from the gyro")
+
     axes: Literal["vertical", "body"] = "vertical"
     """Axis of the reading: `vertical` for a unit that levels it, `body` for a gyro that leans with the chassis."""
     sigma_deg_s: NonNegative = 0.1
@@ -40,11 +40,6 @@ class Gyro(Sensor):
     """Constant error [deg/s]. Estimate."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
     """Random walk of the bias [deg/s/sqrt(s)]. Estimate (MEMS: 0.02 deg/s in 100 s, as it warms up)."""
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """The reading, where there is a gyro."""
-        return (Column("gyro", "rad/s", "yaw rate from the gyro"),) if self.enabled else ()
 
     def init(self, seed: int) -> GyroState:
         """No walk yet."""
@@ -59,7 +54,3 @@ class Gyro(Sensor):
         error = self.bias_deg_s + walk + self.sigma_deg_s * generator.standard_normal()
         rate = truth.yaw_rate if self.axes == "vertical" else truth.body_rates[2]
         return GyroState(generator, walk_generator, walk), rate + radians(error)
-
-    def report(self, reading: float) -> tuple[float, ...]:
-        """The reading, where there is a gyro."""
-        return (reading,) if self.enabled else ()

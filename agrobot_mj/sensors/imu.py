@@ -14,10 +14,8 @@ Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in de
 from math import atan2, exp, hypot, nan, radians
 from typing import Literal, NamedTuple
 
-from numpy.random import Generator
-
 from agrobot_mj.core.geometry import from_heading, to_body, to_heading, to_level, wrap
-from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.randomness import GaussMarkov, stream
 from agrobot_mj.core.signals import Column, Conditions, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.core.vectors import Vector, cross
@@ -54,10 +52,8 @@ class UnitMotion(NamedTuple):
 class ImuState(NamedTuple):
     """The unit between two ticks."""
 
-    generator: Generator
-    """Random stream; advances in place."""
-    wander: tuple[float, float]
-    """Slow error of roll and pitch, in units of its standard deviation [-]."""
+    wander: GaussMarkov
+    """Slow error of roll and pitch; its stream gives the white ones too."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """Acceleration taken for tilt: error of roll and pitch [rad]."""
     last: UnitMotion | None = None
@@ -93,35 +89,28 @@ class Imu(Sensor):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Both angles and the specific force, where there is a unit."""
+        force = "specific force at the unit {}, mean of the tick, without noise"
         found = (
             Column("imu_roll", "rad", "roll from the inertial unit, left side up positive"),
             Column("imu_pitch", "rad", "pitch from the inertial unit, nose down positive"),
-            *(
-                Column(
-                    f"imu_force_{axis}",
-                    "m/s2",
-                    f"specific force at the unit {way}, mean of the tick, without noise",
-                    drawn=False,
-                )
-                for axis, way in (("x", "forward"), ("y", "to the left"), ("z", "up, in the chassis' axes"))
-            ),
+            Column("imu_force_x", "m/s2", force.format("forward"), drawn=False),
+            Column("imu_force_y", "m/s2", force.format("to the left"), drawn=False),
+            Column("imu_force_z", "m/s2", force.format("up, in the chassis' axes"), drawn=False),
         )
         return found if self.enabled else ()
 
     def init(self, seed: int) -> ImuState:
         """The slow error drawn from its stationary distribution."""
-        generator = stream(seed, "imu")
-        roll, pitch = generator.standard_normal(2).tolist()
-        return ImuState(generator, (roll, pitch))
+        return ImuState(GaussMarkov.stationary(stream(seed, "imu"), 2))
 
     def measure(self, state: ImuState, truth: Truth, conditions: Conditions, dt: float) -> tuple[ImuState, Attitude]:
         """Measured roll and pitch [rad], and the specific force [m/s2]."""
         if not self.enabled:
             return state, Attitude(nan, nan)
-        w = state.generator.standard_normal(4).tolist()
-        b_r, b_p = (gauss_markov(b, w_b, dt, self.wander_time_s) for b, w_b in zip(state.wander, w[:2], strict=True))
-        e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w[2]
-        e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w[3]
+        wander = state.wander.after(dt, self.wander_time_s)
+        (b_r, b_p), (w_r, w_p) = wander.value, wander.generator.standard_normal(2).tolist()
+        e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w_r
+        e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w_p
         now = self._motion(truth)
         last = state.last or now
         turned = wrap(now.yaw - last.yaw)
@@ -132,10 +121,10 @@ class Imu(Sensor):
         )
         force = _force(pull, truth)
         reading = Attitude(truth.roll + roll + radians(e_r), truth.pitch + pitch + radians(e_p), *force)
-        return ImuState(state.generator, (b_r, b_p), tilt, now), reading
+        return ImuState(wander, tilt, now), reading
 
     def _motion(self, truth: Truth) -> UnitMotion:
-        """UnitMotion of the unit in its place on the chassis."""
+        """Motion of the unit in its place on the chassis."""
         swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
         forward, left, up = to_level(truth.roll, truth.pitch, swing)
         east, north = from_heading(truth.yaw, forward, left)

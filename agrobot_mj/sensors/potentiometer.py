@@ -7,7 +7,7 @@ has any number of physics steps.
 
 from functools import lru_cache
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -16,17 +16,19 @@ from scipy.linalg import lstsq
 
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import stream
-from agrobot_mj.core.signals import Array, Conditions, Truth
+from agrobot_mj.core.signals import Array, Conditions, Index, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
-Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 FULL_LOCK = pi / 4
 """Angle at which the errors of a characteristic are given [rad]."""
 
 
 class Potentiometer(Sensor):
-    """Angle sensor; a potentiometer at a place overrides `init` and `measure`."""
+    """Angle sensor; a potentiometer at a place overrides `measure`."""
+
+    place: ClassVar[str]
+    """Name of its random stream."""
 
     resolution_deg: Positive = 1.0
     """Rounding of each sample [deg]. Paper, section V-B."""
@@ -59,6 +61,10 @@ class Potentiometer(Sensor):
         """Potentiometer angle for one unit of the measured signal [deg/rad]."""
         return 180.0 / pi
 
+    def init(self, seed: int) -> Generator:
+        """Its random stream, which advances in place."""
+        return stream(seed, self.place)
+
     def read(self, history: Array, generator: Generator) -> float:
         """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
@@ -74,6 +80,8 @@ class SteeringPotentiometer(Potentiometer):
     A sensor on a knuckle reads that wheel's own angle, which by Ackermann is larger inside a bend, and its rod between
     knuckle and axle bends the characteristic: error = second order (delta / 45 deg)^2 + third order (delta / 45 deg)^3.
     """
+
+    place = "steering_pot"
 
     at: Literal["virtual", "left", "right"] = "virtual"
     """Wheel whose angle it reads: the bicycle's `virtual` one, or that of the `left` or `right` knuckle."""
@@ -97,10 +105,6 @@ class SteeringPotentiometer(Potentiometer):
         knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
         return knuckle
 
-    def init(self, seed: int) -> Generator:
-        """Its random stream, which advances in place."""
-        return stream(seed, "steering_pot")
-
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
         """Steering angle, left positive [rad]."""
         return state, self.read(self.characteristic(self.seen(truth)), state)
@@ -109,6 +113,8 @@ class SteeringPotentiometer(Potentiometer):
 class PedalPotentiometer(Potentiometer):
     """Potentiometer of the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
 
+    place = "pedal_pot"
+
     travel_deg: Positive = 25.0
     """Potentiometer angle at full pedal, either way [deg]. Estimate."""
 
@@ -116,10 +122,6 @@ class PedalPotentiometer(Potentiometer):
     def degrees_per_unit(self) -> float:
         """Potentiometer angle for one unit of the measured signal, full pedal [deg]."""
         return self.travel_deg
-
-    def init(self, seed: int) -> Generator:
-        """Its random stream, which advances in place."""
-        return stream(seed, "pedal_pot")
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
         """Pedal position, -1 to 1 [-]."""
@@ -152,8 +154,10 @@ def _resampling(n: int, samples: int) -> tuple[Index, Array]:
 
 @lru_cache(maxsize=16)
 def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
-    """Response of the mean of the filtered samples to each sample, shape (samples,): the chain is linear."""
-    return _frozen(savgol_matrix(samples, window, polyorder).mean(axis=0))
+    """Response of the mean of the filtered samples to each sample, shape (samples,), read-only: the chain is linear."""
+    found: Array = savgol_matrix(samples, window, polyorder).mean(axis=0)
+    found.setflags(write=False)
+    return found
 
 
 def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
@@ -171,10 +175,3 @@ def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
         fitted = np.transpose([np.polyval(fit, at) for fit in np.polyfit(at, np.eye(window), polyorder).T])
         found[:half, :window], found[-half:, -window:] = fitted[:half], fitted[-half:]
     return found
-
-
-def _frozen(array: Array) -> Array:
-    """A contiguous read-only copy, since caches hand it out more than once."""
-    array = np.array(array, dtype=np.float64, order="C")
-    array.setflags(write=False)
-    return array

@@ -15,8 +15,7 @@ from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
-from agrobot_mj.sensors.radar_speed import RadarSpeed
-from agrobot_mj.sensors.wheel_speed import WheelSpeed
+from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
 
 LINES = ("steering_pot", "pedal_pot", "gyro", "wheel_speed")
 """Sensors of one number, whose readings pass a line that `Conditions` may distort under the same name."""

@@ -11,14 +11,14 @@ from scripted import scripted
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Distortion, Quality
-from agrobot_mj.core.spec import every
+from agrobot_mj.core.spec import members
 from agrobot_mj.faults import Fault
 from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.sensors import DualAntenna, Gnss, Sensors
 from agrobot_mj.simulation.loop import Loop
 
-KINDS = sorted(spec.model_fields["kind"].default for spec in every(Fault))
-SENSED = [kind for kind in KINDS if not next(s for s in every(Fault) if s.model_fields["kind"].default == kind).machine]
+KINDS = sorted(members(Fault))
+SENSED = [kind for kind in KINDS if not members(Fault)[kind].machine]
 
 
 def faults(*tables):

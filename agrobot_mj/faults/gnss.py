@@ -1,0 +1,146 @@
+"""Faults of the GNSS receiver's solution: missing, floating, offset, repeated or late."""
+
+from typing import Annotated, Literal, NamedTuple
+
+from numpy.random import Generator
+from pydantic import Field
+
+from agrobot_mj.core.signals import TICK_S, Conditions, Quality
+from agrobot_mj.core.spec import HUGE, Latency
+from agrobot_mj.faults.base import Scripted
+
+Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Rate = Annotated[float, Field(ge=-10, le=10)]
+Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]
+"""Time of at least one tick [s]."""
+
+
+def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
+    """Conditions with the position farther east and north [m]."""
+    x, y = conditions.gnss_offset
+    return conditions._replace(gnss_offset=(x + east, y + north))
+
+
+class GnssLoss(Scripted):
+    """No solution at all: trees, a bridge, an unplugged antenna."""
+
+    kind: Literal["gnss_loss"] = "gnss_loss"
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Withhold the solution."""
+        return None, conditions._replace(gnss_quality=min(conditions.gnss_quality, Quality.NONE))
+
+
+class GnssJump(Scripted):
+    """Constant offset of the position: ambiguities fixed to wrong integers, another base station."""
+
+    kind: Literal["gnss_jump"] = "gnss_jump"
+    east_m: Metres = 0.0
+    """Offset east [m]."""
+    north_m: Metres = 1.0
+    """Offset north [m]. Estimate (0.2-5: some wavelengths, a base station entered wrongly)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Shift the position; quality and velocity are those of a sound solution."""
+        return None, shifted(conditions, self.east_m, self.north_m)
+
+
+class GnssDrift(Scripted):
+    """Offset of the position that grows evenly: corrections of an old epoch, interference."""
+
+    kind: Literal["gnss_drift"] = "gnss_drift"
+    east_m_s: Rate = 0.0
+    """Rate east [m/s]."""
+    north_m_s: Rate = 0.1
+    """Rate north [m/s]. Estimate (0.02-0.5)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Shift the position by what has grown at the end of the tick; quality and velocity are sound."""
+        time = t + dt - self.start_s
+        return None, shifted(conditions, self.east_m_s * time, self.north_m_s * time)
+
+
+class GnssFrozen(Scripted):
+    """Last position again under live time stamps: hung firmware, a stalled bus gateway."""
+
+    kind: Literal["gnss_frozen"] = "gnss_frozen"
+    keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
+    """What it says of its velocity: `nothing` for standstill, the last `velocity` again, or `live_velocity`."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Freeze the solution."""
+        return None, conditions._replace(gnss_frozen=self.keep)
+
+
+class GnssLatency(Scripted):
+    """Solutions arrive later than usual: a slow radio link, a busy receiver.
+
+    Nothing arrives while the latency sets in; when it ends, the solutions that newer ones have overtaken are lost.
+    """
+
+    kind: Literal["gnss_latency"] = "gnss_latency"
+    latency_s: Latency = 0.2
+    """Latency on top of the receiver's own, whole ticks [s]. Estimate (0.1-0.5 over a radio link)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Delay what is delivered."""
+        return None, conditions._replace(gnss_latency_s=conditions.gnss_latency_s + self.latency_s)
+
+
+class FloatState(NamedTuple):
+    """A `GnssFloat` between two ticks."""
+
+    generator: Generator
+    """Random stream; advances in place."""
+    floating: bool
+    """Whether the ambiguities float now; they always do without a flicker."""
+    turns_s: float
+    """Time of the flicker's next change [s]."""
+    jumps_s: float
+    """Time of the offset's next jump [s]."""
+    offset: tuple[float, float]
+    """Offset east and north [m]."""
+
+
+class GnssFloat(Scripted):
+    """Solutions of quality float, with offsets that jump: beside trees, or with a weak correction signal.
+
+    The receiver itself has the error of a float solution (`float_sigma_m` and what belongs to it in `[sensors.gnss]`);
+    this fault says when solutions float, and adds an offset that jumps whenever the receiver settles on other
+    ambiguities. Times between jumps, and the dwells of a flicker, are exponentially distributed.
+    """
+
+    kind: Literal["gnss_float"] = "gnss_float"
+    jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
+    """Standard deviation of the offset that each new set of ambiguities brings, per axis, beside the float error [m].
+    Estimate (0.1-0.3: a few wavelengths of 0.19 m, shared out between satellites)."""
+    jump_interval_s: Interval = 20.0
+    """Mean time between jumps [s]. Estimate (5-60)."""
+    flicker_s: Interval | None = None
+    """Mean dwell in float, and in fix, of a receiver that keeps losing its fix beside trees [s]. It floats all the time
+    when left out. Estimate where it is set (0.5-10)."""
+
+    def init(self, generator: Generator) -> FloatState:
+        """Floating from the start, with a first offset."""
+        turns = self.start_s + (generator.exponential(self.flicker_s) if self.flicker_s else HUGE)
+        return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
+
+    def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
+        """Degrade the solution to float, unless the flicker has a fix or another fault is worse."""
+        while self.flicker_s and t >= state.turns_s:
+            turns = state.turns_s + state.generator.exponential(self.flicker_s)
+            state = state._replace(floating=not state.floating, turns_s=turns)
+            state = self._jump(state, t) if state.floating else state
+        while t >= state.jumps_s:
+            state = self._jump(state, state.jumps_s)
+        if not state.floating:
+            return state, conditions
+        (x, y), (dx, dy) = conditions.gnss_offset, state.offset
+        quality = min(conditions.gnss_quality, Quality.FLOAT)
+        return state, conditions._replace(gnss_quality=quality, gnss_offset=(x + dx, y + dy))
+
+    def _jump(self, state: FloatState, t: float) -> FloatState:
+        """New ambiguities from `t` [s] on."""
+        east, north = (self.jump_sigma_m * state.generator.standard_normal(2)).tolist()
+        jumps = t + state.generator.exponential(self.jump_interval_s)
+        return state._replace(jumps_s=jumps, offset=(east, north))

@@ -1,0 +1,166 @@
+"""Faults and disturbances of the machine and the ground below it: valve, tyres, friction, payload, pull, wind."""
+
+from math import exp, log1p, sqrt
+from typing import Annotated, Literal
+
+from numpy.random import Generator
+from pydantic import Field
+
+from agrobot_mj.core.randomness import GaussMarkov
+from agrobot_mj.core.signals import WHEELS, Conditions, PointMass
+from agrobot_mj.core.spec import Fraction, NonNegative, Positive, Scale, Spread
+from agrobot_mj.faults.base import Scripted
+
+Metres = Annotated[float, Field(ge=-20, le=20)]
+Four = tuple[float, float, float, float]
+
+
+def _scaled(values: Four, i: int, share: float) -> Four:
+    a, b, c, d = (value * share if k == i else value for k, value in enumerate(values))
+    return a, b, c, d
+
+
+class ValveWear(Scripted):
+    """A worn steering valve: oil leaks past the spool, and its dead band is wider on either side."""
+
+    kind: Literal["valve_wear"] = "valve_wear"
+    gain_share: Fraction = 0.7
+    """Remaining share of the flow, at any voltage [-]. Estimate (0.5-0.9: leakage past the spool)."""
+    dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
+    """Increase of the dead band's half width [V]. Estimate (0.2-0.8: 2-7 % of the range)."""
+    ramp_s: NonNegative = 0.0
+    """Time in which both grow linearly from zero, 0 for at once [s]."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Wear the valve."""
+        grown = self.grown(t, self.ramp_s)
+        gain = 1.0 - grown * (1.0 - self.gain_share)
+        return None, conditions._replace(
+            valve_gain=conditions.valve_gain * gain,
+            valve_dead_band=conditions.valve_dead_band + grown * self.dead_band_v,
+        )
+
+
+class Friction(Scripted):
+    """Friction of the ground, scaled everywhere: rain begins, dew dries. The tyre `linear` has none to scale."""
+
+    machine = True
+
+    kind: Literal["friction"] = "friction"
+    scale: Scale = 0.6
+    """Friction over the nominal one [-]. Estimate: wet grass over dry (0.5-0.7)."""
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Scale the grip."""
+        return None, conditions._replace(grip=conditions.grip * self.scale)
+
+
+class SoftTyre(Scripted):
+    """One tyre without pressure sinks deeper, holds its direction less and rolls harder.
+
+    The tyre `contact` has no carcass to soften.
+    """
+
+    machine = True
+
+    kind: Literal["soft_tyre"] = "soft_tyre"
+    wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
+    """Wheel: front or rear, left or right."""
+    stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
+    """Remaining share of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
+    rolling_share: Scale = 1.6
+    """Rolling resistance over that of the healthy tyre [-]. Estimate: inversely as the root of the pressure."""
+
+    @property
+    def subject(self) -> str:
+        """Its wheel: another tyre may be soft at the same time."""
+        return f"{self.kind} {self.wheel}"
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Soften the tyre."""
+        i = WHEELS.index(self.wheel)
+        return None, conditions._replace(
+            tyre_stiffness=_scaled(conditions.tyre_stiffness, i, self.stiffness_share),
+            tyre_rolling=_scaled(conditions.tyre_rolling, i, self.rolling_share),
+        )
+
+
+class Payload(Scripted):
+    """A point mass rigidly on the chassis, as of a sprayer tank; several at different places add up."""
+
+    machine = True
+
+    kind: Literal["payload"] = "payload"
+    mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
+    """Mass, negative for ballast taken away [kg]. Estimate: a tank or a crate on a compact tractor (50-300)."""
+    ahead_m: Metres = -0.6
+    """Distance ahead of the rear axle [m]. Estimate: on the three-point linkage."""
+    left_m: Metres = 0.0
+    """Distance to the left of the middle [m]."""
+    up_m: NonNegative = 0.7
+    """Height above the ground [m]. Estimate: on the three-point linkage (0.5-1)."""
+
+    @property
+    def subject(self) -> str:
+        """Its place: payloads elsewhere may be there at the same time."""
+        return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
+
+    @property
+    def load(self) -> PointMass:
+        """Point mass on the chassis."""
+        return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
+
+    def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
+        """Add the mass."""
+        added = (self.load,) if self.mass_kg else ()
+        return None, conditions._replace(payload=conditions.payload + added)
+
+
+class Drawbar(Scripted):
+    """A pull at the hitch against the motion: plough, cultivator, trailer; constant or as uneven as the soil.
+
+    The uneven pull is log-normal, so that it is never negative and keeps its mean.
+    """
+
+    machine = True
+
+    kind: Literal["drawbar"] = "drawbar"
+    pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
+    """Mean pull [N]. Estimate: a fifth of the weight, a light cultivator (500-3000)."""
+    noise_share: Spread = 0.0
+    """Standard deviation over the mean [-]. None by default; in soil 0.1-0.3, estimate."""
+    noise_time_s: Positive = 0.5
+    """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""
+
+    def init(self, generator: Generator) -> GaussMarkov:
+        """Unevenness, from its steady state on."""
+        return GaussMarkov.stationary(generator)
+
+    def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
+        """Add the pull."""
+        spread = log1p(self.noise_share**2)
+        pull = self.pull_n * exp(sqrt(spread) * state.value[0] - spread / 2)
+        return state.after(dt, self.noise_time_s), conditions._replace(drawbar=conditions.drawbar + pull)
+
+
+class SideForce(Scripted):
+    """A horizontal force on the centre of mass, square to the heading: wind, or side draught; steady or gusty."""
+
+    machine = True
+
+    kind: Literal["side_force"] = "side_force"
+    force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
+    """Mean force to the left [N]. Estimate: wind of 15 m/s on 2 m2; side draught up to 1000."""
+    gust_share: Spread = 0.0
+    """Standard deviation over the mean [-]. None by default; wind 0.2-0.5, estimate."""
+    gust_time_s: Positive = 2.0
+    """Correlation time of the gusts [s]. Estimate."""
+
+    def init(self, generator: Generator) -> GaussMarkov:
+        """Gusts, from their steady state on."""
+        return GaussMarkov.stationary(generator)
+
+    def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
+        """Add the force."""
+        force = self.force_n * (1.0 + self.gust_share * state.value[0])
+        return state.after(dt, self.gust_time_s), conditions._replace(side_force=conditions.side_force + force)
