@@ -79,7 +79,7 @@ class BareModel:
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
-        parts = tractor_spec(s.tractor, s.steering.cylinder, s.driveline, s.steering.linkage)
+        parts = tractor_spec(s.machine)
         whole.model = simulation_model(parts, s.terrain.ground(), s.step_s, s.plant.tyre.native)
         whole.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
         whole.data = mujoco.MjData(whole.model)

@@ -83,7 +83,7 @@ def test_a_tumbling_tractor_touches_the_ground_alike(implement, native, terrain)
     found = []
     for drawn in (True, False):
         machine = Machine(implement=implement)
-        parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
+        parts = tractor_spec(machine)
         hitched = implement.hitched(machine.tractor)
         if hitched is not None:
             add_implement(parts, hitched, machine.tractor, native is not None)

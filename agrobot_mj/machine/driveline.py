@@ -67,7 +67,7 @@ class Driveline(Spec):
     400 for the compact tractor [N m s/rad]."""
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """What bears the load, as given or as it follows from the tractor's size."""
+        """Limits and compliance, as given or scaled to the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m

@@ -1,4 +1,4 @@
-"""Whether the parts of a machine fit its weight: one line for each that cannot, beginning with its key.
+"""Whether the parts of a machine fit its weight: a line for each that does not, beginning with its key.
 
 Rough bounds, of machines far from any that is built: a machine that crosses none may still be a bad one.
 """
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
-from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.machine.tractor import GRAVITY, AxleWheel
 
 DEEPEST_SHARE = 0.15
 """Static deflection over free radius beyond which a tyre is flat [-]. Estimate: half its section height or so."""
@@ -21,7 +21,7 @@ LEAST_PULL, LEAST_POWER = 0.15, 0.07
 0.05-0.07 go into rolling resistance alone."""
 
 
-def misfits(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
+def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
     """Parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
     hitched = machine.implement.hitched(machine.tractor)
     yield from _tyres(machine, hitched)
@@ -31,26 +31,20 @@ def misfits(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
 
 
 def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
-    tractor = machine.tractor
-    loads = wheel_loads(tractor, hitched)
-    sizes = (
-        ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m, tractor.front_tyre_stiffness),
-        ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m, tractor.rear_tyre_stiffness),
-    )
-    for load, (axle, radius, width, stiffness) in zip(loads, sizes, strict=True):
-        if load / stiffness > DEEPEST_SHARE * radius:
-            sunk = f"under {load:.0f} N the tyre deflects by {1e3 * load / stiffness:.0f} mm of {1e3 * radius:.0f}"
-            yield f"tractor.{axle}_tyre_stiffness_n_m: {sunk}; it is flat"
-        yield from _overloaded(f"tractor.{axle}_wheel_radius_m", load, radius, width, DENSEST_KPA)
+    for load, wheel in zip(wheel_loads(machine.tractor, hitched), machine.tractor.wheels, strict=True):
+        if load / wheel.stiffness > DEEPEST_SHARE * wheel.radius:
+            deflects = f"deflects by {1e3 * load / wheel.stiffness:.0f} mm of {1e3 * wheel.radius:.0f}"
+            yield f"tractor.{wheel.axle}_tyre_stiffness_n_m: under {load:.0f} N the tyre {deflects}; it is flat"
+        yield from _overloaded(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
     if hitched is not None and (drawn := hitched.axle) is not None:
-        yield from _overloaded("implement", drawn.load, drawn.radius, drawn.width, DENSEST_DRAWN_KPA)
+        yield from _overloaded("implement", drawn.wheel.load, drawn.wheel, DENSEST_DRAWN_KPA)
 
 
-def _overloaded(key: str, load: float, radius: float, width: float, most_kpa: float) -> Iterator[str]:
-    kpa = load / (2 * radius * width) / 1e3
+def _overloaded(key: str, load: float, wheel: AxleWheel, most_kpa: float) -> Iterator[str]:
+    kpa = load / (2 * wheel.radius * wheel.width) / 1e3
     if kpa > most_kpa:
-        wheel = f"a wheel of {2 * radius:.2g} m by {width:.2g} m carries {load:.0f} N, {kpa:.0f} kPa over its size"
-        yield f"{key}: {wheel}; no tyre does beyond {most_kpa:g}: set radius and width"
+        carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m carries {load:.0f} N, {kpa:.0f} kPa over its size"
+        yield f"{key}: a wheel of {carries}; no tyre does beyond {most_kpa:g}: set radius and width"
 
 
 def _steering(machine: Machine) -> Iterator[str]:
@@ -69,7 +63,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
     tractor, driveline = machine.tractor, machine.driveline
     if not driveline.connected:
         return
-    wheels = 0.0 if hitched is None or hitched.axle is None else 2 * hitched.axle.mass
+    wheels = 0.0 if hitched is None or hitched.axle is None else 2 * hitched.axle.wheel.mass
     hung = 0.0 if hitched is None else hitched.mass + wheels
     weight = GRAVITY * (tractor.mass_kg + hung)
     strength = driveline.strength(tractor)

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import NEUTRAL_V, Array
+from agrobot_mj.core.signals import NEUTRAL_V, Array, Index
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
@@ -72,12 +72,6 @@ class Valve(Spec):
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
 
-def steering_size(tractor: TractorParameters) -> float:
-    """Size of a steering over that of the default tractor: load of the front axle times width of its tyres [-]."""
-    share = tractor.front_axle_load / COMPACT.front_axle_load
-    return share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
-
-
 class Cylinder(Spec):
     """The steering cylinder, seen at the bicycle's virtual wheel."""
 
@@ -114,7 +108,8 @@ class Cylinder(Spec):
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
         """The oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
-        size, bar = steering_size(tractor), self.relief_pressure_bar
+        bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
+        size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
         return OilColumn(
             relief_torque=sized if bar is None else bar * 1e5 * self.displacement,
@@ -158,7 +153,7 @@ class ValveMemory(NamedTuple):
     """Lagged voltage at the spool, shape (1,) [V]."""
     queue: Array
     """Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]."""
-    head: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    head: Index
     """Index at which the ring buffer is written next, shape (1,)."""
 
 
@@ -181,7 +176,7 @@ def reset_valve(memory: ValveMemory) -> None:
     memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
 
 
-def worn(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
+def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
     """The valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either side."""
     if gain == 1.0 and dead_band == 0.0:
         return law

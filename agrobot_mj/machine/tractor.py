@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
-from agrobot_mj.core.spec import Fraction, NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
@@ -31,13 +31,35 @@ class Springs(NamedTuple):
     damping: float
     """Vertical damping [N s/m]."""
 
-    def stiffness_at(self, load: float, radius: float) -> float:
-        """Vertical stiffness of a tyre for a static load [N], of a free radius [m]: [N/m]."""
-        return self.stiffness * (load / self.load) * (self.radius / radius)
+    def sized(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
+        """Vertical stiffness [N/m] and damping [N s/m], as given or for this static load [N] and free radius [m]."""
+        k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
+        c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
+        return k, c
 
-    def damping_at(self, load: float, stiffness: float) -> float:
-        """Vertical damping of a tyre under a static load [N], of a vertical stiffness [N/m]: [N s/m]."""
-        return self.damping * sqrt(stiffness / self.stiffness * (load / self.load))
+
+class AxleWheel(NamedTuple):
+    """Wheel of an axle, left or right, with its tyre."""
+
+    axle: str
+    """Which of a tractor, front or rear; rear for an implement's."""
+    radius: float
+    """Free radius [m]."""
+    width: float
+    """Section width [m]."""
+    mass: float
+    """Mass [kg]."""
+    load: float
+    """Static load on level ground [N]."""
+    stiffness: float
+    """Vertical stiffness of the tyre [N/m]."""
+    damping: float
+    """Vertical damping of the tyre [N s/m]."""
+
+    @property
+    def deflection(self) -> float:
+        """Deflection of the tyre under the static load [m]."""
+        return self.load / self.stiffness
 
 
 FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
@@ -55,7 +77,7 @@ class TractorParameters(Spec):
     """Track width between the wheels' centre planes, both axles [m]. Estimate."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
     """Mass m of the complete tractor, ready to work [kg]. Estimate (700-800)."""
-    front_load_fraction: Fraction = 0.38
+    front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
     """Static share of weight on the front axle [-]. Published range for tractors 0.35-0.40."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
     """Height of the CG above level ground at static load [m]. Estimate."""
@@ -97,12 +119,6 @@ class TractorParameters(Spec):
     """Height of the hitch above level ground [m]. Estimate (0.3-0.45)."""
 
     @model_validator(mode="after")
-    def _cg_between_the_axles(self) -> "TractorParameters":
-        if not 0.05 <= self.front_load_fraction <= 0.95:
-            raise ValueError("front_load_fraction: must lie between 0.05 and 0.95, else an axle carries nothing")
-        return self
-
-    @model_validator(mode="after")
     def _wheels_beside_each_other(self) -> "TractorParameters":
         for key in ("front_wheel_width_m", "rear_wheel_width_m"):
             if (width := getattr(self, key)) >= self.track_m:
@@ -135,38 +151,23 @@ class TractorParameters(Spec):
         return self.mass_kg * GRAVITY * (1 - self.front_load_fraction)
 
     @property
-    def front_wheel_load(self) -> float:
-        """Static load of one front wheel, level ground [N]."""
-        return self.front_axle_load / 2
+    def front_wheel(self) -> AxleWheel:
+        """One front wheel."""
+        radius, width, load = self.front_wheel_radius_m, self.front_wheel_width_m, self.front_axle_load / 2
+        springs = FRONT_TYRE.sized(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
+        return AxleWheel("front", radius, width, self.front_wheel_mass_kg, load, *springs)
 
     @property
-    def rear_wheel_load(self) -> float:
-        """Static load of one rear wheel, level ground [N]."""
-        return self.rear_axle_load / 2
+    def rear_wheel(self) -> AxleWheel:
+        """One rear wheel."""
+        radius, width, load = self.rear_wheel_radius_m, self.rear_wheel_width_m, self.rear_axle_load / 2
+        springs = REAR_TYRE.sized(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
+        return AxleWheel("rear", radius, width, self.rear_wheel_mass_kg, load, *springs)
 
     @property
-    def front_tyre_stiffness(self) -> float:
-        """Vertical stiffness of one front tyre, as given or for its load [N/m]."""
-        given = self.front_tyre_stiffness_n_m
-        return FRONT_TYRE.stiffness_at(self.front_wheel_load, self.front_wheel_radius_m) if given is None else given
-
-    @property
-    def rear_tyre_stiffness(self) -> float:
-        """Vertical stiffness of one rear tyre, as given or for its load [N/m]."""
-        given = self.rear_tyre_stiffness_n_m
-        return REAR_TYRE.stiffness_at(self.rear_wheel_load, self.rear_wheel_radius_m) if given is None else given
-
-    @property
-    def front_tyre_damping(self) -> float:
-        """Vertical damping of one front tyre, as given or for its load [N s/m]."""
-        given = self.front_tyre_damping_n_s_m
-        return FRONT_TYRE.damping_at(self.front_wheel_load, self.front_tyre_stiffness) if given is None else given
-
-    @property
-    def rear_tyre_damping(self) -> float:
-        """Vertical damping of one rear tyre, as given or for its load [N s/m]."""
-        given = self.rear_tyre_damping_n_s_m
-        return REAR_TYRE.damping_at(self.rear_wheel_load, self.rear_tyre_stiffness) if given is None else given
+    def wheels(self) -> tuple[AxleWheel, AxleWheel]:
+        """A front and a rear wheel."""
+        return self.front_wheel, self.rear_wheel
 
 
 COMPACT = TractorParameters()

@@ -6,8 +6,8 @@ from pydantic import Field
 
 from agrobot_mj.plants.base import Clock, RunningPlant
 from agrobot_mj.plants.bicycle import Bicycle, BicyclePlant
+from agrobot_mj.plants.mujoco.build import Mujoco
 from agrobot_mj.plants.mujoco.plant import MujocoPlant
-from agrobot_mj.plants.mujoco.spec import Mujoco
 
 Plant = Annotated[
     Bicycle

@@ -3,9 +3,22 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.terrain.memory import RutMap
+from agrobot_mj.terrain.memory import AnyArray, RutMap
+
+
+def copies(arrays: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
+    """Copies of the arrays."""
+    return tuple(array.copy() for array in arrays)
+
+
+def write(arrays: tuple[AnyArray, ...], saved: tuple[AnyArray, ...]) -> None:
+    """Write saved values into arrays of the same shapes."""
+    for array, values in zip(arrays, saved, strict=True):
+        array[:] = values
 
 
 class Clock(NamedTuple):
@@ -28,7 +41,7 @@ class Clock(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """What the tick needs of a plant."""
+    """What the tick needs of a plant; one that derives from it may leave out what it does not have."""
 
     scene: Scene
 
@@ -51,23 +64,28 @@ class RunningPlant(Protocol):
         """Generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """What the four wheels report, or an empty array."""
+        """What the four wheels report; an empty array for none."""
+        return np.empty(0)
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Further signals that the plant reports."""
+        return ()
 
     def report(self) -> Sequence[float]:
         """Values of `columns`."""
+        return ()
 
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
 
     def ruts(self) -> RutMap | None:
         """The ruts on the field; None on ground that does not remember."""
+        return None
 
     def warnings(self) -> int:
         """How often the physics warned since the reset."""
+        return 0
 
     def trouble(self) -> str | None:
         """An outcome that ends the run, or None."""

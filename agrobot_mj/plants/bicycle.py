@@ -12,13 +12,13 @@ wheel slip. A linkage with backlash lets the wheels stay until the cylinder has 
 
 from collections.abc import Iterator
 from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import NOMINAL, Array, Column, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_law, drive_step, reset_drive
@@ -29,11 +29,12 @@ from agrobot_mj.machine.hydraulics import (
     static_flow,
     valve_law,
     valve_step,
-    worn,
+    worn_valve,
 )
-from agrobot_mj.plants.base import Clock
+from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.terrain import Ground
+from agrobot_mj.terrain.memory import AnyArray
 from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
@@ -194,7 +195,7 @@ def run_steps(
 class BicycleState(NamedTuple):
     """A saved `BicyclePlant`."""
 
-    arrays: tuple[np.ndarray[Any, Any], ...]
+    arrays: tuple[AnyArray, ...]
     """Motion, samples, memories of valve and drive."""
     valve: ValveLaw
     """The valve as it was worn in the last tick."""
@@ -202,7 +203,7 @@ class BicycleState(NamedTuple):
     """Ticks since the reset."""
 
 
-class BicyclePlant:
+class BicyclePlant(RunningPlant):
     """The running bicycle: owns its state and the memories of valve and drive."""
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
@@ -240,34 +241,24 @@ class BicyclePlant:
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages; of the conditions only the valve's count."""
-        self.valve = worn(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
-        voltages = (drive.steer_voltage, drive.pedal_voltage)
-        run_steps(
-            self.law,
-            self.state,
-            self.valve,
-            self.valve_memory,
-            self.drive,
-            self.drive_memory,
-            voltages,
-            self.samples,
-        )
+        self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
+        run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.pedal_voltage), self.samples)
         self.ticks += 1
         return self.truth()
 
     @property
-    def _arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
+    def _arrays(self) -> tuple[AnyArray, ...]:
         """What a tick writes in place."""
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
         """State between two ticks."""
-        return BicycleState(tuple(array.copy() for array in self._arrays), self.valve, self.ticks)
+        return BicycleState(copies(self._arrays), self.valve, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
         """Go on from a saved state."""
-        for array, saved in zip(self._arrays, state.arrays, strict=True):
-            array[:] = saved
+        write(self._arrays, state.arrays)
         self.valve, self.ticks = state.valve, state.ticks
 
     def truth(self) -> Truth:
@@ -311,34 +302,14 @@ class BicyclePlant:
         x, y, yaw, _, _, delta, travelled, _ = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """None beside those of every log."""
-        return ()
-
-    def report(self) -> tuple[float, ...]:
-        """Values of `columns`."""
-        return ()
-
     def configuration(self) -> Array:
         """Generalised positions of the tractor that is drawn in its place, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 
-    def wheels(self) -> Array:
-        """No wheels: an empty array."""
-        return np.empty(0)
-
     def actuation(self) -> tuple[float, float, float]:
         """Oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
-
-    def ruts(self) -> None:
-        """None: the bicycle leaves no ruts."""
-
-    def warnings(self) -> int:
-        """None: there is nothing that warns."""
-        return 0
 
     def trouble(self) -> str | None:
         """What ended the run, if anything: diverged or left_terrain."""

@@ -4,7 +4,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.faults import loadings
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.plants.mujoco.build import build
-from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
+from agrobot_mj.plants.mujoco.payload import Chassis, check_payloads
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
@@ -28,10 +28,6 @@ def check_tractor(scenario: Scenario) -> None:
         return
     try:
         bare = Chassis(build(s.plant.tyre, s.machine, LEVEL, s.step_s).model).bare
-        for k, payload in loadings(s.fault):
-            try:
-                with_payload(bare, payload)
-            except ValueError as error:
-                raise ValueError(f"fault[{k}].{error}") from None
+        check_payloads(bare, loadings(s.fault))
     except ValueError as error:
         raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None

@@ -33,6 +33,7 @@ from agrobot_mj.faults import Script, loadings
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
+from agrobot_mj.plants.mujoco.payload import check_payloads
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
@@ -219,8 +220,7 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, s.machine, ground, clock)
         plant = MujocoPlant(s.plant, s.machine, ground, clock, s.seed)
-        for k, payload in loadings(s.fault):
-            plant.weigh(payload, f"fault[{k}]")
+        check_payloads(plant.chassis.bare, loadings(s.fault))
         return plant
     except ValueError as error:
         raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None

@@ -5,12 +5,11 @@ from typing import Annotated
 from pydantic import Field
 
 from agrobot_mj.terrain.bumps import Bumps
-from agrobot_mj.terrain.flat import Flat
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.terrain.heightmap import Heightmap
+from agrobot_mj.terrain.plane import Flat, Slope
 from agrobot_mj.terrain.ridges import Ridges
 from agrobot_mj.terrain.rough import Rough
-from agrobot_mj.terrain.slope import Slope
 
 Terrain = Annotated[
     Flat

@@ -5,10 +5,11 @@ that begins with `file: NAME: ` and names the fix.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -43,32 +44,28 @@ class Sheet(NamedTuple):
 
 def read_grid(file: str) -> Sheet:
     """Finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
-    path = _checked(file, list(READERS))
-    sheet = READERS[path.suffix.lower()](path)
-    _fits(path, sheet.values.shape)
-    if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
-        value = sheet.values[tuple(bad[0])]
-        _refuse(path, f"holds {'NaN' if np.isnan(value) else 'inf'} in {len(bad)} places; fill the holes")
-    return sheet
+    with _keyed():
+        path = checked(file, list(READERS), MOST_BYTES)
+        sheet = READERS[path.suffix.lower()](path)
+        _fits(path, sheet.values.shape)
+        if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
+            value = sheet.values[tuple(bad[0])]
+            refuse(path, f"holds {'NaN' if np.isnan(value) else 'inf'} in {len(bad)} places; fill the holes")
+        return sheet
 
 
 def read_picture(file: str) -> Array:
     """Brightness of a grey PNG, from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
-    sheet = _read_png(_checked(file, [".png"]))
-    return sheet.values / sheet.white
+    with _keyed():
+        sheet = _read_png(checked(file, [".png"], MOST_BYTES))
+        return sheet.values / sheet.white
 
 
-def _refuse(path: Path, what: str) -> NoReturn:
+@contextmanager
+def _keyed() -> Iterator[None]:
+    """Let messages begin with the key."""
     try:
-        refuse(path, what)
-    except ValueError as error:
-        raise ValueError(f"file: {error}") from None
-
-
-def _checked(file: str, suffixes: Sequence[str]) -> Path:
-    """The path of a regular file of sensible size."""
-    try:
-        return checked(file, suffixes, MOST_BYTES)
+        yield
     except ValueError as error:
         raise ValueError(f"file: {error}") from None
 
@@ -76,12 +73,12 @@ def _checked(file: str, suffixes: Sequence[str]) -> Path:
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
     """Reject a shape that is not a grid, or is too large."""
     if len(shape) != 2:
-        _refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
+        refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
     rows, columns = shape
     if min(shape) < 2:
-        _refuse(path, f"has {rows} x {columns} nodes; at least 2 x 2 are needed")
+        refuse(path, f"has {rows} x {columns} nodes; at least 2 x 2 are needed")
     if rows * columns > MOST_NODES:
-        _refuse(path, f"has {rows} x {columns} nodes, the limit is {MOST_NODES}; crop it or thin it out")
+        refuse(path, f"has {rows} x {columns} nodes, the limit is {MOST_NODES}; crop it or thin it out")
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
@@ -92,7 +89,7 @@ def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
             return read()
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        _refuse(path, f"cannot be read ({reason}); {fix}")
+        refuse(path, f"cannot be read ({reason}); {fix}")
 
 
 def _read_npy(path: Path) -> Sheet:
@@ -102,7 +99,7 @@ def _read_npy(path: Path) -> Sheet:
         lambda: np.lib.format.open_memmap(path, mode="r"),
     )
     if mapped.dtype.kind not in "fiu":
-        _refuse(path, f"holds values of type {mapped.dtype}; store real numbers, e.g. float32")
+        refuse(path, f"holds values of type {mapped.dtype}; store real numbers, e.g. float32")
     _fits(path, mapped.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         return Sheet(np.array(mapped, dtype=np.float64))
@@ -114,13 +111,13 @@ def _read_png(path: Path) -> Sheet:
         try:
             picture = Image.open(path, formats=["PNG"])
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
-            _refuse(path, f"unpacks to far more than {MOST_NODES} pixels, the limit; crop it or make it smaller")
+            refuse(path, f"unpacks to far more than {MOST_NODES} pixels, the limit; crop it or make it smaller")
         except Exception:
-            _refuse(path, "is no PNG picture; export it again as grey PNG of 16 bits")
+            refuse(path, "is no PNG picture; export it again as grey PNG of 16 bits")
     with picture:
         _fits(path, (picture.height, picture.width))
         if picture.mode not in GREY:
-            _refuse(path, f"is a picture of type {picture.mode}; export it as plain grey of 16 (or 8) bits")
+            refuse(path, f"is a picture of type {picture.mode}; export it as plain grey of 16 (or 8) bits")
         values = _try(path, "export it again", lambda: np.asarray(picture, dtype=np.float64))
         return Sheet(np.flipud(values), white=GREY[picture.mode])
 
@@ -131,14 +128,14 @@ def _read_asc(path: Path) -> Sheet:
     _fits(path, shape)
     words = _text(path)[2 * len(head) :]
     if len(words) != shape[0] * shape[1]:
-        _refuse(
+        refuse(
             path,
             f"has {len(words)} values where its header says {shape[0]} x {shape[1]} = {shape[0] * shape[1]}; "
             "it is cut short or its header is wrong, export it again",
         )
     values = _try(path, "use numbers with a decimal point", lambda: np.array(words, dtype=np.float64)).reshape(shape)
     if (holes := int((values == head.get("nodata_value", np.nan)).sum())) > 0:
-        _refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
+        refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
     return Sheet(np.flipud(values), cell)
 
 
@@ -162,7 +159,7 @@ def _head_of(path: Path) -> dict[str, float]:
         if key not in HEADER:
             break
         if key in found:
-            _refuse(path, f"says {key} twice in its header; leave one out")
+            refuse(path, f"says {key} twice in its header; leave one out")
         found[key] = _try(path, f"give {word} a number", partial(float, number))
     return found
 
@@ -170,24 +167,24 @@ def _head_of(path: Path) -> dict[str, float]:
 def _shape_of(path: Path, head: dict[str, float]) -> tuple[int, int]:
     for key in ("nrows", "ncols"):
         if key not in head:
-            _refuse(path, f"has no {key} in its header; export it again as ESRI ASCII grid")
+            refuse(path, f"has no {key} in its header; export it again as ESRI ASCII grid")
         if not (1 <= head[key] < 1e9 and head[key] == int(head[key])):
-            _refuse(path, f"says {key} {head[key]:g} in its header; it must be a whole number above 0")
+            refuse(path, f"says {key} {head[key]:g} in its header; it must be a whole number above 0")
     return int(head["nrows"]), int(head["ncols"])
 
 
 def _cell_of(path: Path, head: dict[str, float]) -> float:
     dx, dy = head.get("dx", head.get("cellsize")), head.get("dy", head.get("cellsize"))
     if dx is None or dy is None:
-        _refuse(path, "has no cellsize in its header; export it again as ESRI ASCII grid")
+        refuse(path, "has no cellsize in its header; export it again as ESRI ASCII grid")
     if not (0 < dx < np.inf and 0 < dy < np.inf):
-        _refuse(path, f"says cellsize {dx:g} in its header; it must be above 0 m")
+        refuse(path, f"says cellsize {dx:g} in its header; it must be above 0 m")
     if dx != dy:
-        _refuse(
+        refuse(
             path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones, e.g. with gdalwarp -tr {dx:g} {dx:g}"
         )
     if not FINEST_M <= dx <= HUGE:
-        _refuse(path, f"has cells of {dx:g} m; if those are degrees, reproject it to metres, e.g. with gdalwarp -t_srs")
+        refuse(path, f"has cells of {dx:g} m; if those are degrees, reproject it to metres, e.g. with gdalwarp -t_srs")
     return dx
 
 

@@ -26,7 +26,6 @@ class Generated(Sized, Tilted):
     """Key of the height of the relief."""
 
     half_size_m: Positive | None = 75.0
-    """Distance from the origin to each edge of a square field [m]."""
     node_m: Node = 0.1
     """Largest distance between nodes of the grid [m]. Estimate: less than the length of a tyre's contact patch."""
     run_in_m: NonNegative = 0.0

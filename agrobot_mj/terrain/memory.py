@@ -69,7 +69,7 @@ class RutMap(NamedTuple):
     """Plastic sinkage, shape (n,) [m]."""
 
 
-def virgin(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
+def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
     """Untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for cells that are too small."""
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))

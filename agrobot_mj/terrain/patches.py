@@ -39,11 +39,11 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
     friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))
     for k, (patch, box) in enumerate(zip(patches, boxes, strict=True)):
         window = _window(low_y, box[2:], cell), _window(low_x, box[:2], cell)
-        inside = np.meshgrid(x[window[1]], y[window[0]])
-        covered = patch.covers(*inside)
+        grid = np.meshgrid(x[window[1]], y[window[0]], sparse=True)
+        covered = patch.covers(*grid)
         if not covered.any():
             raise ValueError(f"patch[{k}]: covers no cell of {cell:g} m; make it larger or cell_m smaller")
-        found = patch.properties(*(along[covered] for along in inside))
+        found = patch.properties(*(along[covered] for along in np.broadcast_arrays(*grid)))
         friction[window][covered], cone_index[window][covered] = found
     return Surface(low_x, low_y, cell, friction, cone_index)
 

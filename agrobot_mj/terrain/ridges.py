@@ -30,7 +30,6 @@ class Ridges(Generated):
 
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
-    """Distance from the origin to each edge of a square field [m]."""
     node_m: Node = 0.0625
     """Largest distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
     depth_m: Positive = 0.1

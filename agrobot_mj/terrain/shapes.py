@@ -33,7 +33,7 @@ class Special(Spec):
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether points lie on the patch, shape as `x` and `y` [m]."""
+        """Whether points of a grid lie on it, shape (m, n): columns at rising `x` (1, n) and rows at `y` (m, 1) [m]."""
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
@@ -112,18 +112,8 @@ class PolygonPatch(Special):
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether a ray to the east crosses an odd number of edges."""
-        if x.ndim == 2 and x.size and (x == x[0]).all() and (y[:, 0] == y.T).all():
-            return self._covers_grid(x[0], y[:, 0])
-        inside = np.zeros(x.shape, dtype=np.bool_)
-        for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
-            if y0 != y1:
-                spans = (y0 <= y) != (y1 <= y)
-                inside ^= spans & (x < x0 + (y - y0) / (y1 - y0) * (x1 - x0))
-        return inside
-
-    def _covers_grid(self, x: Array, y: Array) -> Mask:
-        """As `covers` for columns at `x` (n,) and rows at `y` (m,), shape (m, n): each edge is looked at once a row."""
+        """Whether a ray to the east crosses an odd number of edges; each edge is looked at once a row."""
+        x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
             if y0 != y1:

@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, NamedTuple, Protocol, Self
 from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel, kernel_method
-from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.spec import CarcassShare, Fraction, NonNegative, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
@@ -24,6 +24,8 @@ ADHERES, SLIDES = 1.0, 3.0
 """Slip over peak over stiffness at which springs would be at the peak, and at which a brush under parabolic pressure
 slides from end to end [-]. [Pacejka2012] chapter 3."""
 
+BREAKAWAY_SPEED = 0.1
+"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 VANISHING = 1e-150
 """Length of a slip over its peak forces whose square a computer still has [1/N]."""
 
@@ -125,6 +127,16 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
     return Direction(n_x / length, n_y / length)
 
 
+@kernel
+def held_by_grip(rho: float, most: float, v_roll: float) -> float:
+    """Share of the bristle's deflection that the grip can hold at a slip `rho`: at rest it breaks away past `most`.
+
+    Rolling, it follows the slip past it.
+    """
+    limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
+    return 1.0 if rho < limit else limit / rho
+
+
 class Structure(NamedTuple):
     """Carcass and contact patch around a law."""
 
@@ -163,6 +175,8 @@ class TyreBase(Spec):
     fast_step_s: ClassVar[float] = 0.005
     """Physics step of `physics = "fast"` on this tyre [s]."""
 
+    kind: str
+
     @property
     def native(self) -> NativeContact | None:
         """MuJoCo's contact, where it takes the place of a law; None for a tyre with a law of its own."""
@@ -191,3 +205,29 @@ class TyreBase(Spec):
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
         """Law of one front and one rear tyre; both of the same class."""
         raise NotImplementedError
+
+
+class CarcassTyre(TyreBase):
+    """Base of tyres whose relaxation follows from the stiffness of their carcass."""
+
+    carcass_lateral: CarcassShare = 0.45
+    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
+    Estimate: 0.3-0.6 for pneumatic tyres."""
+    carcass_longitudinal: CarcassShare = 0.6
+    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
+    bristle_damping_s: NonNegative = 0.02
+    """Damping of the carcass over its stiffness [s]. Estimate."""
+    patch_half_length_m: NonNegative | None = None
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
+    the static deflection of each axle's tyres."""
+    sliding_anisotropy: Fraction = 0.0
+    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
+    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
+
+    def structure(self) -> Structure:
+        """Carcass and contact patch; a kind adds what it has beside them."""
+        return Structure(
+            bristle_damping_s=self.bristle_damping_s,
+            patch_half_length_m=self.patch_half_length_m,
+            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
+        )

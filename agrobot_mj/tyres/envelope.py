@@ -122,7 +122,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """The places with another one, the next along the line."""
+    """The places with the next one along the line taken in."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)

@@ -1,20 +1,21 @@
 """From a tyre's specification to the four tyres of the compiled kernel, and one wheel's step under any law."""
 
-from math import atan, exp, sqrt
+from math import atan, exp
 
 import numpy as np
 
 from agrobot_mj.core.contracts import check_pair, check_type
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector
+from agrobot_mj.core.vectors import Vector, plus
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
-from agrobot_mj.terrain.memory import virgin
+from agrobot_mj.terrain.memory import untouched_soil
 from agrobot_mj.tyres.base import Footing, Slip, Structure, TyreBase, TyreForce, TyreLaw, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing, Pressed, Tread, press
 from agrobot_mj.tyres.patch import (
+    CREEP_SPEED,
     FORCE_X,
     FORCE_Y,
     FRICTION_USE,
@@ -35,8 +36,6 @@ from agrobot_mj.tyres.patch import (
 
 SLIDE = 0.1
 """Twist at which all of the patch slides under the static load [rad]. Estimate."""
-GRIP = DRY_GRIP
-"""Friction under a scrubbing patch [-]."""
 TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
 ROLLING = 0.2
@@ -48,23 +47,20 @@ SMALL, SHORTEST = 1e-6, 1e-3
 Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the deflection of the bristle over its relaxation length [m/s]."""
-STILL = 0.02
-"""Speed over which soil resistance and pneumatic trail build up [m/s]."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     """The four tyres of a tractor."""
-    radius = np.array([tractor.front_wheel_radius_m] * 2 + [tractor.rear_wheel_radius_m] * 2)
-    kind = getattr(tyre, "kind", "")
-    structure = check_type(tyre.structure(), Structure, "the tyre", kind, "structure")
+    structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
     front, rear = check_pair(
-        tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", kind, "coefficients"
+        tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", tyre.kind, "coefficients"
     )
-    stiffness = np.array([tractor.front_tyre_stiffness] * 2 + [tractor.rear_tyre_stiffness] * 2)
-    loads, patches = (
-        np.array([tractor.front_wheel_load] * 2 + [tractor.rear_wheel_load] * 2),
-        patch_half_lengths(structure, tractor),
+    four = [wheel for wheel in tractor.wheels for _ in range(2)]
+    radius, stiffness, damping, loads = (
+        np.array([getattr(wheel, name) for wheel in four]) for name in ("radius", "stiffness", "damping", "load")
     )
+    given = structure.patch_half_length_m
+    patches = np.sqrt(2 * radius * loads / stiffness) if given is None else np.full(4, given)
     footing = Footing(1.0, structure.cone_index_pa)
     wheels = zip((front, front, rear, rear), loads, loads / stiffness, strict=True)
     K = np.array([slip_stiffness(law, load, sunk, footing, 0.0, 0.0) for law, load, sunk in wheels])
@@ -81,10 +77,10 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         rear=rear,
         radius=radius,
         stiffness=stiffness,
-        damping=np.array([tractor.front_tyre_damping] * 2 + [tractor.rear_tyre_damping] * 2),
+        damping=damping,
         relaxation=np.maximum(K / springs, SHORTEST),
         springs=springs,
-        twist_stiffness=2.0 / 3.0 * GRIP * loads * patches / SLIDE,
+        twist_stiffness=2.0 / 3.0 * DRY_GRIP * loads * patches / SLIDE,
         bristle_damping=structure.bristle_damping_s
         * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
         rolling_resistance=structure.rolling_resistance,
@@ -98,21 +94,12 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     )
 
 
-def patch_half_lengths(structure: Structure, tractor: TractorParameters) -> Array:
-    """Half the contact length of each tyre, as given or half the chord of its static deflection, shape (4,) [m]."""
-    if structure.patch_half_length_m is not None:
-        return np.full(4, structure.patch_half_length_m)
-    front = sqrt(2 * tractor.front_wheel_radius_m * tractor.front_wheel_load / tractor.front_tyre_stiffness)
-    rear = sqrt(2 * tractor.rear_wheel_radius_m * tractor.rear_wheel_load / tractor.rear_tyre_stiffness)
-    return np.array([front, front, rear, rear])
-
-
-def remembering(ground: Ground, bearing: Bearing) -> Ground:
-    """The ground with soil of its own that remembers, where it sinks. Raises ValueError, naming the key."""
+def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
+    """The ground with untouched soil, where soil sinks; firm ground as it is. Raises ValueError, naming the key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
-        return ground._replace(memory=virgin(ground.extent, bearing.cell))
+        return ground._replace(memory=untouched_soil(ground.extent, bearing.cell))
     except ValueError as error:
         raise ValueError(f"plant.tyre.{error}") from None
 
@@ -120,24 +107,11 @@ def remembering(ground: Ground, bearing: Bearing) -> Ground:
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
     """A front and a rear tyre as soil sees them; on firm ground each has its own deflection under its static load."""
     found = []
-    for R, b, stiffness, load in (
-        (
-            tractor.front_wheel_radius_m,
-            tractor.front_wheel_width_m,
-            tractor.front_tyre_stiffness,
-            tractor.front_wheel_load,
-        ),
-        (
-            tractor.rear_wheel_radius_m,
-            tractor.rear_wheel_width_m,
-            tractor.rear_tyre_stiffness,
-            tractor.rear_wheel_load,
-        ),
-    ):
-        crown, sunk = bearing.crown_share * b, load / stiffness
+    for wheel in tractor.wheels:
+        R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
         s, l = np.meshgrid(np.linspace(-1, 1, 201) * np.sqrt(2 * R * sunk), np.linspace(-b / 2, b / 2, 201))  # noqa: E741
         depth = np.maximum(sunk - s**2 / (2 * R) - l**2 / (2 * crown), 0.0)
-        found.append(Tread(R, b, crown, float(load / (depth.mean() * 2 * np.sqrt(2 * R * sunk) * b))))
+        found.append(Tread(R, b, crown, float(wheel.load / (depth.mean() * 2 * np.sqrt(2 * R * sunk) * b))))
     return found[0], found[1]
 
 
@@ -153,7 +127,7 @@ def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float,
     if stiffness <= 0.0:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
-    limit = 2.0 / 3.0 * GRIP * grip * load * a / stiffness
+    limit = 2.0 / 3.0 * DRY_GRIP * grip * load * a / stiffness
     bristle[2] = min(max(twist, -limit), limit)
     return float(-stiffness * bristle[2])
 
@@ -193,7 +167,7 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Share of its resistance that soil has against the rolling of a wheel that is carried sideways [-].
+    """Share of the soil's motion resistance that acts on a wheel which also slides sideways [-].
 
     As the slip `s` over the faster of rim and ground goes to 1 the wheel rolls no rut: the share becomes the squared
     cosine of its motion with its heading.
@@ -210,10 +184,8 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if ground.memory.tiles.size == 0:
         return Pressed(tyres.stiffness[i] * d, 0.0, 0.0, 0.0, 0.0, d)
-    arm = patch.arm
-    place = (centre[0] + arm[0], centre[1] + arm[1], centre[2] + arm[2])
     tread = tyres.treads[0] if i < 2 else tyres.treads[1]
-    return press(tyres.bearing, tread, ground.memory, place, (patch.n, patch.f, patch.l), d, slip)
+    return press(tyres.bearing, tread, ground.memory, plus(centre, patch.arm), (patch.n, patch.f, patch.l), d, slip)
 
 
 @kernel
@@ -256,7 +228,7 @@ def wheel_step(
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
     law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
-    way, A, L = soft_sign(patch.v_x, STILL), soil.area, soil.length
+    way, A, L = soft_sign(patch.v_x, CREEP_SPEED), soil.area, soil.length
     K = slip_stiffness(law, load, deflection, footing, A, L)
     sigma_x, sigma_y = max(K[0] / tyres.springs[i, 0], SHORTEST), max(K[1] / tyres.springs[i, 1], SHORTEST)
     tyres.relaxation[i, 0], tyres.relaxation[i, 1] = sigma_x, sigma_y

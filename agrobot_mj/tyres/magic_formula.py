@@ -21,12 +21,10 @@ from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.roots import root
-from agrobot_mj.core.spec import CarcassShare, Fraction, NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction
+from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
-BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 LEAST_SHARE = 0.2
 """Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
 KNOWN_LOADS = (0.5, 2.0)
@@ -92,9 +90,7 @@ class MagicLaw(NamedTuple):
             used += m.x * m.x / D_x * pure_force(rho * D_x / K_x, D_x, K_x, along.C, along.E)
         if m.y != 0.0:
             used += m.y * m.y / D_y * pure_force(rho * D_y / K_y, D_y, K_y, across.C, across.E)
-        # at rest nothing beyond the peak can be held; rolling, the bristle follows the slip past it
-        limit = self.rho_peak * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
-        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, min(1.0, limit / rho), used)
+        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, self.rho_peak, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Always 0: firm ground."""
@@ -158,7 +154,7 @@ class AxleTyre(Spec):
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
 
 
-class MagicFormula(TyreBase):
+class MagicFormula(CarcassTyre):
     """The default tyre: a small agricultural tyre on firm ground."""
 
     kind: Literal["magic_formula"] = "magic_formula"
@@ -166,48 +162,28 @@ class MagicFormula(TyreBase):
     """Front tyres; the stiffness gives the bicycle's at the static load."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
-    sliding_anisotropy: Fraction = 0.0
-    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
-    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
-    carcass_lateral: CarcassShare = 0.45
-    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Estimate: 0.3-0.6 for pneumatic tyres."""
-    carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
-    bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Estimate."""
-    patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
-    the static deflection of each axle's tyres."""
     trail_m: NonNegative = 0.03
     """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Estimate."""
 
     def structure(self) -> Structure:
         """Carcass and contact patch."""
-        return Structure(
-            bristle_damping_s=self.bristle_damping_s,
-            rolling_resistance=self.rolling_resistance,
-            patch_half_length_m=self.patch_half_length_m,
-            trail_m=self.trail_m,
-            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
-        )
+        return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
         """Law of one front and one rear tyre."""
         a = self.sliding_anisotropy
-        return self.front.law(tractor.front_wheel_load, a), self.rear.law(tractor.rear_wheel_load, a)
+        return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Loads far from the reference."""
-        axles = (("front", self.front, tractor.front_wheel_load), ("rear", self.rear, tractor.rear_wheel_load))
-        for load, (axle, tyre, static) in zip(loads, axles, strict=True):
-            reference = tyre.law(static).F_z0
+        for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
+            reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
                 known = "grip and stiffness are known from {:g} to {:g} times it".format(*KNOWN_LOADS)
                 at = f"a wheel carries {load:.0f} N, {share:.2g} times the reference of {reference:.0f} N"
-                yield f"{axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
+                yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:
         """The law with the implement's own static load as its reference."""

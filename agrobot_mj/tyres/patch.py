@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross, dot, unit
+from agrobot_mj.core.vectors import Vector, cross, dot, minus, plus, scaled, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
 from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.bearing import Bearing, Tread
@@ -31,7 +31,7 @@ from agrobot_mj.tyres.envelope import envelope
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Indices of a wheel's report; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
-"""Speed over which the rolling resistance builds up [m/s]."""
+"""Speed over which rolling and soil resistance and the pneumatic trail build up [m/s]."""
 
 
 class TyreSet(NamedTuple):
@@ -115,8 +115,7 @@ class ContactPatch(NamedTuple):
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
     """Downward direction in the plane of a wheel, against the normal `n`."""
-    tilt = dot(n, axle)
-    return unit((tilt * axle[0] - n[0], tilt * axle[1] - n[1], tilt * axle[2] - n[2]))
+    return unit(minus(scaled(dot(n, axle), axle), n))
 
 
 @kernel
@@ -139,23 +138,19 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
     f = unit(cross(axle, n))
     left = cross(n, f)
     down = down_in_wheel_plane(n, axle)
-    r = radius - penetration
-    arm = (r * down[0], r * down[1], r * down[2])
+    arm = scaled(radius - penetration, down)
     # the patch is fixed in the ground's plane, not on the tread: only what carries the axle sweeps it over the ground
     spin = dot(rotation, axle)
-    carrier = (rotation[0] - spin * axle[0], rotation[1] - spin * axle[1], rotation[2] - spin * axle[2])
-    w = cross(carrier, arm)
-    v = (velocity[0] + w[0], velocity[1] + w[1], velocity[2] + w[2])
+    carrier = minus(rotation, scaled(spin, axle))
+    v = plus(velocity, cross(carrier, arm))
     return ContactPatch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
 
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
     """The patch with its arm `share` times as long: it lies below the untouched ground where the wheel has sunk."""
-    arm = (share * patch.arm[0], share * patch.arm[1], share * patch.arm[2])
-    return ContactPatch(
-        patch.penetration, patch.rate, patch.n, patch.f, patch.l, arm, patch.v_x, patch.v_y, patch.spin, patch.turn
-    )
+    p, arm = patch, scaled(share, patch.arm)
+    return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
@@ -193,26 +188,16 @@ def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float)
 
 
 @kernel
-def add_wrench(
-    wrench: Array,
-    patch: ContactPatch,
-    axle: Vector,
-    at_patch: Vector,
-    extra: Vector,
-) -> None:
+def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vector, extra: Vector) -> None:
     """Write force and torque about the wheel's centre into `wrench` (6,), world.
 
     `at_patch`: forces forward, left and up the normal at the patch [N]; `extra`: a forward force on the centre [N], a
     torque about the axle and a moment about the normal [N m].
     """
-    n, f, left = patch.n, patch.f, patch.l
+    n, f = patch.n, patch.f
     f_x, f_y, load = at_patch
     push, axle_torque, moment = extra
-    force = (
-        f_x * f[0] + f_y * left[0] + load * n[0],
-        f_x * f[1] + f_y * left[1] + load * n[1],
-        f_x * f[2] + f_y * left[2] + load * n[2],
-    )
+    force = plus(plus(scaled(f_x, f), scaled(f_y, patch.l)), scaled(load, n))
     torque = cross(patch.arm, force)
     for k in range(3):
         wrench[k] = force[k] + push * f[k]

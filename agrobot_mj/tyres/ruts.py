@@ -17,9 +17,17 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import HUGE, CarcassShare, Fraction, NonNegative, Positive
+from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
+from agrobot_mj.tyres.base import (
+    CarcassTyre,
+    Slip,
+    Structure,
+    TyreForce,
+    force_direction,
+    held_by_grip,
+    slip_of_faster,
+)
 from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
@@ -29,8 +37,6 @@ DEEPEST = 1 / 3
 """Sinkage of a rigid wheel over its radius to which its closed form holds [-]. [Bekker1969]."""
 SHEARED = 20.0
 """Shear displacement over K at which the bristles break away at rest: 95 % of the strength is in use [-]."""
-BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which the bristles follow the slip past it [m/s]. Estimate."""
 
 
 @kernel
@@ -74,15 +80,15 @@ class RutsLaw(NamedTuple):
         H = slip.footing.grip * (A * self.cohesion + slip.load * self.tan_phi)
         j = hypot(slip_of_faster(slip), slip.y) * L / self.K
         m = force_direction(slip, (H, H), (1.0, 1.0), j, self.anisotropy)
-        used, limit = sheared(j), SHEARED * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
-        return TyreForce(-used * H * m.x, -used * H * m.y, 1.0 if j < limit else limit / j, used)
+        used = sheared(j)
+        return TyreForce(-used * H * m.x, -used * H * m.y, held_by_grip(j, SHEARED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Always 0: the compaction of the soil is a force of its own, see `bearing`."""
         return 0.0
 
 
-class Ruts(TyreBase):
+class Ruts(CarcassTyre):
     """Tyres on soil that keeps their ruts."""
 
     fast_step_s: ClassVar[float] = 0.002
@@ -109,18 +115,6 @@ class Ruts(TyreBase):
     """Radius of the tread's crown over the tyre's width [-]. Estimate."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
     """Side of the cells of soil [m]. Estimate: four across a front tyre."""
-    sliding_anisotropy: Fraction = 0.0
-    """Direction of a sliding tyre's force, as for `soil` [-]. Estimate: the soil's strength."""
-    carcass_lateral: CarcassShare = 0.45
-    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Estimate: 0.3-0.6 for pneumatic tyres."""
-    carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
-    bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Estimate."""
-    patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
-    the static deflection of each axle's tyres."""
 
     @property
     def judged(self) -> bool:
@@ -129,17 +123,14 @@ class Ruts(TyreBase):
 
     def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil in which wheels would sink deeper than the law of sinkage reaches."""
-        sizes = (
-            ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m),
-            ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m),
-        )
         n = self.exponent
-        for load, (axle, R, b) in zip(loads, sizes, strict=True):
+        for load, wheel in zip(loads, tractor.wheels, strict=True):
+            R, b = wheel.radius, wheel.width
             k = 1e3 * (self.k_c_kn / b + self.k_phi_kn)
             sunk = (3 * load / ((3 - n) * b * k * sqrt(2 * R))) ** (2 / (2 * n + 1))
             if sunk > DEEPEST * R:
-                deep = f"a rigid {axle} wheel under {load:.0f} N would sink by {sunk:.2g} m of its radius of {R:.2g} m"
-                yield f"k_phi_kn: {deep}; the law holds to a third of it"
+                deep = f"under {load:.0f} N would sink by {sunk:.2g} m of its radius of {R:.2g} m"
+                yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the law holds to a third of it"
 
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
@@ -152,22 +143,13 @@ class Ruts(TyreBase):
             crown_share=self.crown_share,
             cell=self.cell_m,
         )
-        return Structure(
-            bristle_damping_s=self.bristle_damping_s,
-            rolling_resistance=OWN_LOSS,
-            patch_half_length_m=self.patch_half_length_m,
-            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
-            bearing=bearing,
-        )
+        return super().structure()._replace(rolling_resistance=OWN_LOSS, bearing=bearing)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
         """Law of one front and one rear tyre."""
-        sizes = (
-            (tractor.front_wheel_radius_m, tractor.front_wheel_width_m),
-            (tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m),
-        )
         c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
         front, rear = (
-            RutsLaw(c, slope, self.shear_m, R, self.crown_share * b, self.sliding_anisotropy) for R, b in sizes
+            RutsLaw(c, slope, self.shear_m, wheel.radius, self.crown_share * wheel.width, self.sliding_anisotropy)
+            for wheel in tractor.wheels
         )
         return front, rear

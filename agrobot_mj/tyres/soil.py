@@ -23,14 +23,20 @@ from math import atan, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.spec import CarcassShare, ConeIndex, Fraction, NonNegative, Positive
+from agrobot_mj.core.spec import ConeIndex, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import Slip, Structure, TyreBase, TyreForce, force_direction, slip_of_faster
+from agrobot_mj.tyres.base import (
+    CarcassTyre,
+    Slip,
+    Structure,
+    TyreForce,
+    force_direction,
+    held_by_grip,
+    slip_of_faster,
+)
 
 SATURATED = 3.0
 """Normalised slip rho at which the bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
-BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which the bristles follow the slip past it [m/s]. Estimate."""
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 SOFTEST = 3.0
@@ -87,9 +93,7 @@ class SoilLaw(NamedTuple):
         rho = hypot(7.5 * s, B * atan(slip.y)) / grip
         m = force_direction(slip, (D_x, D_y), (7.5 * D_x, B * D_y), rho, self.anisotropy)
         used = 1.0 - exp(-rho)
-        # at rest the bristle breaks away where the grip is used up; rolling, it follows the slip past it
-        limit = SATURATED * (1.0 + slip.v_roll / BREAKAWAY_SPEED)
-        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, 1.0 if rho < limit else limit / rho, used)
+        return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Motion resistance of the soil, less the tyre's own loss [N]."""
@@ -100,7 +104,7 @@ class SoilLaw(NamedTuple):
         return -direction * (W * (1.0 / B_n + 0.5 * s / sqrt(B_n)))
 
 
-class Soil(TyreBase):
+class Soil(CarcassTyre):
     """Tyres on soil."""
 
     kind: Literal["soil"] = "soil"
@@ -110,49 +114,22 @@ class Soil(TyreBase):
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate."""
-    sliding_anisotropy: Fraction = 0.0
-    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
-    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
-    carcass_lateral: CarcassShare = 0.45
-    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Estimate: 0.3-0.6 for pneumatic tyres."""
-    carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
-    bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Estimate."""
-    patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
-    the static deflection of each axle's tyres."""
 
     def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil softer than that of the fits under these loads."""
-        sizes = (
-            ("front", tractor.front_wheel_radius_m, tractor.front_wheel_width_m, tractor.front_tyre_stiffness),
-            ("rear", tractor.rear_wheel_radius_m, tractor.rear_wheel_width_m, tractor.rear_tyre_stiffness),
-        )
-        for load, (axle, R, b, stiffness) in zip(loads, sizes, strict=True):
-            h = self.section_height_share * b
-            M = lateral_number(b, 2 * R, h, 1e3 * self.cone_index_kpa, load, load / stiffness)
+        for load, wheel in zip(loads, tractor.wheels, strict=True):
+            d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width
+            M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
             if M < SOFTEST:
-                soft = f"too soft for {load:.0f} N on a {axle} wheel of {2 * R:.2g} m by {b:.2g} m"
+                soft = f"too soft for {load:.0f} N on a {wheel.axle} wheel of {d:.2g} m by {b:.2g} m"
                 yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
 
     def structure(self) -> Structure:
         """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
-        return Structure(
-            bristle_damping_s=self.bristle_damping_s,
-            rolling_resistance=OWN_LOSS,
-            patch_half_length_m=self.patch_half_length_m,
-            cone_index_pa=1e3 * self.cone_index_kpa,
-            carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
-        )
+        return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
         """Law of one front and one rear tyre."""
-        share, radial = self.section_height_share, float(self.ply == "radial")
-        (b_f, d_f), (b_r, d_r) = (
-            (tractor.front_wheel_width_m, 2 * tractor.front_wheel_radius_m),
-            (tractor.rear_wheel_width_m, 2 * tractor.rear_wheel_radius_m),
-        )
-        a = self.sliding_anisotropy
-        return SoilLaw(b_f, d_f, share * b_f, radial, a), SoilLaw(b_r, d_r, share * b_r, radial, a)
+        share, radial, a = self.section_height_share, float(self.ply == "radial"), self.sliding_anisotropy
+        front, rear = (SoilLaw(w.width, 2 * w.radius, share * w.width, radial, a) for w in tractor.wheels)
+        return front, rear

@@ -8,7 +8,7 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 from agrobot_mj.faults import Script, SteeringPotBias, ValveWear
-from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE, Valve, static_flow, valve_law, worn
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE, Valve, static_flow, valve_law, worn_valve
 
 
 def day(fault, t):
@@ -69,14 +69,14 @@ def test_what_is_stuck_has_its_bias_of_then():
 
 def test_a_worn_valve_has_less_flow_and_a_wider_dead_band():
     sound, _ = valve_law(Valve(), 0.002)
-    tired = worn(sound, 0.7, 0.4)
+    tired = worn_valve(sound, 0.7, 0.4)
     edge = 0.4 + 0.4
     for sign, gain in ((1, 3.2), (-1, 2.8)):
         assert static_flow(tired, NEUTRAL_V + sign * (edge - 1e-9)) == 0.0
         flow = static_flow(tired, NEUTRAL_V + sign * (edge + 1.0))
         assert flow == pytest.approx(sign * 0.7 * gain * LITRE_PER_MINUTE)
     assert static_flow(tired, 12.0) == pytest.approx(0.7 * static_flow(sound, 12.0))
-    assert worn(sound, 1.0, 0.0) == sound
+    assert worn_valve(sound, 1.0, 0.0) == sound
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])

@@ -15,7 +15,7 @@ from agrobot_mj.machine.hydraulics import (
     static_flow,
     valve_law,
     valve_step,
-    worn,
+    worn_valve,
 )
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -158,6 +158,6 @@ def test_a_play_takes_its_half_width(deflection, left):
 def test_a_worn_valve_has_half_of_either_gain_and_of_the_pump_beyond_a_wider_band(voltage, flow):
     """Half of 3.2 and 2.8 l/(min V) beyond 0.4 + 0.3 V, at most half of 12 l/min."""
     law, _ = valve_law(Valve(), DT)
-    found = static_flow(worn(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE
+    found = static_flow(worn_valve(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE
     assert found == pytest.approx(flow)
-    assert worn(law, 1.0, 0.0) == law
+    assert worn_valve(law, 1.0, 0.0) == law

@@ -16,19 +16,19 @@ G = 9.81
 
 
 def test_the_default_tractor_has_the_springs_that_its_file_has():
-    assert (COMPACT.front_tyre_stiffness, COMPACT.rear_tyre_stiffness) == (1.2e5, 1.6e5)
-    assert (COMPACT.front_tyre_damping, COMPACT.rear_tyre_damping) == (1200.0, 1800.0)
+    assert (COMPACT.front_wheel.stiffness, COMPACT.rear_wheel.stiffness) == (1.2e5, 1.6e5)
+    assert (COMPACT.front_wheel.damping, COMPACT.rear_wheel.damping) == (1200.0, 1800.0)
 
 
 def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
     for small, large in (
         (
-            COMPACT.front_wheel_load / COMPACT.front_tyre_stiffness / COMPACT.front_wheel_radius_m,
-            LARGE.front_wheel_load / LARGE.front_tyre_stiffness / LARGE.front_wheel_radius_m,
+            COMPACT.front_wheel.load / COMPACT.front_wheel.stiffness / COMPACT.front_wheel_radius_m,
+            LARGE.front_wheel.load / LARGE.front_wheel.stiffness / LARGE.front_wheel_radius_m,
         ),
         (
-            COMPACT.rear_wheel_load / COMPACT.rear_tyre_stiffness / COMPACT.rear_wheel_radius_m,
-            LARGE.rear_wheel_load / LARGE.rear_tyre_stiffness / LARGE.rear_wheel_radius_m,
+            COMPACT.rear_wheel.load / COMPACT.rear_wheel.stiffness / COMPACT.rear_wheel_radius_m,
+            LARGE.rear_wheel.load / LARGE.rear_wheel.stiffness / LARGE.rear_wheel_radius_m,
         ),
     ):
         assert large == pytest.approx(small)
@@ -36,7 +36,7 @@ def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
 
 def test_its_damping_keeps_its_share_of_the_critical():
     def share(p):
-        return p.rear_tyre_damping / (2 * sqrt(p.rear_tyre_stiffness * p.rear_wheel_load / G))
+        return p.rear_wheel.damping / (2 * sqrt(p.rear_wheel.stiffness * p.rear_wheel.load / G))
 
     stiff = LARGE.model_copy(update={"rear_tyre_stiffness_n_m": 9e5})
     assert share(LARGE) == pytest.approx(share(COMPACT))
@@ -45,7 +45,7 @@ def test_its_damping_keeps_its_share_of_the_critical():
 
 def test_what_is_given_stays():
     given = LARGE.model_copy(update={"front_tyre_stiffness_n_m": 3e5, "front_tyre_damping_n_s_m": 0.0})
-    assert (given.front_tyre_stiffness, given.front_tyre_damping) == (3e5, 0.0)
+    assert (given.front_wheel.stiffness, given.front_wheel.damping) == (3e5, 0.0)
 
 
 def test_a_trailer_of_twice_the_load_has_tyres_of_twice_the_stiffness():
@@ -83,4 +83,4 @@ def test_wheel_loads_and_what_an_implement_carries_itself_are_its_weight(impleme
 def test_an_implement_behind_takes_load_off_the_front_axle():
     """150 kg, 0.5 m behind a hitch that is 0.55 m behind the axle, on a wheelbase of 1.4 m."""
     front, _ = wheel_loads(COMPACT, Mounted(mass_kg=150.0, cg_behind_m=0.5).hitched(COMPACT))
-    assert front == pytest.approx(COMPACT.front_wheel_load - 150 * G * 1.05 / 1.4 / 2)
+    assert front == pytest.approx(COMPACT.front_wheel.load - 150 * G * 1.05 / 1.4 / 2)

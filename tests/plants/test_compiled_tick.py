@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, apply_loads, no_loads
 from agrobot_mj.plants.mujoco.payload import Chassis, Inertial, with_payload
-from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, relieve, take_up_play
+from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING, apply_tyres, open_relief_valves, take_up_play
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
@@ -51,7 +51,7 @@ def test_the_oil_column_winds_up_to_the_relief_torque_and_no_farther(side, rate)
     v, oil = plant.views, plant.oil
     v.qpos[v.steer_q], v.qvel[v.steer_v] = 0.1, rate
     v.act[STEERING] = 0.1 + side * 0.5
-    relieve(v, oil)
+    open_relief_valves(v, oil)
     column = Cylinder().column(TRACTOR)
     k, c = column.stiffness, column.damping
     torque = k * (v.act[STEERING] - 0.1) - c * rate
@@ -64,7 +64,7 @@ def test_the_oil_column_ends_at_the_stops(side):
     v = plant.views
     v.qpos[v.steer_q] = side * (TRACTOR.steer_limit - 0.001)
     v.act[STEERING] = side * (TRACTOR.steer_limit + 0.02)
-    relieve(v, plant.oil)
+    open_relief_valves(v, plant.oil)
     assert v.act[STEERING] == pytest.approx(side * TRACTOR.steer_limit)
 
 
@@ -82,7 +82,7 @@ def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, pla
         v.ctrl[STEERING] = rate
         if oil.steer_play > 0.0:
             take_up_play(v, oil, plant.cylinder, dt)
-        relieve(v, oil)
+        open_relief_valves(v, oil)
         v.act[STEERING] += dt * v.ctrl[STEERING]
 
     for _ in range(5000):
@@ -112,7 +112,7 @@ def driving(speed, stretch):
     v, oil = plant.views, plant.oil
     v.qvel[v.spins_v] = speed
     v.act[DRIVE] = stretch
-    relieve(v, oil)
+    open_relief_valves(v, oil)
     return oil.drive_stiffness * (v.act[DRIVE] - oil.drive_lead * speed)
 
 
@@ -134,7 +134,7 @@ def test_both_driven_wheels_count_alike():
     v, oil = plant.views, plant.oil
     v.qpos[v.spins_q], v.qvel[v.spins_v] = (0.3, 0.5), (2.0, 4.0)
     v.act[DRIVE] = 9.0
-    relieve(v, oil)
+    open_relief_valves(v, oil)
     torque = oil.drive_stiffness * (v.act[DRIVE] - 0.4) - oil.drive_stiffness * oil.drive_lead * 3.0
     assert torque == pytest.approx(3000.0)
 

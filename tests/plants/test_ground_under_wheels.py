@@ -140,9 +140,9 @@ def waves(amplitude):
 def test_on_rough_ground_all_wheels_touch_as_deep_as_at_rest(yaw):
     """Within millimetres, where the gradient below the CG alone would leave a wheel far above or below the ground."""
     _, _, gaps = placed(waves(0.06), ORIGIN._replace(x=0.3, y=-0.4, yaw=yaw))
-    sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_tyre_stiffness] * 2)
+    sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_wheel.stiffness] * 2)
     assert gaps[:2] == pytest.approx(-sunk, abs=0.02)
-    assert gaps[2:] == pytest.approx(-TRACTOR.rear_axle_load / 2 / TRACTOR.rear_tyre_stiffness, abs=0.015)
+    assert gaps[2:] == pytest.approx(-TRACTOR.rear_axle_load / 2 / TRACTOR.rear_wheel.stiffness, abs=0.015)
 
 
 @pytest.mark.parametrize("grade", [0.0, 20.0, 35.0])

@@ -12,7 +12,7 @@ from agrobot_mj.machine.implements import Drawn, Mounted, Tool
 from agrobot_mj.machine.implements.base import box_inertia, sinking
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.plants.mujoco.implement import COLUMNS, wheels_of
+from agrobot_mj.plants.mujoco.implement import COLUMNS, implement_tyres
 from agrobot_mj.plants.mujoco.model import DIAMETER_GYRATION_2, SPIN_GYRATION_2
 from agrobot_mj.plants.mujoco.tools import (
     AHEAD,
@@ -236,7 +236,7 @@ def test_a_floating_implement_turns_about_its_virtual_hitch():
 
 def test_the_tyres_of_a_trailer_have_its_size_and_the_law_of_the_rear_tyres():
     axle, tyre = TRAILER.hitched(TRACTOR).axle, MagicFormula()
-    two, four = wheels_of(axle, tyre, TRACTOR), tyre_set(tyre, TRACTOR)
+    two, four = implement_tyres(axle, tyre, TRACTOR), tyre_set(tyre, TRACTOR)
     assert two.radius.tolist() == [0.3, 0.3]
     load = 600.0 * GRAVITY * 1.6 / 1.9 / 2
     heavier = load / (500.0 * GRAVITY * 1.75 / 2.0 / 2)

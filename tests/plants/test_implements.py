@@ -17,7 +17,7 @@ from agrobot_mj.machine.implements.base import Unevenness
 from agrobot_mj.machine.implements.draught import TOOLS, ToolLaw, draught
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
-from agrobot_mj.plants.mujoco.implement import COLUMNS, uneven_ground
+from agrobot_mj.plants.mujoco.implement import COLUMNS, draught_pattern
 from agrobot_mj.plants.mujoco.loads import SIDE
 from agrobot_mj.plants.mujoco.tools import GIVE, MEMORIES, soil_on_tool
 from agrobot_mj.scenario.loading import load_scenario
@@ -161,13 +161,13 @@ def test_a_tool_at_rest_holds_like_a_spring_and_never_more_than_its_draught():
 
 
 def test_the_unevenness_has_its_mean_spread_and_length_and_follows_the_seed():
-    uneven, step = uneven_ground(Unevenness(0.2, 0.5), 3)
+    uneven, step = draught_pattern(Unevenness(0.2, 0.5), 3)
     assert uneven.mean() == pytest.approx(1.0, abs=0.02)
     assert uneven.std() == pytest.approx(0.2, abs=0.02)
     assert uneven.min() > 0.0
     lag = round(0.5 / step)
     assert np.corrcoef(uneven[:-lag], uneven[lag:])[0, 1] == pytest.approx(np.exp(-1), abs=0.08)
-    assert not np.array_equal(uneven, uneven_ground(Unevenness(0.2, 0.5), 4)[0])
+    assert not np.array_equal(uneven, draught_pattern(Unevenness(0.2, 0.5), 4)[0])
 
 
 # --- driving --------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.bench.manoeuvres import kingpins
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
-from agrobot_mj.machine import Cylinder, Driveline, Linkage, Machine, TractorParameters, Valve
+from agrobot_mj.machine import Linkage, Machine, TractorParameters, Valve
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.sensors import Sensors, SteeringPotentiometer
@@ -38,7 +38,7 @@ def steered(plant, volts, ticks):
 
 def test_kingpins_leave_masses_and_wheels_where_they_are():
     tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
-    upright, laid = (tractor_spec(tractor, Cylinder(), Driveline(), linkage).compile() for linkage in kinds)
+    upright, laid = (tractor_spec(Machine(tractor, linkage=linkage)).compile() for linkage in kinds)
     assert np.array_equal(upright.body_pos, laid.body_pos)
     assert np.array_equal(upright.body_inertia, laid.body_inertia)
     assert np.array_equal(upright.jnt_type, laid.jnt_type)

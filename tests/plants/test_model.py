@@ -5,13 +5,11 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.resources import MODELS
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.model import (
     ackermann_coefficients,
     simulation_model,
-    static_deflections,
     tractor_spec,
 )
 from agrobot_mj.terrain import Flat
@@ -28,7 +26,7 @@ HEAVY = TractorParameters(
 
 
 def written(tractor):
-    spec = tractor_spec(tractor, Cylinder(), Driveline())
+    spec = tractor_spec(Machine(tractor))
     return simulation_model(spec, Flat().ground(), 0.002, None)
 
 
@@ -68,7 +66,7 @@ def test_masses_inertia_and_geometry_equal_the_parameters(make, tractor, rel):
     assert wheels[0, 0] - wheels[2, 0] == pytest.approx(tractor.wheelbase_m)
     assert wheels[0, 1] - wheels[1, 1] == pytest.approx(tractor.track_m)
     assert wheels[2, 1] - wheels[3, 1] == pytest.approx(tractor.track_m)
-    sink = static_deflections(tractor)
+    sink = [wheel.deflection for wheel in tractor.wheels]
     assert wheels[0, 2] == pytest.approx(tractor.front_wheel_radius_m - sink[0], abs=1e-5)
     assert wheels[2, 2] == pytest.approx(tractor.rear_wheel_radius_m - sink[1], abs=1e-5)
 

@@ -8,7 +8,7 @@ from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, VALUES, YIELD, rut_map
 from agrobot_mj.tyres import Ruts
 from agrobot_mj.tyres.bearing import NEAR, SoilCell, harden, hold_cell, load_cell, press, yield_cell
-from agrobot_mj.tyres.laws import remembering, treads
+from agrobot_mj.tyres.laws import treads, with_soil_memory
 
 SOIL = Ruts().structure().bearing
 REAR = treads(SOIL, TractorParameters())[1]
@@ -89,7 +89,7 @@ def frame(slope_x, slope_y, yaw):
 @pytest.mark.parametrize(("slopes", "yaw"), [((0.0, 0.0), 0.0), ((0.0, 0.0), 0.7), ((0.3, -0.2), -2.1)])
 def test_the_soil_below_a_wheel_is_the_sum_over_all_cells_of_the_field(slopes, yaw, slip):
     """Every cell of the plane of the ground under the tread, whatever its slope and the heading."""
-    memory, d, c, R, r_c = remembering(plane(0.0, 0.0, 2.0), SOIL).memory, 0.03, SOIL.cell, REAR.radius, REAR.crown
+    memory, d, c, R, r_c = with_soil_memory(plane(0.0, 0.0, 2.0), SOIL).memory, 0.03, SOIL.cell, REAR.radius, REAR.crown
     n, forward, left = frame(*slopes, yaw)
     place = np.array([0.137, -0.412, slopes[0] * 0.137 - slopes[1] * 0.412])
     rows, columns = TILE * np.array(memory.tiles.shape)

@@ -65,8 +65,8 @@ def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_
     """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
     R, b, k = np.array(
         [
-            (TRACTOR.front_wheel_radius_m, TRACTOR.front_wheel_width_m, TRACTOR.front_tyre_stiffness),
-            (TRACTOR.rear_wheel_radius_m, TRACTOR.rear_wheel_width_m, TRACTOR.rear_tyre_stiffness),
+            (TRACTOR.front_wheel_radius_m, TRACTOR.front_wheel_width_m, TRACTOR.front_wheel.stiffness),
+            (TRACTOR.rear_wheel_radius_m, TRACTOR.rear_wheel_width_m, TRACTOR.rear_wheel.stiffness),
         ]
     )[end]
     load = (TRACTOR.front_axle_load, TRACTOR.rear_axle_load)[end] / 2

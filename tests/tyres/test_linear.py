@@ -64,4 +64,4 @@ def test_tyres_have_the_tractors_sizes():
     tyres = tyre_set(Linear(relaxation_radii=2.0), TRACTOR)
     assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
     assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))
-    assert tyres.stiffness.tolist() == [TRACTOR.front_tyre_stiffness] * 2 + [TRACTOR.rear_tyre_stiffness] * 2
+    assert tyres.stiffness.tolist() == [TRACTOR.front_wheel.stiffness] * 2 + [TRACTOR.rear_wheel.stiffness] * 2

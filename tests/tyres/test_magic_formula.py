@@ -200,4 +200,4 @@ def test_on_a_machine_of_any_mass_the_static_load_has_the_grip_and_stiffness_tha
 def test_a_given_reference_is_that_of_the_tractor_and_not_of_its_trailer():
     tyre = MagicFormula(rear=AxleTyre(reference_load_n=9000.0))
     assert tyre.coefficients(TRACTOR)[1].F_z0 == 9000.0
-    assert tyre.of_implement().coefficients(TRACTOR)[1].F_z0 == TRACTOR.rear_wheel_load
+    assert tyre.of_implement().coefficients(TRACTOR)[1].F_z0 == TRACTOR.rear_wheel.load

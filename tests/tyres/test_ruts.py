@@ -11,11 +11,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import plane
-from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, saved, virgin
+from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, saved, untouched_soil
 from agrobot_mj.tyres import Ruts, Soil
 from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.bearing import SoilCell, load_cell, press
-from agrobot_mj.tyres.laws import remembering, treads
+from agrobot_mj.tyres.laws import treads, with_soil_memory
 
 SOIL = Ruts().structure().bearing
 REAR = treads(SOIL, TractorParameters())[1]
@@ -30,7 +30,7 @@ def rolled(memory, depth, y=0.0, slip=0.0, way=1.0, tread=REAR):
 
 
 def field():
-    return remembering(plane(0.0, 0.0, 4.0), SOIL).memory
+    return with_soil_memory(plane(0.0, 0.0, 4.0), SOIL).memory
 
 
 def test_the_walls_of_a_rut_hold_a_wheel():
@@ -113,8 +113,8 @@ def test_ground_beyond_the_store_is_not_remembered():
 def test_too_fine_a_grid_names_its_key():
     with pytest.raises(ValueError, match=r"plant\.tyre\.cell_m: 0\.02 m is too fine for this field; set at least"):
         mujoco_plant(Ruts(cell_m=0.02), Flat(half_size_m=5000.0))
-    assert virgin((0.0, 100.0, 0.0, 50.0), 0.05).tiles.shape == (32, 63)
-    assert remembering(Flat().ground(), Soil().structure().bearing).memory is FORGETS
+    assert untouched_soil((0.0, 100.0, 0.0, 50.0), 0.05).tiles.shape == (32, 63)
+    assert with_soil_memory(Flat().ground(), Soil().structure().bearing).memory is FORGETS
 
 
 def test_a_parked_tractor_sinks_and_stays():

@@ -15,7 +15,7 @@ from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import remembering, tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set, wheel_step, with_soil_memory
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, SLIP_RATIO, WheelMotion
 from agrobot_mj.tyres.patch import LOAD as CARRIED
 
@@ -44,7 +44,7 @@ class Wheel:
 
     def __init__(self, tyre, i=REAR, grip=1.0):
         self.tyres, self.i = tyre_set(tyre, TRACTOR), i
-        self.ground = remembering(GROUND, self.tyres.bearing)
+        self.ground = with_soil_memory(GROUND, self.tyres.bearing)
         self.tyres.grip[:] = grip
         self.sunk = LOAD[i] / self.tyres.stiffness[i]
         self.radius, self.r_e = self.tyres.radius[i], self.tyres.radius[i] - self.sunk / 3

@@ -14,9 +14,8 @@ import numpy as np
 from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
-from agrobot_mj.machine.implements.tool import Tool
+from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.mujoco.model import static_deflections
 from agrobot_mj.plants.mujoco.tools import MEMORIES, soil_on_tool
 from agrobot_mj.terrain import Flat, Ground
 from agrobot_mj.tyres import Ruts, TyreBase
@@ -53,7 +52,7 @@ class Cycle(NamedTuple):
 def cycle(rng: np.random.Generator) -> Cycle:
     """A closed motion, standing or rolling, drawn at random."""
     wheel, period = int(rng.choice([0, 2])), float(10 ** rng.uniform(-0.5, 0.5))
-    static = static_deflections(TRACTOR)[wheel // 2]
+    static = TRACTOR.wheels[wheel // 2].deflection
 
     def wave(mean: float, size: float) -> Array:
         share = rng.uniform(0.0, 1.0, HARMONICS)

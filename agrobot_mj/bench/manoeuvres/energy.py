@@ -21,8 +21,8 @@ from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import STILL, direction_of_travel
-from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, soft_sign
+from agrobot_mj.tyres.laws import direction_of_travel
+from agrobot_mj.tyres.patch import CREEP_SPEED, FORCE_X, FORCE_Y, LOAD, SLIP_RATIO, soft_sign
 
 SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
@@ -60,7 +60,7 @@ class Wheel:
         load, f_y = report[LOAD], report[FORCE_Y]
         r_e, rolled = t.radius[i] - sunk / 3, abs(float(v @ forward))
         referred = max(rolled, abs(omega) * r_e / 2, 1e-9)
-        way = soft_sign(float(v @ forward), STILL)
+        way = soft_sign(float(v @ forward), CREEP_SPEED)
         driving = direction_of_travel(float(v @ forward), omega * r_e) * report[SLIP_RATIO]
         slip = Slip(-driving * rolled / referred, 0.0, load, sunk, referred, self.footing, way)
         soil = -float((t.front if i < 2 else t.rear).drag(slip, way))

@@ -20,9 +20,9 @@ from agrobot_mj.bench.manoeuvres.base import ORIGIN, About, Check, Findings, muj
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.machine import Cylinder, Linkage, Machine, Valve
+from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.tyres import Linear, MagicFormula
-from agrobot_mj.tyres.laws import GRIP
 from agrobot_mj.tyres.patch import FORCE_Y, LOAD
 
 CYLINDER = Cylinder(bore_mm=25.0, rod_mm=14.0, arm_m=0.08, stiffness_n_m_rad=2.8e4, damping_n_m_s_rad=60.0)
@@ -78,7 +78,7 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
     """Parked torque of both wheels by the rule of makers [N m]."""
-    return GRIP * front_load * sqrt(width**2 / 8 + offset**2)
+    return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
@@ -89,7 +89,7 @@ def changed(**linkage: float) -> Machine:
 def loaded_radius(plant: MujocoPlant) -> float:
     """Height of a front wheel's centre at the static load [m]."""
     tractor = plant.tractor
-    return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_tyre_stiffness
+    return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
 def parked(tyre: Any) -> tuple[list[Check], list[MujocoPlant]]:
@@ -157,7 +157,7 @@ def trailing(tyre: Any) -> tuple[Check, list[MujocoPlant]]:
         delta = plant.truth().steer
         side = float(plant.tyred.report[:2, FORCE_Y].sum())
         more = float(plant.tyred.report[1, LOAD] - plant.tyred.report[0, LOAD])
-        roll = more / (plant.tractor.front_tyre_stiffness * plant.tractor.track_m)
+        roll = more / (plant.tractor.front_wheel.stiffness * plant.tractor.track_m)
         plants.append(plant)
     weight, radius, c = plant.tractor.front_axle_load, loaded_radius(plant), radians(caster)
     wanted = (side + weight * roll) * radius * sin(c) - weight * radius * sin(c) ** 2 * sin(2 * delta) / 2

@@ -26,8 +26,8 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
     L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
     front = tractor.front_axle_load
     for _ in range(5):
-        raised = (tractor.front_axle_load - front) / (2 * tractor.front_tyre_stiffness)
-        sunk = (weight * cos(grade) - front - tractor.rear_axle_load) / (2 * tractor.rear_tyre_stiffness)
+        raised = (tractor.front_axle_load - front) / (2 * tractor.front_wheel.stiffness)
+        sunk = (weight * cos(grade) - front - tractor.rear_axle_load) / (2 * tractor.rear_wheel.stiffness)
         nose_up = (raised + sunk) / L
         back = tractor.cg_to_rear_axle - nose_up * tractor.cg_height_m
         height = tractor.cg_height_m + nose_up * tractor.cg_to_rear_axle - sunk

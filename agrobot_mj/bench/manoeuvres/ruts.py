@@ -23,7 +23,7 @@ from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import RutMap, SoilMemory, rut_map
 from agrobot_mj.tyres import Ruts
 from agrobot_mj.tyres.bearing import Bearing, SoilCell, Tread, load_cell, press
-from agrobot_mj.tyres.laws import remembering, treads
+from agrobot_mj.tyres.laws import treads, with_soil_memory
 
 TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
@@ -74,7 +74,7 @@ def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
     """Passes of the rear wheel over the same ground."""
     soil = tyre.structure().bearing
     tread = tread or treads(soil, TRACTOR)[1]
-    ground: Ground = remembering(plane(0.0, 0.0, 2 * WAY_M), soil)
+    ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
     c, s = np.cos(HEADING), np.sin(HEADING)
     frame = np.array([[0.0, 0.0, 1.0], [c, s, 0.0], [-s, c, 0.0]])
     found, out = [], np.zeros(round(WAY_M / STEP_M))

@@ -66,7 +66,7 @@ def crab(machine: Machine) -> tuple[float, float, MujocoPlant]:
 
 def peak(tractor: TractorParameters, wheel: int) -> float:
     """Largest lateral force of a wheel over its static load [-]."""
-    rig, load = Rig(TYRE, tractor, wheel), tractor.front_wheel_load if wheel == FRONT else tractor.rear_wheel_load
+    rig, load = Rig(TYRE, tractor, wheel), tractor.front_wheel.load if wheel == FRONT else tractor.rear_wheel.load
     return max(-rig.steady(Setting(SPEED_M_S, radians(angle), 0.0, load)).fy for angle in PEAKS_DEG) / load
 
 

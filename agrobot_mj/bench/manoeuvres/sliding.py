@@ -44,7 +44,7 @@ def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
 def traction(soil: Soil, s: float) -> float:
     """Net traction of the rear wheel over its load at slip `s`, by the formula above [-]."""
     W, b, d = TRACTOR.rear_axle_load / 2, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
-    h, delta = soil.section_height_share * b, W / TRACTOR.rear_tyre_stiffness
+    h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
     B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)
     return 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * s)) - 1 / B_n - 0.5 * s / sqrt(B_n)
 

@@ -33,9 +33,9 @@ from agrobot_mj.bench.manoeuvres.base import (
 from agrobot_mj.bench.manoeuvres.driver import Driver, Trace
 from agrobot_mj.core.signals import NEUTRAL_V, Array, Drive
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, Cylinder, Valve, static_flow, valve_law
+from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.tyres import Linear
-from agrobot_mj.tyres.laws import GRIP
 
 SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)
@@ -142,7 +142,7 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
     """Checks of the pressure, parked and rolling."""
     patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
-    twisting = 2 / 3 * GRIP * front * patch / Cylinder().displacement / 1e5
+    twisting = 2 / 3 * DRY_GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
     still = About("steering", "pressure to turn the wheels, parked", tyre.kind, "bar")
     ratio = About("steering", "pressure parked over rolling", tyre.kind, "")

@@ -29,13 +29,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
 from agrobot_mj.tyres import Linear, MagicFormula
 from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
-from agrobot_mj.tyres.laws import GRIP, SLIDE, TRAIL_SLIP, tyre_set
+from agrobot_mj.tyres.laws import SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
 """Speed at which the laws are evaluated: rolling, well above the speeds at which their terms fade [m/s]."""
@@ -63,7 +63,7 @@ class Parts(NamedTuple):
 
 def parts(tractor: TractorParameters) -> Parts:
     """The two bodies of the compiled model, at static load."""
-    model = tractor_spec(tractor, Cylinder(), Driveline()).compile()
+    model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     axle, pivot = model.body("front_axle").id, model.joint("axle_roll").id
@@ -107,7 +107,7 @@ class Tractor:
     def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
         """Wheel loads; `front_force` is F_f, and `shift` the load that moves from the front to the rear axle [N]."""
         p, b = self.p, self.parts
-        L, T, k = p.wheelbase_m, p.track_m, p.rear_tyre_stiffness
+        L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
         rise = (1 - g_n / GRAVITY) * p.rear_axle_load / (2 * k)
         G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
@@ -179,7 +179,7 @@ class Tractor:
     def scrub(self, loads: Array, curvature: float) -> float:
         """Moment of the patches against turning with the path [N m]: each twists by the curvature times its length."""
         half = self.tyres.patch_half_length
-        return float(2 / 3 * GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
+        return float(2 / 3 * DRY_GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
 
     def trail(self, slip: float) -> float:
         """Pneumatic trail at a slip angle [m]."""

@@ -18,7 +18,7 @@ from agrobot_mj.terrain.grid import plane
 from agrobot_mj.terrain.memory import SoilMemory, rut_map
 from agrobot_mj.tyres import Ruts
 from agrobot_mj.tyres.bearing import Bearing, Tread, press
-from agrobot_mj.tyres.laws import remembering, treads
+from agrobot_mj.tyres.laws import treads, with_soil_memory
 
 TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
@@ -71,7 +71,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
     """Depth of the rut after each of the loadings of one place, between which the wheel is lifted [mm]."""
     soil = tyre.structure().bearing
     tread = treads(soil, TRACTOR)[1]
-    memory, found = remembering(plane(0.0, 0.0, 2.0), soil).memory, []
+    memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []
     for loading in loadings:
         depth = stand(soil, tread, memory, loading, 0.0)
         found.append(1e3 * float(rut_map(memory).depth.max()))

@@ -15,8 +15,7 @@ import numpy as np
 
 from agrobot_mj.bench.rig.wheel import DT_S, FRONT, Reading, Setting
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.tyres.base import NativeContact
@@ -89,7 +88,7 @@ class Towed:
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
     """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have an imposed velocity."""
-    whole = tractor_spec(tractor, Cylinder(), Driveline())
+    whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):
         setattr(spec.option, name, getattr(whole.option, name))

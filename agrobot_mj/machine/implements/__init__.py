@@ -4,11 +4,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, NoImplement
+from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.implements.drawn import Drawn
 from agrobot_mj.machine.implements.mounted import Mounted
-from agrobot_mj.machine.implements.none import NoImplement
-from agrobot_mj.machine.implements.tool import Tool
 
 Implement = Annotated[
     NoImplement

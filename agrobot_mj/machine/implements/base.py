@@ -5,11 +5,11 @@ alone. Places are relative to the hitch of the tractor, x ahead, y left, z up, w
 on level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.implements.draught import ToolLaw
-from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Place = tuple[float, float, float]
 """x ahead, y left, z up from the hitch [m]."""
@@ -34,18 +34,8 @@ class Axle(NamedTuple):
     """Middle of the axle; its height is that of the wheels' centres at static load."""
     track: float
     """Distance between the wheels' centre planes [m]."""
-    radius: float
-    """Free radius [m]."""
-    width: float
-    """Section width [m]."""
-    mass: float
-    """Mass of one wheel [kg]."""
-    load: float
-    """Static load of one wheel [N]."""
-    stiffness: float
-    """Vertical stiffness of one tyre [N/m]."""
-    damping: float
-    """Vertical damping of one tyre [N s/m]."""
+    wheel: AxleWheel
+    """One of the wheels."""
     slip_stiffness: float
     """Slip stiffness over that of the plant's law [-]."""
     rolling: float
@@ -144,8 +134,8 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
     Rigid with the tractor, by the tyres' vertical stiffness.
     """
     L = tractor.wheelbase_m
-    rear = load * (L + behind) / L / (2 * tractor.rear_tyre_stiffness)
-    front = -load * behind / L / (2 * tractor.front_tyre_stiffness)
+    rear = load * (L + behind) / L / (2 * tractor.rear_wheel.stiffness)
+    front = -load * behind / L / (2 * tractor.front_wheel.stiffness)
     return rear + (rear - front) * at / L
 
 
@@ -165,3 +155,15 @@ def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
         return weight, -x
     hinge, wheel = hitched.joints[0].at[0], hitched.depth_wheel.at[0]
     return weight * (x - wheel) / (hinge - wheel), -hinge
+
+
+class NoImplement(ImplementBase):
+    """The tractor alone."""
+
+    machine: ClassVar[bool] = False
+
+    kind: Literal["none"] = "none"
+
+    def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
+        """Nothing."""
+        return None

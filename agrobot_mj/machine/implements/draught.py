@@ -1,4 +1,4 @@
-"""Draught of tools in soil after ASABE D497: D = F_i (A + B S + C S^2) W T.
+"""Tools in soil, and their draught after ASABE D497: D = F_i (A + B S + C S^2) W T.
 
 F_i stands for the texture of the soil, S is the speed [km/h], W the width [m] or the number of tools or rows, T the
 depth [cm], 1 for seeding machines. The standard gives the mean over soils of a texture; fields lie within the range of
@@ -6,9 +6,13 @@ depth [cm], 1 for seeding machines. The standard gives the mean over soils of a 
 remember them: check them against your edition.
 """
 
-from typing import Literal, NamedTuple
+from math import degrees
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.spec import NonNegative, Positive, Spec, Spread
 
 ToolType = Literal[
     "mouldboard_plough", "chisel_plough", "disc_harrow", "field_cultivator", "row_crop_planter", "grain_drill"
@@ -86,3 +90,47 @@ def draught(law: ToolLaw, speed: float, depth: float) -> float:
     S, share = 3.6 * abs(speed), engaged(law, depth)
     T = 100.0 * law.depth * share if law.by_depth > 0.5 else min(share, 1.0)
     return (law.a + law.b * S + law.c * S * S) * T
+
+
+class Tool(Spec):
+    """Size, depth and soil of a tool, and its grip to the side; `[implement.tool]`."""
+
+    type: ToolType = "mouldboard_plough"
+    """Row of the table of ASABE D497 that gives the draught."""
+    size: Annotated[float, Field(gt=0, le=100)] = 0.25
+    """Width of ploughs and harrows [m], tools of cultivators, rows of seeders [-]. Estimate: one bottom."""
+    depth_m: Annotated[float, Field(ge=0.005, le=1)] = 0.12
+    """Depth on level ground [m]. Estimate (0.1-0.2 for a compact tractor's plough)."""
+    texture: Texture = "medium"
+    """Texture of the soil, factor F_i of D497."""
+    draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
+    """Draught of this field over that of D497, which holds within 25 to 50 % [-]."""
+    noise_share: Spread = 0.15
+    """Standard deviation of the draught over its mean, log-normal [-]. Estimate (0.1-0.3)."""
+    noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
+    """Correlation length of the draught along the way [m]. Estimate (0.2-2)."""
+    cornering_stiffness_n_deg: NonNegative = 150.0
+    """Lateral force per degree of slip angle at the intended depth [N/deg]. Estimate: 450-3400 published for
+    implements of a tractor of 10 t (Pearson and Bevly, 2008), less by a compact tractor's width and depth."""
+    relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
+    """Way over which the lateral force builds up [m]. Estimate (0.2-1)."""
+    side_limit_n: Positive = 2500.0
+    """Lateral force at which the soil gives way [N]. Estimate: the soil beside a share of this depth."""
+    suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
+    """Downward force of the soil over the draught [-]. Estimate (0-0.3)."""
+
+    def law(self) -> ToolLaw:
+        """Coefficients in SI units, but for the speed."""
+        row = TOOLS[self.type]
+        scale = self.draught_scale * self.size * row.textures[TEXTURES.index(self.texture)]
+        return ToolLaw(
+            a=scale * row.a,
+            b=scale * row.b,
+            c=scale * row.c,
+            by_depth=float(row.by_depth),
+            depth=self.depth_m,
+            cornering=degrees(self.cornering_stiffness_n_deg),
+            relaxation=self.relaxation_m,
+            side_limit=self.side_limit_n,
+            suction=self.suction_share,
+        )

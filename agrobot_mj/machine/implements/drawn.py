@@ -11,8 +11,8 @@ from pydantic import Field
 
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, ImplementBase, Joint, Shape, Unevenness, box_inertia
-from agrobot_mj.machine.implements.tool import Tool
-from agrobot_mj.machine.tractor import GRAVITY, Springs, TractorParameters
+from agrobot_mj.machine.implements.draught import Tool
+from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, Springs, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
@@ -79,8 +79,8 @@ class Drawn(ImplementBase):
         body = self.mass_kg - wheels
         if body <= 0:
             raise ValueError(f"implement.mass_kg: its wheels alone weigh {wheels:g} kg; raise it, got {self.mass_kg:g}")
-        sink = self.axle_load / 2 / self.tyre_stiffness
-        axle_at = (-self.axle_behind_m, 0.0, ground + self.wheel_radius_m - sink)
+        wheel = self.wheel
+        axle_at = (-self.axle_behind_m, 0.0, ground + wheel.radius - wheel.deflection)
         at = self.tool_behind_m if self.lowered else self.axle_behind_m
         height = (self.mass_kg * (self.cg_height_m + ground) - wheels * axle_at[2]) / body
         centre = (-(self.mass_kg * self.cg_behind_m - wheels * self.axle_behind_m) / body, 0.0, height)
@@ -91,7 +91,7 @@ class Drawn(ImplementBase):
             joints=PIN,
             point=(-at, 0.0, ground),
             antenna=(-at, 0.0, self.antenna_height_m - tractor.hitch_height_m) if self.receiver else None,
-            axle=self._axle(axle_at),
+            axle=Axle(axle_at, self.track_m, wheel, self.slip_stiffness_scale, self.rolling_scale),
             tool=self.tool.law() if self.lowered else None,
             tool_at=(-self.tool_behind_m, 0.0, ground - self.tool.depth_m),
             unevenness=Unevenness(self.tool.noise_share, self.tool.noise_length_m),
@@ -99,35 +99,11 @@ class Drawn(ImplementBase):
         )
 
     @property
-    def axle_load(self) -> float:
-        """Static load of the axle, both wheels, level ground [N]."""
-        return self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m
-
-    @property
-    def tyre_stiffness(self) -> float:
-        """Vertical stiffness of one tyre, as given or for its load [N/m]."""
-        given = self.tyre_stiffness_n_m
-        return TYRE.stiffness_at(self.axle_load / 2, self.wheel_radius_m) if given is None else given
-
-    @property
-    def tyre_damping(self) -> float:
-        """Vertical damping of one tyre, as given or for its load [N s/m]."""
-        given = self.tyre_damping_n_s_m
-        return TYRE.damping_at(self.axle_load / 2, self.tyre_stiffness) if given is None else given
-
-    def _axle(self, at: tuple[float, float, float]) -> Axle:
-        return Axle(
-            at=at,
-            track=self.track_m,
-            radius=self.wheel_radius_m,
-            width=self.wheel_width_m,
-            mass=self.wheel_mass_kg,
-            load=self.axle_load / 2,
-            stiffness=self.tyre_stiffness,
-            damping=self.tyre_damping,
-            slip_stiffness=self.slip_stiffness_scale,
-            rolling=self.rolling_scale,
-        )
+    def wheel(self) -> AxleWheel:
+        """One wheel, with its static load on level ground."""
+        radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
+        springs = TYRE.sized(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
+        return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
         """Bar and shares across, where a tool works."""

@@ -22,7 +22,7 @@ from agrobot_mj.machine.implements.base import (
     box_inertia,
     sinking,
 )
-from agrobot_mj.machine.implements.tool import Tool
+from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]

@@ -1,27 +1,28 @@
-"""A tractor of given parameters as a compiled model, and all that refuses parameters of which there is none.
+"""What a scenario says of the MuJoCo tractor, its compiled model, and all that refuses what cannot be.
 
 The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import mujoco
+from pydantic import Field
 
 from agrobot_mj.core.contracts import check_type
+from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.fitting import misfits
+from agrobot_mj.machine.fitting import fit_warnings
 from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
 from agrobot_mj.plants.mujoco.drawing import scene_of
 from agrobot_mj.plants.mujoco.implement import attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
-from agrobot_mj.plants.mujoco.implement_stability import check_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
-from agrobot_mj.plants.mujoco.stability import check_stability
+from agrobot_mj.plants.mujoco.stability import check_implement, check_stability
 from agrobot_mj.plants.mujoco.tools import Attached
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.terrain import Ground
-from agrobot_mj.tyres import Tyre
+from agrobot_mj.tyres import MagicFormula, Tyre
 from agrobot_mj.tyres.base import Structure
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
@@ -47,7 +48,7 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     Raises ValueError, naming the key, for a tractor that cannot be, or that is not stable at this step.
     """
     tyres = tyre_set(tyre, machine.tractor)
-    parts = tractor_spec(machine.tractor, machine.cylinder, machine.driveline, machine.linkage)
+    parts = tractor_spec(machine)
     hitched = machine.implement.hitched(machine.tractor)
     if hitched is not None:
         add_implement(parts, hitched, machine.tractor, tyre.native is not None)
@@ -61,12 +62,29 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     return Built(model, scene, tyres, hitched, hung)
 
 
-def doubts(tyre: Tyre, machine: Machine, speed: float) -> Iterator[str]:
-    """Lines, each from its key, on what does not fit a machine's weight on these tyres at the path's `speed` [m/s].
+class Mujoco(Spec):
+    """The MJCF tractor on its tyres; `[plant] kind = "mujoco"`."""
 
-    Raises ValueError or ScenarioError for a machine or a tyre of which there is none.
-    """
-    structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
-    yield from misfits(machine, structure.patch_half_length_m != 0.0, speed)
-    loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
-    yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))
+    kind: Literal["mujoco"] = "mujoco"
+    tyre: Tyre = MagicFormula()
+    """Law of the tyres, `plant.tyre.kind`."""
+    settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
+    """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
+    settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
+    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
+
+    @property
+    def fast_step_s(self) -> float:
+        """Physics step of `physics = "fast"` [s]."""
+        return self.tyre.fast_step_s
+
+    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
+        """Lines, each from its key, on what does not fit the machine's weight at the path's `speed` [m/s].
+
+        Raises ValueError or ScenarioError for a machine or a tyre of which there is none.
+        """
+        tyre = self.tyre
+        structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
+        yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)
+        loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
+        yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))

@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import ImplementBase, NoImplement
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.implement_model import add_implement
@@ -38,7 +37,7 @@ class Camera:
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
     ) -> None:
         """Pictures of `size`, width and height [pixels]. Raises `NoDisplayError` where MuJoCo has no OpenGL."""
-        spec = tractor_spec(tractor, Cylinder(), Driveline())
+        spec = tractor_spec(Machine(tractor))
         if (hitched := implement.hitched(tractor)) is not None:
             add_implement(spec, hitched, tractor, native=False)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = size
@@ -84,30 +83,13 @@ class Camera:
 def _light(spec: mujoco.MjSpec) -> None:
     """A sky, a sun, and the colour of a field."""
     spec.visual.map.zfar = 40.0
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.75, 0.85, 0.95],
-        rgb2=[0.35, 0.50, 0.70],
-        width=256,
-        height=256,
-    )
-    spec.add_texture(
-        name="field",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.54, 0.60, 0.34],
-        rgb2=[0.60, 0.66, 0.38],
-        width=256,
-        height=256,
-    )
+    kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
+    for name, kind, pattern, first, second in (
+        ("sky", kinds.mjTEXTURE_SKYBOX, patterns.mjBUILTIN_GRADIENT, [0.75, 0.85, 0.95], [0.35, 0.50, 0.70]),
+        ("field", kinds.mjTEXTURE_2D, patterns.mjBUILTIN_CHECKER, [0.54, 0.60, 0.34], [0.60, 0.66, 0.38]),
+    ):
+        spec.add_texture(name=name, type=kind, builtin=pattern, rgb1=first, rgb2=second, width=256, height=256)
     field = spec.add_material(name="field", texuniform=True, texrepeat=[0.5, 0.5])
     field.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "field"
-    spec.worldbody.add_light(
-        name="sun",
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0, 0, 20],
-        dir=[0.3, 0.2, -1],
-        castshadow=False,
-    )
+    sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(name="sun", type=sun, pos=[0, 0, 20], dir=[0.3, 0.2, -1], castshadow=False)

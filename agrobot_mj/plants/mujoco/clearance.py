@@ -44,7 +44,7 @@ def clearance_of(model: mujoco.MjModel) -> Clearance:
     ground = model.geom("ground")
     if ground.type == mujoco.mjtGeom.mjGEOM_HFIELD:
         return Clearance(lowest, reach, (0.0, 0.0, 1.0), float(ground.pos[2] + model.hfield_size[0, 2]))
-    normal = _rotation(ground.quat)[:, 2]
+    normal = rotation_of(ground.quat)[:, 2]
     x, y, z = normal.tolist()
     return Clearance(lowest, reach, (x, y, z), float(normal @ ground.pos))
 
@@ -53,11 +53,11 @@ def _corners(model: mujoco.MjModel, geom: int) -> Array:
     """Corners of the box around a geom in the frame of its body, shape (8, 3) [m]."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     signs = np.stack(np.meshgrid(*3 * [(-1.0, 1.0)]), axis=-1).reshape(8, 3)
-    found: Array = model.geom_pos[geom] + (middle + signs * half) @ _rotation(model.geom_quat[geom]).T
+    found: Array = model.geom_pos[geom] + (middle + signs * half) @ rotation_of(model.geom_quat[geom]).T
     return found
 
 
-def _rotation(quat: Array) -> Array:
+def rotation_of(quat: Array) -> Array:
     """A quaternion as a matrix (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quat)

@@ -10,8 +10,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
-from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.model import ackermann_coefficients, tractor_spec
 from agrobot_mj.plants.scene import Geom, Scene
@@ -55,7 +54,7 @@ class Ghost:
     """Poses the MJCF tractor on level ground from a planar state, for drawing only."""
 
     def __init__(self, tractor: TractorParameters) -> None:
-        self.model = tractor_spec(tractor, Cylinder(), Driveline()).compile()
+        self.model = tractor_spec(Machine(tractor)).compile()
         self.data = mujoco.MjData(self.model)
         self.scene = scene_of(self.model)
         self.tractor, self.left = tractor, ackermann_coefficients(tractor)

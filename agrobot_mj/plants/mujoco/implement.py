@@ -48,18 +48,19 @@ COLUMNS = (
 """Columns of a plant with an implement."""
 
 
-def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
+def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     """The two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no axle.
 
     They are the rear tyres of a tractor that stands on four such wheels, each under the static load of the axle's.
     """
     if axle is None:
         return tyre_set(tyre, tractor)
-    sizes = {"radius_m": axle.radius, "width_m": axle.width, "mass_kg": axle.mass}
-    springs = {"stiffness_n_m": axle.stiffness, "damping_n_s_m": axle.damping}
+    wheel = axle.wheel
+    sizes = {"radius_m": wheel.radius, "width_m": wheel.width, "mass_kg": wheel.mass}
+    springs = {"stiffness_n_m": wheel.stiffness, "damping_n_s_m": wheel.damping}
     wheels = {f"{end}_wheel_{name}": value for end in ("front", "rear") for name, value in sizes.items()}
     tyres = {f"{end}_tyre_{name}": value for end in ("front", "rear") for name, value in springs.items()}
-    weight = {"mass_kg": 4 * axle.load / GRAVITY, "front_load_fraction": 0.5}
+    weight = {"mass_kg": 4 * wheel.load / GRAVITY, "front_load_fraction": 0.5}
     whole = tyre_set(tyre.of_implement(), tractor.model_copy(update=wheels | tyres | weight))
     arrays: dict[str, Any] = {
         name: value[2:].copy() for name, value in whole._asdict().items() if isinstance(value, np.ndarray)
@@ -69,7 +70,7 @@ def wheels_of(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> 
     return two
 
 
-def uneven_ground(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
+def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
     """Draught over its mean along the way, log-normal of mean 1, shape (n,) [-], and the way between entries [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
@@ -87,7 +88,7 @@ def attached(
     """What the compiled loop needs of an implement, or of none."""
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
-    uneven, step = uneven_ground(hitched.unevenness if hitched else Unevenness(), seed)
+    uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)
     return Attached(
         body=model.body(IMPLEMENT).id if hitched else 0,
         native=tyre.native is not None,
@@ -98,7 +99,7 @@ def attached(
         uneven=uneven,
         uneven_step=step,
         wheels=np.array([model.body(f"wheel_{name}").id for name in names], dtype=np.int64),
-        tyres=wheels_of(axle, tyre, tractor),
+        tyres=implement_tyres(axle, tyre, tractor),
         bristles=np.zeros((len(names), 3)),
         wheel_report=np.zeros((len(names), 6)),
         memory=np.zeros(MEMORIES),
@@ -115,7 +116,7 @@ class Motion(NamedTuple):
     """Velocity [m/s]."""
 
 
-def fold_of(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
+def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
     """Index of the drawbar's yaw in qpos, and the angle from which it is folded [rad]; None without a drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
@@ -129,7 +130,7 @@ class RunningImplement:
     def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
         self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
         self.body, self.pull = parts.body, np.zeros(3)
-        self.fold = fold_of(hitched, model)
+        self.fold = fold_joint(hitched, model)
 
     def finish_tick(self) -> None:
         """Compute what a tick leaves open: the force at the hitch, and the bodies' velocities after the last step."""
@@ -169,13 +170,9 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Forget all forces and the way worked, as where it is set down."""
+        """Clear all forces and the way worked, as where it is placed."""
         for array in self.arrays:
             array[:] = 0.0
-
-    def apply_grip(self, grip: float) -> None:
-        """Scale the friction of its tyres."""
-        self.parts.tyres.grip[:] = grip
 
     def report(self) -> Sequence[float]:
         """Values of `COLUMNS`."""

@@ -3,11 +3,10 @@
 from math import degrees
 
 import mujoco
-import numpy as np
 
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, Shape
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.mujoco.model import DIAMETER_GYRATION_2, SPIN_GYRATION_2, add_lugs
+from agrobot_mj.plants.mujoco.model import add_lugs, wheel_inertia
 from agrobot_mj.plants.mujoco.views import IMPLEMENT
 
 IMPLEMENT_WHEELS = ("il", "ir")
@@ -47,21 +46,27 @@ def _draw(body: mujoco.MjsBody, shape: Shape) -> None:
     body.add_geom(name=f"implement_{shape.name}", type=box, size=list(shape.half), pos=list(shape.at), **look)
 
 
-def _add_wheel(body: mujoco.MjsBody, axle: Axle, wheel: str, side: int, native: bool) -> None:
-    x, _, z = axle.at
-    part = body.add_body(name=f"wheel_{wheel}", pos=[x, side * axle.track / 2, z])
+def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: bool) -> None:
+    wheel, (x, _, z) = axle.wheel, axle.at
+    part = body.add_body(name=f"wheel_{name}", pos=[x, side * axle.track / 2, z])
     part.explicitinertial = True
-    part.mass, part.ipos = axle.mass, [0.0, 0.0, 0.0]
-    part.inertia = axle.mass * axle.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
-    part.add_joint(name=f"spin_{wheel}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], armature=0.05)
-    cylinder, across = mujoco.mjtGeom.mjGEOM_CYLINDER, [1, 1, 0, 0]
-    tyre = part.add_geom(name=f"tyre_{wheel}", type=cylinder, size=[axle.radius, axle.width / 2, 0], quat=across)
-    tyre.contype = tyre.conaffinity = int(native)
-    tyre.condim, tyre.priority = 3, 1
-    rim = part.add_geom(
-        name=f"rim_{wheel}", type=cylinder, size=[0.6 * axle.radius, axle.width / 2 + 0.003, 0], quat=across
-    )
-    rim.contype = rim.conaffinity = 0
-    for geom, paint in ((tyre, "rubber"), (rim, "rim")):
-        geom.material, geom.mass, geom.group = paint, 0, 1
-    add_lugs(part, wheel, axle.radius, axle.width)
+    part.mass, part.ipos, part.inertia = wheel.mass, [0.0, 0.0, 0.0], wheel_inertia(wheel)
+    part.add_joint(name=f"spin_{name}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], armature=0.05)
+    for geom, paint, size, touches in (
+        ("tyre", "rubber", [wheel.radius, wheel.width / 2, 0], native),
+        ("rim", "rim", [0.6 * wheel.radius, wheel.width / 2 + 0.003, 0], False),
+    ):
+        part.add_geom(
+            name=f"{geom}_{name}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=size,
+            quat=[1, 1, 0, 0],
+            contype=int(touches),
+            conaffinity=int(touches),
+            condim=3,
+            priority=int(geom == "tyre"),
+            material=paint,
+            mass=0,
+            group=1,
+        )
+    add_lugs(part, name, wheel.radius, wheel.width)

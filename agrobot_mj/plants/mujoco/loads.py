@@ -16,12 +16,12 @@ import numpy as np
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross
+from agrobot_mj.core.vectors import Vector, cross, minus, plus, scaled, to_world
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03
-"""Way over which the soil before an implement builds up its resistance [m]. Estimate."""
+"""Way over which the soil before a tool builds up its resistance [m]. Estimate."""
 EASE = 10.0
 """At rest the resistance eases off over this time [s]. Estimate; it lets a stuck tractor creep by 3 mm/s at most."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
@@ -54,14 +54,11 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
         # horizontal whatever the roll and pitch: a quarter turn from the heading, made a unit vector on the ground
         level = loads[SIDE] / hypot(R[0], R[3])
         # on the whole tractor's centre of mass, so that the force alone does not turn it
-        place = (v.root_com[0] - v.qpos[0], v.root_com[1] - v.qpos[1], v.root_com[2] - v.qpos[2])
+        whole, hung = v.root_com, v.implement_com
+        com = (whole[0], whole[1], whole[2])
+        place = minus(com, (v.qpos[0], v.qpos[1], v.qpos[2]))
         if loads[HUNG] > 0.0:  # that of the tractor without its implement
-            k, hung = loads[HUNG], v.implement_com
-            place = (
-                place[0] + k * (v.root_com[0] - hung[0]),
-                place[1] + k * (v.root_com[1] - hung[1]),
-                place[2] + k * (v.root_com[2] - hung[2]),
-            )
+            place = plus(place, scaled(loads[HUNG], minus(com, (hung[0], hung[1], hung[2]))))
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
 
@@ -76,8 +73,7 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
     loads[AHEAD] = relax(loads[AHEAD], ahead, wiping, GIVE, dt)
     loads[LEFT] = relax(loads[LEFT], left, wiping, GIVE, dt)
     f_x, f_y = -loads[PULL] * loads[AHEAD] / GIVE, -loads[PULL] * loads[LEFT] / GIVE
-    place = (R[0] * x + R[2] * z, R[3] * x + R[5] * z, R[6] * x + R[8] * z)
-    push(R, loads, place, (R[0] * f_x + R[1] * f_y, R[3] * f_x + R[4] * f_y, R[6] * f_x + R[7] * f_y), wrench)
+    push(R, loads, to_world(R, (x, 0.0, z)), to_world(R, (f_x, f_y, 0.0)), wrench)
 
 
 @kernel

@@ -13,24 +13,17 @@ import numpy as np
 
 from agrobot_mj.core.resources import MODELS
 from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, OilColumn
-from agrobot_mj.machine.linkage import UPRIGHT, Linkage
-from agrobot_mj.machine.tractor import COMPACT, TractorParameters
+from agrobot_mj.machine.hydraulics import OilColumn
+from agrobot_mj.machine.linkage import Linkage
+from agrobot_mj.machine.tractor import COMPACT, AxleWheel, TractorParameters
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
 """Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Estimate: half the
 mass in the tread."""
-
-
-def static_deflections(tractor: TractorParameters) -> tuple[float, float]:
-    """Tyre deflection front and rear under the static load on level ground [m]."""
-    return (
-        tractor.front_wheel_load / tractor.front_tyre_stiffness,
-        tractor.rear_wheel_load / tractor.rear_tyre_stiffness,
-    )
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
@@ -52,16 +45,15 @@ BRAKED = ("rl", "rr")
 """Wheels with a brake."""
 
 
-def tractor_spec(
-    tractor: TractorParameters, cylinder: Cylinder, driveline: Driveline, linkage: Linkage = UPRIGHT
-) -> mujoco.MjSpec:
-    """The tractor alone, with every parameter written in."""
+def tractor_spec(machine: Machine) -> mujoco.MjSpec:
+    """The tractor without its implement, with every parameter written in."""
+    tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
     _couple_knuckles(spec, tractor)
-    _set_kingpins(spec, tractor, linkage)
-    _set_actuators(spec, tractor, cylinder.column(tractor, linkage), driveline)
+    _set_kingpins(spec, tractor, machine.linkage)
+    _set_actuators(spec, tractor, oil, machine.driveline)
     chassis = spec.body("chassis")
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
     spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
@@ -86,32 +78,29 @@ def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     half = tractor.track_m / 2
-    sink_front, sink_rear = static_deflections(tractor)
-    front = (
-        tractor.front_wheel_radius_m,
-        tractor.front_wheel_width_m,
-        tractor.front_wheel_mass_kg,
-    )
-    rear = (
-        tractor.rear_wheel_radius_m,
-        tractor.rear_wheel_width_m,
-        tractor.rear_wheel_mass_kg,
-    )
-    spec.body("front_axle").pos = [tractor.wheelbase_m, 0, front[0] - sink_front]
+    front, rear = tractor.wheels
+    spec.body("front_axle").pos = [tractor.wheelbase_m, 0, front.radius - front.deflection]
     roll = tractor.axle_pivot_limit_deg  # the file's own unit
     spec.joint("axle_roll").range = [-roll, roll]
-    for wheel, side in zip(WHEELS, (1, -1, 1, -1), strict=True):
-        r, width, mass = front if wheel[0] == "f" else rear
-        body = spec.body(f"wheel_{wheel}")
-        body.mass = mass
-        body.inertia = mass * r**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
-        if wheel[0] == "f":
-            spec.body(f"knuckle_{wheel}").pos = [0, side * half, 0]
+    for name, side in zip(WHEELS, (1, -1, 1, -1), strict=True):
+        wheel = front if name[0] == "f" else rear
+        body = spec.body(f"wheel_{name}")
+        body.mass, body.inertia = wheel.mass, wheel_inertia(wheel)
+        if wheel is front:
+            spec.body(f"knuckle_{name}").pos = [0, side * half, 0]
         else:
-            body.pos = [0, side * half, rear[0] - sink_rear]
-        spec.geom(f"tyre_{wheel}").size = [r, width / 2, 0]
-        spec.geom(f"rim_{wheel}").size = [0.6 * r, width / 2 + 0.003, 0]
-        add_lugs(body, wheel, r, width)
+            body.pos = [0, side * half, rear.radius - rear.deflection]
+        spec.geom(f"tyre_{name}").size = [wheel.radius, wheel.width / 2, 0]
+        spec.geom(f"rim_{name}").size = [0.6 * wheel.radius, wheel.width / 2 + 0.003, 0]
+        add_lugs(body, name, wheel.radius, wheel.width)
+
+
+def wheel_inertia(wheel: AxleWheel) -> Array:
+    """Moments of inertia of a wheel, roll, spin and yaw, shape (3,) [kg m2]."""
+    inertia: Array = (
+        wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
+    )
+    return inertia
 
 
 def add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
@@ -153,11 +142,11 @@ def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Link
         steer.solimp_friction = STICKING
     if not linkage.moved:
         return
-    sink, _ = static_deflections(tractor)
+    front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
         joint.axis = axis / np.linalg.norm(axis)
-        joint.pos = linkage.foot(side, tractor.front_wheel_radius_m - sink)
+        joint.pos = linkage.foot(side, front.radius - front.deflection)
 
 
 def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColumn, driveline: Driveline) -> None:
@@ -193,13 +182,7 @@ def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, drivelin
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
     """Give the chassis the mass, centre and inertia that the other bodies leave to it."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
-    inertia = np.diag(
-        [
-            tractor.roll_inertia_kg_m2,
-            tractor.pitch_inertia_kg_m2,
-            tractor.yaw_inertia_kg_m2,
-        ]
-    )
+    inertia = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     mass, moment = tractor.mass_kg, tractor.mass_kg * cg
     for body in spec.bodies:
         if body.name in ("world", "chassis"):

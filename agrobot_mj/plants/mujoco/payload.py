@@ -3,12 +3,14 @@
 What MuJoCo derives from them (`mj_setConst`) is computed on data of its own, so that the running state stays as it is.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import Array, PointMass
+from agrobot_mj.plants.mujoco.clearance import rotation_of
 from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
@@ -46,6 +48,15 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     return Inertial(mass, centre, inertia)
 
 
+def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass, ...]]]) -> None:
+    """Raise ValueError, naming the fault, where one of these payloads leaves no possible chassis."""
+    for k, payload in loadings:
+        try:
+            with_payload(bare, payload)
+        except ValueError as error:
+            raise ValueError(f"fault[{k}].{error}") from None
+
+
 class Chassis:
     """The chassis of a running model, with its payload."""
 
@@ -53,10 +64,8 @@ class Chassis:
         self.model = model
         self.payload: tuple[PointMass, ...] = ()
         self.written = [array[CHASSIS].copy() for array in self._arrays]
-        rotation = np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, self.written[3])
-        axes = rotation.reshape(3, 3)
-        mass, centre, principal = self.written[:3]
+        mass, centre, principal, quat = self.written
+        axes = rotation_of(quat)
         self.bare = Inertial(float(mass), centre, axes @ np.diag(principal) @ axes.T)
 
     @property
@@ -75,7 +84,7 @@ class Chassis:
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Mass, centre, principal moments and their quaternion; without payload the very bits of the model."""
+        """Mass, centre, principal moments and their quaternion; without payload the model's own values."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

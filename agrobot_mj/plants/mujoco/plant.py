@@ -10,37 +10,27 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Conditions, Drive, PointMass, Reference, Truth
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
-from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn
-from agrobot_mj.plants.base import Clock
-from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
+from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
+from agrobot_mj.plants.mujoco.build import Mujoco, build
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
-from agrobot_mj.plants.mujoco.payload import Chassis, with_payload
+from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.placement import pose_on
-from agrobot_mj.plants.mujoco.saving import (
-    AnyArray,
-    MujocoState,
-    copies,
-    left_by_a_step,
-    physics_state,
-    set_physics_state,
-    write,
-)
-from agrobot_mj.plants.mujoco.settling import REST_M_S, Late, Restless, drive_holds, unrest
-from agrobot_mj.plants.mujoco.spec import Mujoco
+from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
+from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Unsettled, drive_holds, rest_warning
 from agrobot_mj.plants.mujoco.stepping import Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
-from agrobot_mj.terrain.memory import RutMap, forget, restore, rut_map, saved
-from agrobot_mj.tyres.laws import remembering
+from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, saved
+from agrobot_mj.tyres.laws import with_soil_memory
 
-mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `warnings` counts them
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
@@ -51,7 +41,7 @@ DIVERGED_SPEED = 100.0
 """A tractor faster than this has blown up [m/s]. Estimate."""
 
 
-class MujocoPlant:
+class MujocoPlant(RunningPlant):
     """The running tractor."""
 
     def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
@@ -59,7 +49,7 @@ class MujocoPlant:
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
         self.model, self.scene, tyres, hitched, self.attached = build(spec.tyre, machine, ground, clock.dt, seed)
-        self.ground = ground = remembering(ground, tyres.bearing)
+        self.ground = ground = with_soil_memory(ground, tyres.bearing)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
@@ -94,18 +84,18 @@ class MujocoPlant:
         place = start
         for _ in range(PLACINGS):
             self._place(place)
-            late = self._settle()
+            recent = self._settle()
             mujoco.mj_forward(self.model, self.data)
             self.ticks = 0
             truth = self.truth()
             off_x, off_y, turned = truth.x - start.x, truth.y - start.y, wrap(truth.yaw - start.yaw)
-            if not self.settle_ticks or not late.greatest <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
+            if not self.settle_ticks or not recent.greatest <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
-        if self.settle_ticks and not late.greatest <= REST_M_S:
+        if self.settle_ticks and not recent.greatest <= REST_M_S:
             mass, wheels = float(self.model.body_subtreemass[CHASSIS]), self.wheels().reshape(6, 4).T
-            found = Restless(truth, late, mass, wheels, self._fallen)
-            if why := unrest(found, late.ticks * self.tick_s, self.machine, self.ground):
+            found = Unsettled(truth, recent, mass, wheels, self._fallen)
+            if why := rest_warning(found, recent.ticks * self.tick_s, self.machine, self.ground):
                 print(why, file=sys.stderr)
         return truth
 
@@ -123,23 +113,23 @@ class MujocoPlant:
         self.data.qpos[:7], self.data.qpos[roll] = pose_on(self.ground, start, self.tractor)
         mujoco.mj_kinematics(self.model, self.data)
 
-    def _settle(self) -> Late:
+    def _settle(self) -> RecentMotion:
         """Hold the tractor in neutral until it rests, falls or has gone, or time is up; its latest motion.
 
         The brake is applied where the hydrostat does not hold it by itself.
         """
-        brake, late = 0.0, Late(self.tick_s)
+        brake, recent = 0.0, RecentMotion(self.tick_s)
         limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
         for tick in range(limit):
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
             if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.actuation[2]):
                 brake = 1.0
-            late.add(self.motion)
-            rests = tick + 1 >= self.settle_ticks and late.greatest < REST_M_S
-            if rests or self._fallen or late.gone:
+            recent.add(self.motion)
+            rests = tick + 1 >= self.settle_ticks and recent.greatest < REST_M_S
+            if rests or self._fallen or recent.gone:
                 break
-        return late
+        return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
@@ -182,19 +172,11 @@ class MujocoPlant:
         """Keep the present motion as `motion`."""
         self.motion: TractorMotion = self._observe(self.views, self._actuators, *self.sites)
 
-    def weigh(self, payload: tuple[PointMass, ...], key: str) -> float:
-        """Mass of the tractor with this payload [kg]. Raises ValueError, naming `key`, when it cannot be."""
-        try:
-            added = with_payload(self.chassis.bare, payload).mass - self.chassis.bare.mass
-        except ValueError as error:
-            raise ValueError(f"{key}.{error}") from None
-        return self.tractor.mass_kg + added
-
     def _apply_conditions(self, conditions: Conditions) -> None:
         """Apply faults and disturbances. Raises ValueError for a payload that leaves no possible chassis."""
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
-        self.valve = worn(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         tyres = self.tyred.tyres
         tyres.grip[:] = conditions.grip
         tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
@@ -202,7 +184,7 @@ class MujocoPlant:
         self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
         self.loads[CENTRE:HUNG] = self.model.body_ipos[CHASSIS]
         if self.implement:
-            self.implement.apply_grip(conditions.grip)
+            self.attached.tyres.grip[:] = conditions.grip
             hung = self.model.body_subtreemass[self.attached.body]
             self.loads[HUNG] = hung / (self.model.body_subtreemass[CHASSIS] - hung)
         if not conditions.drawbar:
@@ -219,10 +201,11 @@ class MujocoPlant:
 
     def save(self) -> MujocoState:
         """State between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
-        left = copies(left_by_a_step(self.model, self.data))
+        physics = np.empty(mujoco.mj_stateSize(self.model, INTEGRATION))
+        mujoco.mj_getState(self.model, self.data, physics, INTEGRATION)
         return MujocoState(
-            physics=physics_state(self.model, self.data),
-            left=left,
+            physics=physics,
+            left=copies(step_results(self.model, self.data)),
             memories=copies(self._memories),
             conditions=self.conditions,
             ticks=self.ticks,
@@ -233,8 +216,9 @@ class MujocoPlant:
         """Go on from a saved state, to the last bit."""
         if state.conditions != self.conditions:
             self._apply_conditions(state.conditions)
-        set_physics_state(self.model, self.data, state.physics)
-        write(left_by_a_step(self.model, self.data), state.left)
+        mujoco.mj_setState(self.model, self.data, state.physics, INTEGRATION)
+        mujoco.mj_kinematics(self.model, self.data)
+        write(step_results(self.model, self.data), state.left)
         write(self._memories, state.memories)
         restore(self.ground.memory, state.soil)
         self.ticks = state.ticks

@@ -25,7 +25,7 @@ SLIDING = 0.02
 """Mean velocity from which a tractor with wheels held slides and does not creep [m/s]. Estimate."""
 
 
-class Late:
+class RecentMotion:
     """Motion of the last `REST_S`."""
 
     def __init__(self, tick_s: float) -> None:
@@ -59,12 +59,12 @@ class Late:
         return float(np.linalg.norm(self.velocities.mean(axis=0)))
 
 
-class Restless(NamedTuple):
+class Unsettled(NamedTuple):
     """A tractor that did not come to rest."""
 
     truth: Truth
     """State at the end."""
-    late: Late
+    recent: RecentMotion
     """Motion until then."""
     mass: float
     """Mass with all that it carries and draws [kg]."""
@@ -79,9 +79,9 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
-def unrest(found: Restless, settled_s: float, machine: Machine, ground: Ground) -> str:
+def rest_warning(found: Unsettled, settled_s: float, machine: Machine, ground: Ground) -> str:
     """Line that says why it did not rest in `settled_s` [s], and which keys to change; empty if it diverged."""
-    speed = found.late.greatest
+    speed = found.recent.greatest
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
     if found.fallen:
@@ -89,10 +89,10 @@ def unrest(found: Restless, settled_s: float, machine: Machine, ground: Ground) 
         return f"plant.settle_s: not at rest: {how}"
     if not isfinite(speed):
         return ""
-    if found.late.drift < TRAVELLING * speed:
+    if found.recent.drift < TRAVELLING * speed:
         how = f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
-    elif abs(found.truth.wheel_speed) < ROLLING * found.late.drift:
-        how = _held(found.late.drift, float(found.wheels[:, 5].max()), where)
+    elif abs(found.truth.wheel_speed) < ROLLING * found.recent.drift:
+        how = _held(found.recent.drift, float(found.wheels[:, 5].max()), where)
     else:
         how = _rolling(found, machine, where, atan(east * cos(found.truth.yaw) + north * sin(found.truth.yaw)))
     told = f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
@@ -108,7 +108,7 @@ def _held(drift: float, used: float, where: str) -> str:
     )
 
 
-def _rolling(found: Restless, machine: Machine, where: str, along: float) -> str:
+def _rolling(found: Unsettled, machine: Machine, where: str, along: float) -> str:
     """Why its wheels turn on ground that rises by `along` in its heading [rad]."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m

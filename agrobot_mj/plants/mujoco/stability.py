@@ -1,104 +1,173 @@
-"""Whether a tractor on its tyres is stable at the physics step: bounds of stiffness and damping, by name.
+"""Whether a tractor and its implement are stable at the physics step: bounds of stiffness and damping, by name.
 
-The tyres' forces are explicit in the velocity. A mass m on a spring k and a damper c is then stable while
-2 c dt + k dt^2 < 4 m; on wheels 1 / m becomes J M^-1 J', with the inertia M and the motion J of all patches in one
-direction, and its largest eigenvalue counts. The constraints of the steering linkage are left out, which errs on the
-safe side.
+The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable while
+2 c dt + k dt^2 < 4 m; for several bodies 1 / m becomes J M^-1 J', with the inertia M and the motion J of all their
+points in one direction, and its largest eigenvalue counts. The constraints of the steering linkage are left out, which
+errs on the safe side.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import WHEELS, Array
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.implements.base import DepthWheel, HitchedBody, ImplementBase
+from agrobot_mj.machine.implements.draught import DEEPEST, draught
+from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
+from agrobot_mj.plants.mujoco.loads import GIVE
+from agrobot_mj.plants.mujoco.tools import Attached
 from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
 """Stable below, see above [-]."""
+FASTEST_M_S = 3.0
+"""Speed at which the draught of the check is taken [m/s]: that of field work."""
+AT_LEAST = ("relaxation_radii", "relaxation_m")
+"""Ends of keys of which a larger value is softer."""
+FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
-class Carried(NamedTuple):
-    """Stiffness and damping of the four tyres in one direction, with the keys that they come from."""
+class Part(NamedTuple):
+    """Springs or dampers at some points, and where they come from."""
+
+    key: str
+    """Key of the scenario."""
+    value: float | None
+    """Its value; None where a tyre or an implement from outside has no such key."""
+    stiffness: Array
+    """Stiffness at each point, shape (n,) [N/m]."""
+    damping: Array
+    """Damping at each point, shape (n,) [N s/m]."""
+
+
+class Sprung(NamedTuple):
+    """All springs and dampers at the same points of some bodies in one direction."""
 
     axis: int
     """0 forward, 1 to the left, 2 up."""
-    stiffness: Array
-    """Shape (4,) [N/m]."""
-    damping: Array
-    """Shape (4,) [N s/m]."""
-    keys: tuple[tuple[str, str], tuple[str, str]]
-    """Keys of stiffness and damping, each front and rear."""
+    bodies: tuple[int, ...]
+    """Body that each point moves with."""
+    points: Array
+    """Places of the points while the model is at its initial position, shape (n, 3) [m]."""
+    parts: tuple[Part, ...]
+    """Springs and dampers, added up."""
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
     """Raise ValueError, naming key and limit, where `tyres`, made of `tyre`, blow up at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    inertia = np.zeros((model.nv, model.nv))
+    _check(model, data, _tyres(model, data, tyres, tractor, tyre), "this tractor and tyre")
+
+
+def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> None:
+    """Raise ValueError, naming key and limit, where the implement blows up at the model's time step."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    _check(model, data, (*_soil(data, spec, hitched, parts), *_axle(data, spec, hitched, parts)), "this implement")
+
+
+def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...], what: str) -> None:
+    inertia, dt = np.zeros((model.nv, model.nv)), float(model.opt.timestep)
     mujoco.mj_fullM(model, data, inertia)
-    dt = float(model.opt.timestep)
-    for carried in _directions(tyres, tyre):
-        motion = _patch_motion(model, data, tyres, carried.axis)
+    for sprung in found:
+        motion, jacobian = np.zeros((len(sprung.bodies), model.nv)), np.zeros((3, model.nv))
+        for i, (body, point) in enumerate(zip(sprung.bodies, sprung.points, strict=True)):
+            mujoco.mj_jac(model, data, jacobian, None, point, body)
+            motion[i] = jacobian[sprung.axis]
         mobility = motion @ np.linalg.solve(inertia, motion.T)
-        parts = dt * dt * carried.stiffness, 2.0 * dt * carried.damping
-        whole = largest(mobility, parts[0] + parts[1])
+        weights = [dt * dt * part.stiffness + 2.0 * dt * part.damping for part in sprung.parts]
+        whole = _largest(mobility, np.sum(weights, axis=0))
         if not whole < LIMIT:
-            alone = {
-                key: largest(mobility, part * on)
-                for part, keys in zip(parts, carried.keys, strict=True)
-                for key, on in zip(keys, ((1, 1, 0, 0), (0, 0, 1, 1)), strict=True)
-            }
-            key = max(alone, key=lambda key: alone[key])
-            table, name = (tractor, key[8:]) if key.startswith("tractor.") else (tyre, key[11:])
-            value = getattr(table, name, None)
-            if value is None:  # of the tractor's springs those left out follow from its size
-                value = getattr(table, name.removesuffix("_n_m").removesuffix("_n_s_m"), None)
-            raise ValueError(_refusal(key, value, LIMIT / whole, dt))
+            alone = [_largest(mobility, weight) for weight in weights]
+            limit = _limit(sprung.parts[int(np.argmax(alone))], LIMIT / whole)
+            raise ValueError(f"{limit}, to be stable with {what} at physics_dt_s = {dt:g}")
 
 
-def _refusal(key: str, value: float | None, share: float, dt: float) -> str:
-    if value is None:  # a tyre from outside, with keys of its own
-        key, limit = "plant.tyre", f"its slip stiffness or damping must be below {share:.2g} of what it is"
-    elif key.endswith("relaxation_radii"):
-        limit = f"must be at least {value / share:.2g}, got {value:g}"
-    else:
-        limit = f"must be below {value * share:.2g}, got {value:g}"
-    return f"{key}: {limit}, to be stable with this tractor and tyre at physics_dt_s = {dt:g}"
+def _limit(part: Part, share: float) -> str:
+    """Key and limit of a part of which this share would be stable."""
+    if part.value is None:
+        table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
+        return f"{table}: its springs and dampers must be below {share:.2g} of what they are"
+    if part.key.endswith(AT_LEAST):
+        return f"{part.key}: must be at least {part.value / share:.2g}, got {part.value:g}"
+    return f"{part.key}: must be below {part.value * share:.2g}, got {part.value:g}"
 
 
-def _directions(tyres: TyreSet, tyre: TyreBase) -> list[Carried]:
-    vertical = (
-        ("tractor.front_tyre_stiffness_n_m", "tractor.rear_tyre_stiffness_n_m"),
-        ("tractor.front_tyre_damping_n_s_m", "tractor.rear_tyre_damping_n_s_m"),
-    )
-    damping = ("plant.tyre.bristle_damping_s",) * 2
-    found = [Carried(2, tyres.stiffness, tyres.damping, vertical)]
-    for axis, share in ((0, "carcass_longitudinal"), (1, "carcass_lateral")):
-        carcass = (f"plant.tyre.{share if hasattr(tyre, share) else 'relaxation_radii'}",) * 2
-        k = tyres.springs[:, axis]
-        found.append(Carried(axis, k, tyres.bristle_damping * k, (carcass, damping)))
-    return found
+def _tyres(
+    model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
+) -> tuple[Sprung, ...]:
+    """The tractor's tyres: vertical, and the carcass forward and to the side.
 
-
-def _patch_motion(model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, axis: int) -> Array:
-    """Velocity of the four patches along an axis over the generalised velocity, shape (4, nv).
-
-    Forward that is the sliding velocity, with the wheel's spin; else the patch does not turn with the wheel.
+    Forward a patch slides with the wheel's spin; else it does not turn with the wheel.
     """
-    found, jacobian = np.zeros((4, model.nv)), np.zeros((3, model.nv))
-    for i, name in enumerate(WHEELS):
-        body = model.body(f"wheel_{name}").id
-        carrier = body if axis == 0 else int(model.body_parentid[body])
-        patch = data.xpos[body] - np.array([0.0, 0.0, tyres.radius[i]])
-        mujoco.mj_jac(model, data, jacobian, None, patch, carrier)
-        found[i] = jacobian[axis]
-    return found
+    wheels = tuple(int(model.body(f"wheel_{name}").id) for name in WHEELS)
+    carriers = tuple(int(model.body_parentid[body]) for body in wheels)
+    points = data.xpos[list(wheels)] - np.outer(tyres.radius, [0.0, 0.0, 1.0])
+    vertical = []
+    for wheel, on in zip(tractor.wheels, (FRONT, REAR), strict=True):
+        key = f"tractor.{wheel.axle}_tyre"
+        vertical.append(Part(f"{key}_stiffness_n_m", wheel.stiffness, on * tyres.stiffness, 0.0 * on))
+        vertical.append(Part(f"{key}_damping_n_s_m", wheel.damping, 0.0 * on, on * tyres.damping))
+    found = [Sprung(2, carriers, points, tuple(vertical))]
+    for axis, bodies, share in ((0, wheels, "carcass_longitudinal"), (1, carriers, "carcass_lateral")):
+        key, k = share if hasattr(tyre, share) else "relaxation_radii", tyres.springs[:, axis]
+        spring = Part(f"plant.tyre.{key}", _value(tyre, key), k, 0.0 * k)
+        damper = Part(
+            "plant.tyre.bristle_damping_s", _value(tyre, "bristle_damping_s"), 0.0 * k, tyres.bristle_damping * k
+        )
+        found.append(Sprung(axis, bodies, points, (spring, damper)))
+    return tuple(found)
 
 
-def largest(mobility: Array, weights: Array) -> float:
+def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
+    """Soil on the tool, and the depth wheel."""
+    origin, body, one = data.xpos[parts.body], (parts.body,), np.ones(1)
+    if (law := hitched.tool) is not None:
+        along, across = draught(law, FASTEST_M_S, law.depth) / GIVE, DEEPEST * law.cornering / law.relaxation
+        for axis, key, k in ((0, "tool.draught_scale", along), (1, "tool.relaxation_m", across)):
+            spring = Part(f"implement.{key}", _value(spec, key), k * one, 0.0 * one)
+            yield Sprung(axis, body, origin + np.array([hitched.tool_at]), (spring,))
+    if (wheel := hitched.depth_wheel).stiffness > 0.0:
+        yield Sprung(2, body, origin + np.array([wheel.at]), _springs(spec, "depth_wheel", wheel, one))
+
+
+def _axle(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
+    """Its own tyres: vertical, and the carcass to the side."""
+    axle, tyres, two = hitched.axle, parts.tyres, np.ones(2)
+    if axle is None or parts.native:
+        return
+    bodies = tuple(parts.wheels.tolist())
+    points = data.xpos[list(bodies)] - np.array([0.0, 0.0, axle.wheel.radius])
+    yield Sprung(2, bodies, points, _springs(spec, "tyre", axle.wheel, two))
+    lateral = float(tyres.springs[0, 1]) * axle.slip_stiffness * two
+    key = "slip_stiffness_scale"
+    part = Part(f"implement.{key}", _value(spec, key), lateral, tyres.bristle_damping * lateral)
+    yield Sprung(1, bodies, points, (part,))
+
+
+def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: Array) -> tuple[Part, Part]:
+    """Spring and damper of an implement's wheels, with keys that begin with `name`."""
+    k, c = (f"{name}_stiffness_n_m", wheel.stiffness), (f"{name}_damping_n_s_m", wheel.damping)
+    return (
+        Part(f"implement.{k[0]}", _value(spec, *k), k[1] * on, 0.0 * on),
+        Part(f"implement.{c[0]}", _value(spec, *c), 0.0 * on, c[1] * on),
+    )
+
+
+def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
+    """Value of a dotted key, `left_out` where it is None; None where there is no such key."""
+    for name in key.split("."):
+        if not hasattr(owner, name):
+            return None
+        owner = getattr(owner, name)
+    return left_out if owner is None else float(owner)
+
+
+def _largest(mobility: Array, weights: Array) -> float:
     """Largest eigenvalue of mobility times diagonal weights."""
     root = np.sqrt(weights)
     return float(np.linalg.eigvalsh(root[:, None] * mobility * root).max())

@@ -4,8 +4,8 @@ from math import atan2, cos, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross
+from agrobot_mj.core.signals import Array, Index
+from agrobot_mj.core.vectors import Vector, cross, plus, to_world
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
@@ -14,7 +14,7 @@ from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
 from agrobot_mj.plants.mujoco.implement import Motion
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
-from agrobot_mj.plants.mujoco.views import CHASSIS, Index, Views
+from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
@@ -160,7 +160,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 
 @kernel
-def relieve(v: Views, oil: Oil) -> None:
+def open_relief_valves(v: Views, oil: Oil) -> None:
     """Open the relief valves: the oil columns never wind up past relief pressure, nor past the stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
@@ -204,7 +204,7 @@ def run_steps(
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
-        relieve(v, oil)
+        open_relief_valves(v, oil)
         step1(v.model, v.data)  # positions and velocities are known now, forces are not yet
         if loaded:
             apply_loads(v, loads, drive.dt)
@@ -224,26 +224,16 @@ def run_steps(
 @kernel
 def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
     """Motion of a point `site` (3,) of the chassis, given in its frame [m]."""
-    R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
-    arm = (
-        R[0] * site[0] + R[1] * site[1] + R[2] * site[2],
-        R[3] * site[0] + R[4] * site[1] + R[5] * site[2],
-        R[6] * site[0] + R[7] * site[1] + R[8] * site[2],
-    )
-    swing = cross(omega, arm)
-    place = (q[0] + arm[0], q[1] + arm[1], q[2] + arm[2])
-    return Motion(place, (w[0] + swing[0], w[1] + swing[1], w[2] + swing[2]))
+    q, w = v.qpos, v.qvel
+    arm = to_world(v.xmat[CHASSIS], (site[0], site[1], site[2]))
+    return Motion(plus((q[0], q[1], q[2]), arm), plus((w[0], w[1], w[2]), cross(omega, arm)))
 
 
 @kernel
 def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array) -> TractorMotion:
     """The motion now; the sites (3,) in the chassis frame [m]."""
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
-    omega = (
-        R[0] * w[3] + R[1] * w[4] + R[2] * w[5],
-        R[3] * w[3] + R[4] * w[4] + R[5] * w[5],
-        R[6] * w[3] + R[7] * w[4] + R[8] * w[5],
-    )
+    omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])
     pressure = v.torques[STEERING] / actuators.oil.displacement
     flow = loaded_flow(actuators.valve, static_flow(actuators.valve, actuators.valve_memory.spool[0]), pressure)

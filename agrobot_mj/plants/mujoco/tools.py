@@ -15,16 +15,15 @@ from math import floor
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross
+from agrobot_mj.core.signals import Array, Index
+from agrobot_mj.core.vectors import Vector, cross, minus, plus, to_world
 from agrobot_mj.machine.implements.base import DepthWheel
 from agrobot_mj.machine.implements.draught import ToolLaw, draught, engaged
-from agrobot_mj.plants.mujoco.views import Index, Views
+from agrobot_mj.plants.mujoco.loads import GIVE
+from agrobot_mj.plants.mujoco.views import Views
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
-GIVE = 0.03
-"""Way over which the soil before a tool builds up its resistance [m]. Estimate."""
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
 """Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]; draught [N] and share of the
 intended depth [-] in the step before."""
@@ -101,23 +100,19 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Place relative to the body's origin and velocity of a point in the body's frame, world [m, m/s]."""
-    R, o, c = v.xmat[body], v.xpos[body], v.root_com
-    arm = (
-        R[0] * at[0] + R[1] * at[1] + R[2] * at[2],
-        R[3] * at[0] + R[4] * at[1] + R[5] * at[2],
-        R[6] * at[0] + R[7] * at[1] + R[8] * at[2],
-    )
-    w = (v.cvel[body, 0], v.cvel[body, 1], v.cvel[body, 2])
-    swing = cross(w, (o[0] + arm[0] - c[0], o[1] + arm[1] - c[1], o[2] + arm[2] - c[2]))
-    return arm, (v.cvel[body, 3] + swing[0], v.cvel[body, 4] + swing[1], v.cvel[body, 5] + swing[2])
+    """Place and velocity in the world of a point of the body, given in its frame [m, m/s]."""
+    o, c, m = v.xpos[body], v.root_com, v.cvel[body]
+    place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
+    # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the place
+    swing = cross((m[0], m[1], m[2]), minus(place, (c[0], c[1], c[2])))
+    return place, plus((m[3], m[4], m[5]), swing)
 
 
 @kernel
 def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
     """Add a force at a place, world [m, N], to the wrench about the body's centre of mass."""
     c, wrench = v.xipos[body], v.xfrc[body]
-    torque = cross((place[0] - c[0], place[1] - c[1], place[2] - c[2]), force)
+    torque = cross(minus(place, (c[0], c[1], c[2])), force)
     for k in range(3):
         wrench[k] += force[k]
         wrench[3 + k] += torque[k]
@@ -126,29 +121,22 @@ def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
 @kernel
 def work(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     """Add the soil's force on the tool to the wrench of the body."""
-    R, o = v.xmat[a.body], v.xpos[a.body]
-    arm, velocity = carry_point(v, a.body, a.tip)
-    x, y, z = o[0] + arm[0], o[1] + arm[1], o[2] + arm[2]
+    R = v.xmat[a.body]
+    (x, y, z), velocity = carry_point(v, a.body, a.tip)
     depth = height_and_gradient(ground, x, y)[0] - z
     v_x = R[0] * velocity[0] + R[3] * velocity[1] + R[6] * velocity[2]
     v_y = R[1] * velocity[0] + R[4] * velocity[1] + R[7] * velocity[2]
     uneven = unevenness(a.uneven, a.uneven_step, a.memory[TRAVELLED])
     f = soil_on_tool(a.tool, uneven, v_x, v_y, depth, dt, a.memory)
-    force = (
-        R[0] * f[0] + R[1] * f[1] + R[2] * f[2],
-        R[3] * f[0] + R[4] * f[1] + R[5] * f[2],
-        R[6] * f[0] + R[7] * f[1] + R[8] * f[2],
-    )
-    push_at(v, a.body, (x, y, z + 0.5 * max(depth, 0.0)), force)
+    push_at(v, a.body, (x, y, z + 0.5 * max(depth, 0.0)), to_world(R, f))
     a.report[DRAUGHT], a.report[SIDE], a.report[DEPTH] = -f[0], f[1], max(depth, 0.0)
 
 
 @kernel
 def roll_on(v: Views, a: Attached, ground: Ground) -> None:
     """Add the ground's force on the depth wheel to the wrench of the body."""
-    wheel, R, o = a.depth_wheel, v.xmat[a.body], v.xpos[a.body]
-    arm, velocity = carry_point(v, a.body, wheel.at)
-    x, y, z = o[0] + arm[0], o[1] + arm[1], o[2] + arm[2]
+    wheel, R = a.depth_wheel, v.xmat[a.body]
+    (x, y, z), velocity = carry_point(v, a.body, wheel.at)
     height, dx, dy = height_and_gradient(ground, x, y)
     rate = dx * velocity[0] + dy * velocity[1] - velocity[2]
     # the soil pushes and never pulls
@@ -162,7 +150,7 @@ def roll_on(v: Views, a: Attached, ground: Ground) -> None:
 
 @kernel
 def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Write the soil's wrench on the implement's body, wheels with tyres left out, into `xfrc_applied`."""
+    """Write the wrench of tool and depth wheel on the implement's body into `xfrc_applied`."""
     v.xfrc[a.body, :] = 0.0
     if a.working:
         work(v, a, ground, dt)

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.core.signals import WHEELS, Array, Index
 
-Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 CHASSIS = 1
 """Body id of the chassis, the first after the world."""
 IMPLEMENT = "implement"

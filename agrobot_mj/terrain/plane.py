@@ -1,10 +1,20 @@
-"""A plane slope."""
+"""Planes: level ground, and a slope."""
 
 from typing import Literal
 
-from agrobot_mj.terrain.base import Grade, Tilted
+from agrobot_mj.terrain.base import Grade, Landscape, Tilted
 from agrobot_mj.terrain.extent import Sized
 from agrobot_mj.terrain.grid import Ground, plane
+
+
+class Flat(Sized, Landscape):
+    """Level ground at height zero."""
+
+    kind: Literal["flat"] = "flat"
+
+    def relief(self) -> Ground:
+        """The height grid."""
+        return plane(0.0, 0.0, *self.half_sizes)
 
 
 class Slope(Sized, Tilted):
@@ -12,7 +22,6 @@ class Slope(Sized, Tilted):
 
     kind: Literal["slope"] = "slope"
     grade_deg: Grade = 5.0
-    """Angle between the plane and the horizontal [deg]."""
 
     def relief(self) -> Ground:
         """The height grid."""
