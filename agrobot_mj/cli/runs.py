@@ -131,7 +131,12 @@ def compare(
         rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
     if not quiet:
         say("\n".join([table(rows), *notes(rows), f"figures and runs: {folder}"]))
-    if failed := failures(rows):
-        if quiet:
-            print(f"{scenario.name}: failed {failed}", file=sys.stderr)
+    _leave_failed(scenario.name, failures(rows), quiet)
+
+
+def _leave_failed(name: str, failed: str, quiet: bool) -> None:
+    """Leave with exit status 1 if runs failed."""
+    if failed and quiet:
+        print(f"{name}: failed {failed}", file=sys.stderr)
+    if failed:
         raise typer.Exit(1)

@@ -4,7 +4,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,9 @@ from agrobot_mj.cli.options import (
 )
 from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.core.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from agrobot_mj.studies.limit import Found
 
 
 def sweep(
@@ -141,11 +144,16 @@ def limit(
     with interruptible():
         found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet), sound)
     if not quiet:
-        for each in found:
-            print(each.statement)
-            if each.beside:
-                print(f"  {each.beside.statement}")
+        _print_answers(found)
         print(folder / "limit.json")
+
+
+def _print_answers(found: "list[Found]") -> None:
+    """The answer for each law, and below it that of its counterpart."""
+    for each in found:
+        print(each.statement)
+        if each.beside:
+            print(f"  {each.beside.statement}")
 
 
 def _ends(text: str) -> tuple[float, float]:
