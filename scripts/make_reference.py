@@ -1,4 +1,4 @@
-"""docs/columns.md: the reference of columns, as the tables of the code have it."""
+"""docs/columns.md: the reference of columns and metrics, as the tables of the code have it."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,6 +11,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import Spec, every
 from agrobot_mj.estimation import Estimator
+from agrobot_mj.metrics import METRICS
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
@@ -22,6 +23,13 @@ One row per tick of 0.05 s, float64, SI units, angles in radians; a value that d
 field of the file carries its `unit` and `description` as metadata. Frames: ENU; yaw from east, counter-clockwise;
 steering, yaw rate and lateral quantities left positive. This page is written by `make reference` from the table of the
 code, `agrobot_mj/simulation/columns.py`; stages add columns of their own.
+"""
+
+
+METRICS_HEAD = """## metrics.json
+
+Beside `outcome` and what the run cost; null where a value does not exist. `table.value` is a value inside a table.
+Studies have the same names as columns, in the same units.
 """
 
 
@@ -42,6 +50,7 @@ def reference() -> str:
         enabled = _all_on(sensor)
         if enabled.columns:
             parts.append(_section(f"Sensor `{name}`", enabled.columns))
+    parts += [METRICS_HEAD, *(_section(f"Metric `{metric.kind}`", metric.columns) for metric in METRICS)]
     return "\n".join(parts)
 
 

@@ -16,7 +16,7 @@ PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
     *("core", "machine", "terrain", "tyres", "plants"),
     *("sensors", "estimation", "paths", "control", "faults"),
-    *("scenario", "metrics", "simulation", "recording", "studies", "fieldlogs", "bench", "links", "cli"),
+    *("metrics", "scenario", "simulation", "recording", "studies", "fieldlogs", "bench", "links", "cli"),
 ]
 """The folders of the package, in the order in which they build on each other."""
 STAGES = ["sensors", "estimation", "paths", "control", "faults"]

@@ -2,36 +2,44 @@
 
 from typing import Any
 
-from agrobot_mj.metrics.acquisition import acquisition
-from agrobot_mj.metrics.base import LogLike, RunView
-from agrobot_mj.metrics.consistency import consistency, saturation
-from agrobot_mj.metrics.implement import implement
-from agrobot_mj.metrics.network import nn_share
-from agrobot_mj.metrics.passes import passes
-from agrobot_mj.metrics.progress import progress, progress_of
-from agrobot_mj.metrics.safety import safety
-from agrobot_mj.metrics.tracking import errors, tracking
+from agrobot_mj.core.contracts import one_line
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.metrics.acquisition import Acquisition
+from agrobot_mj.metrics.base import LogLike, Metric, RunView
+from agrobot_mj.metrics.consistency import Consistency
+from agrobot_mj.metrics.implement import ImplementErrors
+from agrobot_mj.metrics.network import NetworkShare
+from agrobot_mj.metrics.passes import PassAccuracy
+from agrobot_mj.metrics.progress import DrivenShare, progress_of
+from agrobot_mj.metrics.safety import Safety
+from agrobot_mj.metrics.tracking import Tracking, errors
 
-METRICS = (
-    progress,
-    tracking,
-    acquisition,
-    nn_share,
-    consistency,
-    saturation,
-    passes,
-    implement,
-    safety,
-)
+METRICS: list[Metric] = [
+    DrivenShare(),
+    Tracking(),
+    Acquisition(),
+    NetworkShare(),
+    Consistency(),
+    PassAccuracy(),
+    ImplementErrors(),
+    Safety(),
+]
 """Every metric, in the order of metrics.json."""
 
 
 def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
-    """All metrics of a run, ready for JSON, with `outcome` in front if it is given."""
+    """All metrics of a run, ready for JSON, with `outcome` in front if it is given.
+
+    Raises `ScenarioError` for a metric that returns anything but values of its columns.
+    """
     view, found = RunView(log), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
-        found |= metric(view)
+        values = metric.evaluate(view)
+        if not (isinstance(values, dict) and values.keys() <= metric.names):
+            wanted = f"a dict of {', '.join(sorted(metric.names))}"
+            raise ScenarioError(f"the metric ({metric.kind}): evaluate must return {wanted}, got {one_line(values)}")
+        found |= values
     return found
 
 
-__all__ = ["METRICS", "LogLike", "RunView", "errors", "metrics", "progress_of"]
+__all__ = ["METRICS", "LogLike", "Metric", "RunView", "errors", "metrics", "progress_of"]

@@ -1,10 +1,11 @@
 """The way onto its path of a tractor that starts beside it: how long it takes, and how far it goes too far."""
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from agrobot_mj.metrics.base import RunView
+from agrobot_mj.core.signals import Column
+from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
 """Distance from the path within which it is reached [m]. Estimate: twice the claim of RTK guidance."""
@@ -14,19 +15,25 @@ END_S = 2.0
 """Time at the end of a run in which its distance is measured [s]."""
 
 
-def acquisition(view: RunView) -> dict[str, Any]:
-    """`acquisition`, for a tractor that starts beside its path (`path.start_offset_m`).
+class Acquisition(Metric):
+    """The way onto its path of a tractor that starts beside it (`path.start_offset_m`)."""
 
-    `acquired_s` is the first time from which it stays within the band for HELD_S, None of a tractor that never does,
-    `overshoot_m` the largest distance on the other side, `end_abs_max_m` the largest one at the end.
-    """
-    if not view.path.start_offset_m:
-        return {}
-    t, e = view.column("t"), view.beside.offset
-    outside = t[~(np.abs(e) <= BAND_M)]
-    begins = np.append(t[0], outside)
-    held = np.diff(np.append(begins, t[-1])) >= HELD_S
-    over = float(np.fmax.reduce(-np.sign(view.path.start_offset_m) * e, initial=0.0))
-    at_end = float(np.fmax.reduce(np.abs(e[t > t[-1] - END_S]), initial=0.0))
-    acquired = float(begins[np.argmax(held)]) if held.any() else None
-    return {"acquisition": {"acquired_s": acquired, "overshoot_m": over, "end_abs_max_m": at_end}}
+    kind: Literal["acquisition"] = "acquisition"
+    columns: ClassVar = (
+        Column("acquisition.acquired_s", "s", f"first time from which it is {HELD_S:g} s within {BAND_M:g} m; or null"),
+        Column("acquisition.overshoot_m", "m", "largest distance on the other side of the path"),
+        Column("acquisition.end_abs_max_m", "m", f"largest distance in the last {END_S:g} s"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Those of the tractor's offset."""
+        if not view.path.start_offset_m:
+            return {}
+        t, e = view.column("t"), view.beside.offset
+        outside = t[~(np.abs(e) <= BAND_M)]
+        begins = np.append(t[0], outside)
+        held = np.diff(np.append(begins, t[-1])) >= HELD_S
+        over = float(np.fmax.reduce(-np.sign(view.path.start_offset_m) * e, initial=0.0))
+        at_end = float(np.fmax.reduce(np.abs(e[t > t[-1] - END_S]), initial=0.0))
+        acquired = float(begins[np.argmax(held)]) if held.any() else None
+        return {"acquisition": {"acquired_s": acquired, "overshoot_m": over, "end_abs_max_m": at_end}}

@@ -1,17 +1,18 @@
-"""Input of every metric: the log of a run, its path, its turns, and the position of the tractor relative to the path.
+"""The base of every metric, and its input: the log of a run, its path and turns, the tractor relative to the path.
 
-A metric is a function `RunView -> dict`, ready for JSON: lengths in metres, angles in radians. Values that are absent
-or not finite are left out of a statistic; one of fewer than LEAST values is None.
+Lengths are in metres, angles in radians. Values that are absent or not finite are left out of a statistic; one of fewer
+than LEAST values is None.
 """
 
 from collections.abc import Sequence
 from functools import cached_property
 from math import isfinite
-from typing import Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.core.spec import Spec
 from agrobot_mj.metrics.crosstrack import BesidePath, track
 from agrobot_mj.paths import Path
 
@@ -75,6 +76,23 @@ class RunView:
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
         return [slice(first, end) for first, end in zip(firsts, rows_until(t, ends), strict=True) if end > first]
+
+
+class Metric(Spec):
+    """Base of every metric: values of a finished run."""
+
+    kind: str
+    columns: ClassVar[tuple[Column, ...]] = ()
+    """Name, unit and description of each value; one inside a table is named `table.value`."""
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the values and tables that it may return."""
+        return {column.name.partition(".")[0] for column in self.columns}
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Values by name, ready for JSON; a run to which the metric does not apply has none."""
+        raise NotImplementedError
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:

@@ -1,23 +1,33 @@
 """Where the implement works, relative to the tractor's path: what the crop sees of the guidance."""
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
-from agrobot_mj.metrics.base import RunView, abs_p95, mean, rms
+from agrobot_mj.core.signals import Column
+from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 
 
-def implement(view: RunView) -> dict[str, Any]:
-    """Cross-track error of the implement, left positive [m], largest angle at the hitch [rad], mean pull [N].
+class ImplementErrors(Metric):
+    """Where the implement of a tractor that has one works, and how it pulls."""
 
-    Empty for a tractor without one.
-    """
-    try:
-        offset = view.beside_path("implement_x", "implement_y").offset
-    except (KeyError, ValueError):  # no such column
-        return {}
-    return {
-        "implement_xte_rms": rms(offset),
-        "implement_xte_abs_p95": abs_p95(offset),
-        "implement_xte_mean": mean(offset),
-        "hitch_angle_abs_p95": abs_p95(view.column("hitch_angle")),
-        "hitch_pull_mean": mean(view.column("hitch_pull")),
-    }
+    kind: Literal["implement"] = "implement"
+    columns: ClassVar = (
+        Column("implement_xte_rms", "m", "cross-track error of the implement, root mean square"),
+        Column("implement_xte_abs_p95", "m", "95th percentile of the magnitude of the implement's cross-track error"),
+        Column("implement_xte_mean", "m", "mean cross-track error of the implement, left positive"),
+        Column("hitch_angle_abs_p95", "rad", "95th percentile of the magnitude of the angle at the hitch"),
+        Column("hitch_pull_mean", "N", "mean pull at the hitch"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Those of the columns of the implement, if there are any."""
+        try:
+            offset = view.beside_path("implement_x", "implement_y").offset
+        except (KeyError, ValueError):  # no such column
+            return {}
+        return {
+            "implement_xte_rms": rms(offset),
+            "implement_xte_abs_p95": abs_p95(offset),
+            "implement_xte_mean": mean(offset),
+            "hitch_angle_abs_p95": abs_p95(view.column("hitch_angle")),
+            "hitch_pull_mean": mean(view.column("hitch_pull")),
+        }

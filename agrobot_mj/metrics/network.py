@@ -1,18 +1,21 @@
 """Share of the network, or of the integral that stands in for it, in the steering command."""
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
-from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LEAST, RunView, mean_magnitude
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.metrics.base import LEAST, Metric, RunView, mean_magnitude
 
 
-def nn_share(view: RunView) -> dict[str, Any]:
-    """`nn_share`: one value per turn, mean|tau_n| / (mean|tau_c| + mean|tau_n|), 0 without a network.
+class NetworkShare(Metric):
+    """Share of the network, or of what stands in for it, in the steering command."""
 
-    None for a turn of fewer than LEAST ticks.
-    """
-    kept, learnt = view.column("tau_c"), view.column("tau_n")
-    return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
+    kind: Literal["nn_share"] = "nn_share"
+    columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """One value per turn, 0 without a network; None for a turn of fewer than LEAST ticks."""
+        kept, learnt = view.column("tau_c"), view.column("tau_n")
+        return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
 
 def _share(kept: Array, learnt: Array) -> float | None:

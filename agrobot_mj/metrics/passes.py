@@ -10,12 +10,12 @@ number and the time between them are the scenario's own.
 
 from itertools import pairwise
 from math import cos, sin
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LEAST, RunView
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.metrics.base import LEAST, Metric, RunView
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
@@ -52,11 +52,27 @@ class Passed(NamedTuple):
         }
 
 
-def passes(view: RunView) -> dict[str, Any]:
-    """`iso_12188_2_style`: the pass-to-pass accuracy, for paths that have passes."""
-    if not isinstance(view.path, Parallel):
-        return {}
-    return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
+class PassAccuracy(Metric):
+    """Accuracy from pass to pass, in the manner of ISO 12188-2, on paths that have passes."""
+
+    kind: Literal["passes"] = "passes"
+    columns: ClassVar = (
+        Column("iso_12188_2_style.label", "-", "text: in whose manner"),
+        Column("iso_12188_2_style.pass_to_pass_p95_m", "m", "95th percentile of the error between neighbouring passes"),
+        Column(
+            "iso_12188_2_style.pass_to_pass_mean_m",
+            "m",
+            "mean error between neighbouring passes, positive where swaths are too wide",
+        ),
+        Column("iso_12188_2_style.pass_xte_abs_p95_m", "m", "95th percentile of the cross-track error on all passes"),
+        Column("iso_12188_2_style.per_pass", "m", "list: xte_mean, xte_rms, xte_abs_p95 of each `pass`, if `complete`"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Those of `pass_to_pass`."""
+        if not isinstance(view.path, Parallel):
+            return {}
+        return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:

@@ -10,12 +10,12 @@ wherever the reference goes.
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import RunView
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.metrics.base import Metric, RunView
 from agrobot_mj.paths import Path
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -60,9 +60,15 @@ class PathProgress(NamedTuple):
         return self.driven + STEP_M >= ENOUGH * self.due
 
 
-def progress(view: RunView) -> dict[str, Any]:
-    """`progress`: share of the path's length that was driven; None where the path has next to no length."""
-    return {"progress": progress_of(view).share}
+class DrivenShare(Metric):
+    """How much of its path the tractor drove."""
+
+    kind: Literal["progress"] = "progress"
+    columns: ClassVar = (Column("progress", "-", "share of the path's length that was driven; null where it has none"),)
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """That of `progress_of`."""
+        return {"progress": progress_of(view).share}
 
 
 def progress_of(view: RunView) -> PathProgress:

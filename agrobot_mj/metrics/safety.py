@@ -1,13 +1,13 @@
 """What a fault led to: when the stop began, how far from the path the tractor stood, how much too fast it was."""
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from agrobot_mj.control.supervisor import Mode
-from agrobot_mj.core.signals import TICK_S, Array
-from agrobot_mj.metrics.base import RunView
+from agrobot_mj.core.signals import TICK_S, Array, Column
+from agrobot_mj.metrics.base import Metric, RunView
 
 OFF_M = 1.0
 """Distance from which the tractor counts as off its path [m]."""
@@ -17,34 +17,42 @@ MEMORY = 40
 """Ticks in which a tractor may still follow an earlier command: two seconds, in which it can stop."""
 
 
-def safety(view: RunView) -> dict[str, Any]:
-    """`safety` of a run with faults and a supervisor, else empty.
+class Safety(Metric):
+    """What a fault led to, in a run with faults and a supervisor."""
 
-    `stop_s` from the first fault to the beginning of the stop [s], None without one; `overspeed` after the first fault
-    over the largest command of the last two seconds [-]; `offset_max` and `offset_end` from the path, without sign [m];
-    `off_s` from the first tick `OFF_M` off the path to the end [s]; `speed_end` [m/s].
-    """
-    faulty = np.flatnonzero(view.column("faults_active") > 0)
-    try:
-        state = view.column("supervisor_state")
-    except (KeyError, ValueError):  # no such column
-        return {}
-    if not faulty.size:
-        return {}
-    first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
-    speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
-    offset = np.abs(view.beside.offset[first:])
-    off = np.flatnonzero(offset > OFF_M)
-    return {
-        "safety": {
-            "stop_s": float(stops[0] - first) * TICK_S if stops.size else None,
-            "overspeed": float((speed / _recent(commanded))[first:].max()),
-            "offset_max": float(np.nanmax(offset, initial=0.0)),
-            "offset_end": float(offset[-1]),
-            "off_s": float(len(offset) - off[0]) * TICK_S if off.size else 0.0,
-            "speed_end": float(speed[-1]),
+    kind: Literal["safety"] = "safety"
+    columns: ClassVar = (
+        Column("safety.stop_s", "s", "time from the first fault to the beginning of the stop; null without one"),
+        Column("safety.overspeed", "-", "speed after the first fault over the largest command of the last 2 s"),
+        Column("safety.offset_max", "m", "largest distance from the path after the first fault"),
+        Column("safety.offset_end", "m", "distance from the path at the end"),
+        Column("safety.off_s", "s", f"time from the first tick {OFF_M:g} m off the path to the end"),
+        Column("safety.speed_end", "m/s", "speed at the end"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Those after the first fault."""
+        faulty = np.flatnonzero(view.column("faults_active") > 0)
+        try:
+            state = view.column("supervisor_state")
+        except (KeyError, ValueError):  # no such column
+            return {}
+        if not faulty.size:
+            return {}
+        first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
+        speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
+        offset = np.abs(view.beside.offset[first:])
+        off = np.flatnonzero(offset > OFF_M)
+        return {
+            "safety": {
+                "stop_s": float(stops[0] - first) * TICK_S if stops.size else None,
+                "overspeed": float((speed / _recent(commanded))[first:].max()),
+                "offset_max": float(np.nanmax(offset, initial=0.0)),
+                "offset_end": float(offset[-1]),
+                "off_s": float(len(offset) - off[0]) * TICK_S if off.size else 0.0,
+                "speed_end": float(speed[-1]),
+            }
         }
-    }
 
 
 def _recent(commanded: Array) -> Array:

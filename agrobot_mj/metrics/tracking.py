@@ -8,22 +8,37 @@ which it ended counts as far as it went and is not `complete`.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.base import LogLike, RunView, abs_p95, mean, rms, rows_until
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_p95, mean, rms, rows_until
 
 COMPLETE = 0.99
 """Share of a turn that a run must cover for the turn to count as complete."""
 
 
-def tracking(view: RunView) -> dict[str, Any]:
-    """Tracking errors of the complete run, and `per_turn`."""
-    t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
-    turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
-    return {**found[0], "per_turn": turns}
+class Tracking(Metric):
+    """Tracking errors of the complete run and of each turn."""
+
+    kind: Literal["tracking"] = "tracking"
+    columns: ClassVar = (
+        Column("lateral_mse", "m2", "mean square of the time-based lateral error"),
+        Column("lateral_rms", "m", "root mean square of the time-based lateral error"),
+        Column("lateral_abs_p95", "m", "95th percentile of the magnitude of the time-based lateral error"),
+        Column("longitudinal_rms", "m", "root mean square of the time-based longitudinal error"),
+        Column("xte_rms", "m", "root mean square of the cross-track error, the distance of the CG from the path"),
+        Column("xte_abs_p95", "m", "95th percentile of the magnitude of the cross-track error"),
+        Column("yaw_rate_error_rms", "rad/s", "root mean square of the yaw-rate reference less the estimated yaw rate"),
+        Column("per_turn", "-", "list: the same for each `turn` that was reached, if `complete`"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Those of all rows, and of the rows of each turn."""
+        t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
+        turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
+        return {**found[0], "per_turn": turns}
 
 
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:

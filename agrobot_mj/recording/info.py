@@ -9,15 +9,12 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import NAMES
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
+from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
-UNITS = {
-    **dict.fromkeys(("lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"), "m"),
-    **{"lateral_mse": "m2", "yaw_rate_error_rms": "rad/s"},
-    **dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m"),
-}
-"""Units of metrics that have one."""
+LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
+"""Units of the metrics of a program outside that carry none in their name."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units by the ends of names that carry one."""
 LINKS = ("link", "ros2")
@@ -64,7 +61,7 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
-    heads = ("run", "colour", "outcome", *(f"{name} [{UNITS[name]}]" for name in COMPARED))
+    heads = ("run", "colour", "outcome", *(f"{name} [{_unit(name)}]" for name in COMPARED))
     rows = [
         (
             *(name, f"#{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')}", log.outcome),
@@ -90,16 +87,15 @@ def _page(scenario: Scenario, result: str) -> str:
 def _metrics(metrics: dict[str, Any], title: str) -> str:
     """The numbers and words of a table, without what is nested in it."""
     rows = [
-        (name, _cell(value), UNITS.get(name, _unit(name)))
-        for name, value in metrics.items()
-        if isinstance(value, int | float | str)
+        (name, _cell(value), _unit(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
     return f"## {title}\n\n{markdown_table(('metric', 'value', 'unit'), rows)}"
 
 
 def _unit(name: str) -> str:
-    """Unit that a metric carries in its name."""
-    return next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
+    """Unit of a metric, that of its column or in its name."""
+    known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
+    return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 
 
 def _turns(metrics: dict[str, Any]) -> str:
@@ -109,7 +105,7 @@ def _turns(metrics: dict[str, Any]) -> str:
         return ""
     names = [name for name in turns[0] if name not in ("turn", "complete")]
     heads = [f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns]
-    rows = [(name, *(_cell(turn[name]) for turn in turns), UNITS.get(name, "-")) for name in names]
+    rows = [(name, *(_cell(turn[name]) for turn in turns), _unit(name)) for name in names]
     rows.append(("nn_share", *map(_cell, shares), "-"))
     return f"## Turn by turn\n\n{markdown_table(('metric', *heads, 'unit'), rows)}"
 

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agrobot_mj.metrics import errors, metrics
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.metrics import METRICS, Metric, RunView, errors, metrics
 from agrobot_mj.metrics.base import LEAST, abs_p95, mean, mean_magnitude, rms
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
@@ -85,7 +87,7 @@ def test_per_turn_has_every_error_of_the_total() -> None:
     total = {"lateral_mse", "lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"}
     total |= {"yaw_rate_error_rms"}
     assert next(iter(m)) == "outcome"
-    assert set(m) == total | {
+    assert set(m) >= total | {
         "outcome",
         "progress",
         "per_turn",
@@ -95,6 +97,42 @@ def test_per_turn_has_every_error_of_the_total() -> None:
         "steer_saturated_fraction",
     }
     assert [set(turn) for turn in m["per_turn"]] == [total | {"turn", "complete"}] * 2
+
+
+def test_every_value_has_a_name_of_its_own_a_unit_and_a_description() -> None:
+    columns = [column for metric in METRICS for column in metric.columns]
+    assert len({column.name for column in columns}) == len(columns)
+    assert all(column.unit and len(column.description) > 5 for column in columns)
+
+
+RICH = {
+    **{"plant.kind": "bicycle", "path.kind": "swaths", "path.start_offset_m": 0.5, "duration_s": 4.0},
+    "fault": [{"kind": "gnss_loss", "start_s": 1.0}],
+}
+
+
+@pytest.fixture(scope="module")
+def rich_log() -> Any:
+    """A run to which most metrics apply."""
+    return run(load_scenario("figure_eight", RICH))
+
+
+@pytest.mark.parametrize("metric", METRICS, ids=lambda metric: type(metric).__name__)
+def test_a_metric_returns_values_of_its_columns_ready_for_json(metric: Metric, rich_log: Any) -> None:
+    for log in (rich_log, FakeLog(Line(), [])):
+        if len(log.column("t")) or type(metric).__module__.startswith("agrobot_mj."):
+            values = metric.evaluate(RunView(log))
+            json.dumps(values, allow_nan=False)
+            flat = {f"{name}.{key}" for name, value in values.items() if isinstance(value, dict) for key in value}
+            flat |= {name for name, value in values.items() if not isinstance(value, dict)}
+            assert flat <= {column.name for column in metric.columns}
+
+
+@pytest.mark.parametrize("values", [None, 1.0, {"unheard_of": 1.0}])
+def test_a_metric_that_returns_something_else_is_told(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
+    monkeypatch.setattr(type(METRICS[0]), "evaluate", lambda self, view: values)
+    with pytest.raises(ScenarioError, match=r"the metric \(progress\): evaluate must return a dict of progress, got "):
+        metrics(four_ticks())
 
 
 def test_a_run_that_ends_early_lacks_the_turns_it_did_not_reach() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics import RunView
-from agrobot_mj.metrics.safety import safety
+from agrobot_mj.metrics.safety import Safety
 from agrobot_mj.paths import Line
 
 
@@ -25,25 +25,25 @@ class Made:
 
 
 def test_a_stop_is_timed_from_the_fault():
-    found = safety(RunView(Made()))["safety"]
+    found = Safety().evaluate(RunView(Made()))["safety"]
     assert found["stop_s"] == pytest.approx(100 * TICK_S)
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
 def test_without_a_fault_or_a_supervisor_there_is_nothing_to_say():
-    assert safety(RunView(Made(faults_active=np.zeros(400)))) == {}
+    assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()
     del made.columns["supervisor_state"]
-    assert safety(RunView(made)) == {}
+    assert Safety().evaluate(RunView(made)) == {}
 
 
 def test_without_a_stop_there_is_no_time():
-    assert safety(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
+    assert Safety().evaluate(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
 
 
 def test_the_time_off_the_path_begins_at_a_metre_to_either_side():
     away = -0.02 * np.maximum(np.arange(400) - 250, 0)
-    found = safety(RunView(Made(y=away)))["safety"]
+    found = Safety().evaluate(RunView(Made(y=away)))["safety"]
     assert found["offset_max"] == found["offset_end"] == pytest.approx(2.98)
     assert found["off_s"] == pytest.approx((400 - 301) * TICK_S, abs=TICK_S)
 
@@ -51,7 +51,7 @@ def test_the_time_off_the_path_begins_at_a_metre_to_either_side():
 def test_speed_is_compared_with_the_largest_command_of_the_last_two_seconds():
     speed, command = np.full(400, 1.2), np.full(400, 1.2)
     command[150:] = 0.6
-    assert safety(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(2.0)
+    assert Safety().evaluate(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(2.0)
     speed[189:] = 0.6
-    assert safety(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(1.0)
-    assert safety(RunView(Made(speed=-2.4 * speed)))["safety"]["overspeed"] == pytest.approx(2.4)
+    assert Safety().evaluate(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(1.0)
+    assert Safety().evaluate(RunView(Made(speed=-2.4 * speed)))["safety"]["overspeed"] == pytest.approx(2.4)

@@ -5,7 +5,7 @@ import pytest
 from test_metrics import FakeLog
 
 from agrobot_mj.metrics import RunView
-from agrobot_mj.metrics.acquisition import END_S, HELD_S, acquisition
+from agrobot_mj.metrics.acquisition import END_S, HELD_S, Acquisition
 from agrobot_mj.paths import Line
 
 T = np.arange(0.0, 20.0, 0.05)
@@ -14,7 +14,7 @@ T = np.arange(0.0, 20.0, 0.05)
 def found(offset, left, t=T):
     """The metric of a tractor that starts `offset` [m] to the left of a line and is `left` of it at the times `t`."""
     line = Line(start_offset_m=offset, ramp_s=0)
-    return acquisition(RunView(FakeLog(line, t, x=line.speed_m_s * t, y=left))).get("acquisition")
+    return Acquisition().evaluate(RunView(FakeLog(line, t, x=line.speed_m_s * t, y=left))).get("acquisition")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
