@@ -9,8 +9,9 @@ import typer.main
 from agrobot_mj.cli import app
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.spec import Spec, members
-from agrobot_mj.scenario.reference import TableClass, document, first_line, places, usual_kind
+from agrobot_mj.scenario.reference import document, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.walk import TableClass, places
 
 BASES = (
     "core.signals",
@@ -38,7 +39,7 @@ def keys_page() -> str:
         "command line. Numbers, their ranges and sources in one place: [models.md](models.md); how a file reads: "
         "[scenarios.md](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
     )
-    return "\n".join([head, *_sections("", places([]), set())])
+    return "\n".join([head, *_sections("", places(Scenario(), []), set())])
 
 
 def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spec]]]) -> list[str]:
@@ -59,7 +60,7 @@ def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spe
     fields = [item for place in found for item in place.owner.model_fields.items()]
     for name in dict.fromkeys(name for name, field in fields if members(field.annotation)):
         dotted = f"{table}.{name}".lstrip(".")
-        lines += _sections(dotted, places(dotted.split(".")), seen)
+        lines += _sections(dotted, places(Scenario(), dotted.split(".")), seen)
     return lines
 
 

@@ -1,10 +1,12 @@
 """The application: its commands in the order of the help, and the options before any command."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from agrobot_mj.cli import authoring, fieldlogs, links, recordings, runs, studies, sweeps
+from agrobot_mj.cli.options import with_plugins
 from agrobot_mj.core.version import __version__
 
 app = typer.Typer(
@@ -14,12 +16,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Does a guidance stack survive a real tractor? MuJoCo physics, the paper's controllers, Rerun recordings.",
 )
-for command in (
+ON_SCENARIOS: tuple[Callable[..., None], ...] = (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
     *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, links.link, links.ros2, links.export),
-    *(recordings.view, recordings.snapshot),
     *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
-):
+)
+ON_RECORDINGS: tuple[Callable[..., None], ...] = (recordings.view, recordings.snapshot)
+for command in (*map(with_plugins, ON_SCENARIOS), *ON_RECORDINGS):
     app.command(command.__name__.rstrip("_"))(command)
 
 

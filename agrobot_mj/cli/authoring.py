@@ -6,18 +6,16 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli.options import Plugins, load_plugins, utf8
+from agrobot_mj.cli.options import utf8
 from agrobot_mj.core.resources import scenario_files, sweep_files
 
 
 def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
     sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
-    plugins: Plugins = None,
 ) -> None:
     """List the scenarios that come with the package."""
     if kinds:
-        load_plugins(plugins)
         from agrobot_mj.scenario.reference import kinds_text
 
         print(kinds_text())
@@ -34,10 +32,8 @@ def list_(
 
 def explain(
     key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
-    plugins: Plugins = None,
 ) -> None:
     """Explain a key: unit, default, range, kinds, source."""
-    load_plugins(plugins)
     from agrobot_mj.scenario.reference import explain_key
 
     print(explain_key(key))
@@ -54,9 +50,8 @@ def init(
     print(f"{path}: written; drive it with `agrobot-mj run {shown}`")
 
 
-def schema(plugins: Plugins = None) -> None:
+def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    load_plugins(plugins)
     import json
 
     from agrobot_mj.scenario.reference import json_schema

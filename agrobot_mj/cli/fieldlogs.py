@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from agrobot_mj.cli.options import (
-    Out,
-    Plugins,
-    Quiet,
-    Sets,
-    finite,
-    load_plugins,
-    names,
-    number,
-    overrides,
-    results_folder,
-)
+from agrobot_mj.cli.options import Out, Quiet, Sets, finite, names, number, overrides, results_folder
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
@@ -46,7 +35,6 @@ def replay(
     map_file: MapFile = None,
     base: Base = None,
     sets: Sets = None,
-    plugins: Plugins = None,
     by: Annotated[
         Literal["steer", "valve"] | None, typer.Option("--by", help="What steers; the wheel angle if it is there.")
     ] = None,
@@ -63,7 +51,6 @@ def replay(
     from agrobot_mj.fieldlogs.replay import replay as drive
     from agrobot_mj.simulation.storage import exclusive
 
-    load_plugins(plugins)
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
     folder = results_folder(out, f"replay-{log.stem}")
@@ -87,7 +74,6 @@ def identify(
     fitted: Annotated[
         str, typer.Option("--fit", help="With --vehicle: what to fit; lag, too, where the steering is quick.")
     ] = "front,rear,relaxation,offset,delay,backlash",
-    plugins: Plugins = None,
     share: Annotated[
         float,
         typer.Option(
@@ -113,7 +99,6 @@ def identify(
     from agrobot_mj.fieldlogs.identify import identify_vehicle_command
     from agrobot_mj.fieldlogs.identify.vehicle import NothingExplainedError
 
-    load_plugins(plugins)
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
     folder = (log if log.is_dir() else None) if out is None else results_folder(out, "")

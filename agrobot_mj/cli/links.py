@@ -12,12 +12,10 @@ from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
     Out,
-    Plugins,
     Quiet,
     Sets,
     Source,
     finite,
-    load_plugins,
     number,
     overrides,
     results_file,
@@ -39,7 +37,6 @@ Duration = Annotated[float | None, typer.Option(callback=finite, help="duration_
 def link(
     source: Source,
     sets: Sets = None,
-    plugins: Plugins = None,
     address: Annotated[str, typer.Option(help="Address of the guidance program.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the tractor's boards.")] = 8888,
     host_port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the guidance program.")] = 9999,
@@ -68,7 +65,6 @@ def link(
         *(address, port, host_port, replay, start, wait, endpoint(nmea, "--nmea") if nmea else None, pace),
         *(live, not no_rrd, _tell(quiet)),
     )
-    load_plugins(plugins)
     keys = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
     log, folder = _drive(run_link, options, (source, keys, sets), out, quiet)
     if not quiet:
@@ -79,7 +75,6 @@ def link(
 def ros2(
     source: Source,
     sets: Sets = None,
-    plugins: Plugins = None,
     pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
     every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
     start: Annotated[Literal["heard", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
@@ -103,7 +98,6 @@ def ros2(
     options = RosOptions(
         pace, every, start, wait, network, domain, stamped, live, recorded=not no_rrd, notify=_tell(quiet)
     )
-    load_plugins(plugins)
     keys = {"guidance.kind": "cmd_vel", **SENSORS, "duration_s": duration}
     log, folder = _drive(run_node, options, (source, keys, sets), out, quiet)
     if not quiet:
@@ -115,7 +109,6 @@ def export(
     folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that a run has written.")],
     mcap: Annotated[bool, typer.Option("--mcap", help="As ROS 2 messages in an MCAP file.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The file; run.mcap in the folder.")] = None,
-    plugins: Plugins = None,
     quiet: Quiet = False,
 ) -> None:
     """Write a run for other programs.
@@ -124,7 +117,6 @@ def export(
     """
     if not mcap:
         raise ScenarioError("export: name a format: --mcap")
-    load_plugins(plugins)
     from agrobot_mj.links.ros2.bag import export_run
 
     file, count = export_run(folder, None if out is None else results_file(out))

@@ -4,6 +4,9 @@ import os
 import re
 import tempfile
 import tomllib
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, signature
 from math import isfinite, isnan
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from agrobot_mj.core.errors import ScenarioError, shortened
-from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.core.resources import installed_plugins, scenario_files
 from agrobot_mj.simulation.ownership import check_folder, owned
 
 
@@ -95,12 +98,22 @@ def utf8(text: str, option: str) -> str:
         raise ScenarioError(f"{option} {shown}: holds bytes that are not UTF-8; write it in UTF-8") from None
 
 
-def load_plugins(plugins: list[Path] | None) -> None:
-    """Register what plugin files and installed plugins define. Raises `ScenarioError`."""
-    from agrobot_mj.scenario.plugins import load_files, load_installed
+def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the option `--plugin`: it begins with the kinds of plugin files and installed plugins."""
 
-    load_installed()
-    load_files(tuple(plugins or ()))
+    @wraps(command)
+    def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> None:
+        if plugins or installed_plugins():  # else the schema is not needed yet
+            from agrobot_mj.scenario.plugins import load_plugins
+
+            load_plugins(plugins or ())
+        command(*given, **options)
+
+    own = signature(command)
+    option = Parameter("plugins", Parameter.KEYWORD_ONLY, default=None, annotation=Plugins)
+    begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
+    begun.__annotations__ = {**command.__annotations__, "plugins": Plugins}
+    return begun
 
 
 def names(text: str, option: str) -> list[str]:

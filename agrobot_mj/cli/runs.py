@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
-from agrobot_mj.cli.options import (
-    NoRrd,
-    Out,
-    Plugins,
-    Quiet,
-    Sets,
-    Source,
-    load_plugins,
-    names,
-    overrides,
-    results_folder,
-)
+from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
 from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.cli.variants import variants
 
@@ -32,7 +21,6 @@ Live = Annotated[bool, typer.Option("--live", help="Show the run in a Rerun view
 def run(
     source: Source,
     sets: Sets = None,
-    plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Live = False,
@@ -45,7 +33,6 @@ def run(
     from agrobot_mj.simulation.run import run as run_scenario
     from agrobot_mj.simulation.storage import exclusive, files_of_run, write_log
 
-    load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
@@ -100,7 +87,6 @@ def compare(
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
     max_runs: Annotated[int, typer.Option(min=1, help="Refuse to plan more runs than this.")] = 2000,
     sets: Sets = None,
-    plugins: Plugins = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
@@ -117,7 +103,6 @@ def compare(
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import notes, table
 
-    load_plugins(plugins)
     scenario = load_scenario(source, overrides(sets))
     kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}
     inner, outer, machines = (None if text is None else names(text, option) for option, text in kinds.items())

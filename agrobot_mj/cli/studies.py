@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Out, Plugins, Quiet, Sets, Source, load_plugins, overrides, results_folder
+from agrobot_mj.cli.options import Out, Quiet, Sets, Source, overrides, results_folder
 from agrobot_mj.cli.output import say, tell_doubts
 
 if TYPE_CHECKING:
@@ -16,14 +16,12 @@ if TYPE_CHECKING:
 
 def rig(
     tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
-    plugins: Plugins = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Test one tyre on the rig: force curves and figures."""
     from agrobot_mj.bench.rig import rig_command
 
-    load_plugins(plugins)
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
     for path in rig_command(tyre, folder):
         if not quiet:
@@ -69,7 +67,6 @@ def tune(
     seeds: Annotated[int | None, typer.Option(min=1, help="Seeds of each case; as TUNING says by default.")] = None,
     jobs: Annotated[int, typer.Option(min=1, max=1000, help="Processes.")] = 1,
     sets: Sets = None,
-    plugins: Plugins = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -84,7 +81,6 @@ def tune(
     from agrobot_mj.studies.tune import write_tuning
     from agrobot_mj.studies.tuning_cases import read_tuning, tuning_cases
 
-    load_plugins(plugins)
     kind = {} if guidance is None else {"guidance.kind": guidance}
     scenario = load_scenario(source, {**kind, **overrides(sets)})
     file = read_tuning(cases)

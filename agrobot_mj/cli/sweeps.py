@@ -9,19 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import (
-    Jobs,
-    Out,
-    Plugins,
-    Quiet,
-    Sets,
-    Source,
-    finite,
-    load_plugins,
-    names,
-    overrides,
-    results_folder,
-)
+from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, names, overrides, results_folder
 from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.core.errors import ScenarioError
 
@@ -40,7 +28,6 @@ def sweep(
     merge: Annotated[bool, typer.Option("--merge", help="Join what --shard has written: name the folders.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard earlier results in the folder.")] = False,
     max_runs: Annotated[int, typer.Option(min=1, help="Most runs of the sweep.")] = 100_000,
-    plugins: Plugins = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario over axes, draws, seeds and variants.
@@ -50,7 +37,6 @@ def sweep(
     from agrobot_mj.studies.sweep import SweepOptions
     from agrobot_mj.studies.sweep import sweep as run_sweep
 
-    load_plugins(plugins)
     if scheduler and jobs:
         raise ScenarioError("--jobs: is for processes on this machine; leave it out with --scheduler")
     if merge:
@@ -116,7 +102,6 @@ def limit(
     ] = None,
     jobs: Jobs = None,
     sets: Sets = None,
-    plugins: Plugins = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -128,12 +113,10 @@ def limit(
     from agrobot_mj.studies.limit import Question, Tried
     from agrobot_mj.studies.limit import limit as search
 
-    load_plugins(plugins)
-    start, stop = _ends(range_)
     kinds = names(",".join(guidance), "--guidance") if guidance else []
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"limit-{scenario.name}-{key}")
-    question = Question(key, start, stop, until, seeds, reliability, confidence, tolerance)
+    question = Question(key, *_ends(range_), until, seeds, reliability, confidence, tolerance)
     sound = overrides(beside, "--beside") if beside else None
 
     def tell(law: str, tried: Tried) -> None:
@@ -190,7 +173,6 @@ def importance(
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of run, compare, sweep, limit or validate.")],
-    plugins: Plugins = None,
     quiet: Quiet = False,
 ) -> None:
     """Write report.html for a folder of results.
@@ -199,7 +181,6 @@ def report(
     """
     from agrobot_mj.studies.pages import write_report
 
-    load_plugins(plugins)
     for path in write_report(folder):
         if not quiet:
             print(path)

@@ -1,5 +1,6 @@
-"""The folders `models/` and `scenarios/`: inside an installed wheel, or beside the package in a checkout."""
+"""Folders of data, `models/` and `scenarios/`, inside an installed wheel or beside the package; and plugins."""
 
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
@@ -42,3 +43,8 @@ def sweep_files() -> dict[str, Path]:
 def tuning_files() -> dict[str, Path]:
     """Name to file of every tuning that comes with the package."""
     return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
+
+
+def installed_plugins() -> EntryPoints:
+    """Entry points by which installed packages bring kinds of their own."""
+    return entry_points(group="agrobot_mj.plugins")

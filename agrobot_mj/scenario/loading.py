@@ -10,7 +10,7 @@ from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, override
-from agrobot_mj.scenario.plugins import load_installed
+from agrobot_mj.scenario.plugins import load_plugins
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
@@ -25,7 +25,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     if not isinstance(source, str | FilePath):
         raise TypeError(f"scenario: must be a name or a path, got {shortened(repr(source))}")
     check_overrides({} if overrides is None else overrides)
-    load_installed()
+    load_plugins()
     path = _find(source)
     data, folder = read_toml(path), path.parent.resolve()
     try:

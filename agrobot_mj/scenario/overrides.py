@@ -1,6 +1,7 @@
 """Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.scenario.walk import places
 
 FILE_KEY = "file"
 """A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
@@ -34,9 +36,9 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
-    if last == "kind" and table.get("kind", _default_kind(data, tables, default)) != value:
-        kind = value if isinstance(value, str) else ""
-        known = _fields_of([name for name in tables if not name.isdecimal()], kind, type(default))
+    if last == "kind" and _kind(data, tables, default) != value:
+        of_kind = (".".join(names := [name for name in tables if not name.isdecimal()]), value)
+        known = {key for place in places(default, names) if of_kind in place.kinds for key in place.owner.model_fields}
         for key in [key for key in table if key not in known]:
             del table[key]
     if isinstance(value, Mapping) and isinstance(table.get(last), dict):
@@ -62,28 +64,13 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     return items[int(name)]
 
 
-def _default_kind(data: Any, tables: list[str], default: Spec) -> str | None:
-    """Kind of the table under `tables` as long as the data names none; None where there is no default."""
-    part: Any = default
+def _kind(data: Any, tables: list[str], default: Spec) -> Any:
+    """Kind of the table under `tables`, that of the default where the data names none; None where neither has one."""
+    data = deepcopy(data)
+    complete(data, default)
     for name in tables:
-        data, field = data[int(name)] if isinstance(data, list) else data[name], type(part).model_fields.get(name)
-        part = getattr(part, name, None)
-        kind = data.get("kind") if isinstance(data, dict) else None
-        kinds = members(field.annotation) if field else {}
-        if kind is not None and kind != getattr(part, "kind", None):
-            part = kinds[kind]() if isinstance(kind, str) and kind in kinds else None
-        if not isinstance(part, Spec):
-            return None
-    return getattr(part, "kind", None)
-
-
-def _fields_of(tables: list[str], kind: str, root: type[Spec]) -> set[str]:
-    """Field names of the member `kind` of the union under `tables`; empty if there is none."""
-    models: dict[str, type[Spec]] = {"": root}
-    for table in tables:
-        fields = [m.model_fields[table] for m in models.values() if table in m.model_fields]
-        models = {k: m for f in fields for k, m in members(f.annotation).items()}
-    return set(models[kind].model_fields) if kind in models else set()
+        data = data[int(name)] if isinstance(data, list) else data[name]
+    return data.get("kind")
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

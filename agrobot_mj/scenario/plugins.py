@@ -9,24 +9,25 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, TypeGuard, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticSerializationError
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import installed_plugins
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.walk import Key, keys
 from agrobot_mj.sensors import Sensor, Sensors
 
-GROUP = "agrobot_mj.plugins"
-"""Entry points whose modules or functions register members when the first scenario is loaded."""
 Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
 
@@ -34,7 +35,8 @@ _files: dict[Path, ModuleType] = {}
 def register(member: Member, name: str | None = None) -> Member:
     """Add a class to the family of its base class; serves as a decorator. Raises `ScenarioError`.
 
-    A sensor becomes the table `[sensors.NAME]`, by default its class name in small letters with underscores.
+    A sensor becomes the table `[sensors.NAME]`, by default its class name in small letters with underscores; a metric
+    is evaluated for every run.
     """
     if not (isinstance(member, type) and issubclass(member, Spec)):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
@@ -51,6 +53,8 @@ def register(member: Member, name: str | None = None) -> Member:
         raise ScenarioError(f"register: {member.__name__}: has a key that TOML cannot hold ({error})") from None
     if issubclass(member, Sensor):
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
+    elif isinstance(default, Metric):
+        _add_metric(default)
     else:
         _add_kind(member)
     return member
@@ -85,20 +89,26 @@ def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:
     Scenario.model_rebuild(force=True)
 
 
+def _add_metric(metric: Metric) -> None:
+    others = [other for other in METRICS if not _same(type(other), type(metric))]
+    for other in others:
+        if taken := [other.kind] if other.kind == metric.kind else sorted(other.names & metric.names):
+            raise ScenarioError(f"register: metric {taken[0]!r} is there already; choose another")
+    METRICS[:] = [*others, metric]
+
+
 def _add_kind(member: type[Spec]) -> None:
     kind = member.model_fields["kind"].default if "kind" in member.model_fields else None
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
-    keys = _family(member)
-    key = min(keys, key=len)
-    places = [(owner, name) for dotted, owner, name in _unions(Scenario, "", ()) if dotted in keys]
-    for owner, name in places:
-        field = owner.model_fields[name]
-        there = members(field.annotation).get(kind)
+    family = _family(member)
+    for key in family:
+        field = key.owner.model_fields[key.name]
+        there = key.kinds.get(kind)
         if there and not _same(there, member):
-            raise ScenarioError(f"register: {key}.kind {kind!r} is there already; choose another")
+            raise ScenarioError(f"register: {family[0].dotted}.kind {kind!r} is there already; choose another")
         field.annotation = _with_member(field.annotation, member, there)
-    _rebuild(Scenario, {owner for owner, _ in places}, {})
+    _rebuild(Scenario, {key.owner for key in family}, {})
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
@@ -106,34 +116,24 @@ def _same(there: Any, member: type[Spec]) -> bool:
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
-def _family(member: type[Spec]) -> set[str]:
-    """Dotted keys of the family that a class belongs to: the one whose members share a base with it.
+def _family(member: type[Spec]) -> list[Key]:
+    """Keys of the family that a class belongs to, the shortest first: the one whose members share a base with it.
 
     More than one where members contain others of the same family.
     """
-    bases: dict[type, set[str]] = {}
-    for key, owner, name in _unions(Scenario, "", ()):
-        for known in members(owner.model_fields[name].annotation).values():
+    bases: dict[type, dict[Key, None]] = {}
+    for key in keys(Scenario):
+        for known in key.kinds.values():
             for base in known.__mro__[: known.__mro__.index(Spec)]:
-                bases.setdefault(base, set()).add(key)
+                bases.setdefault(base, {})[key] = None
     for base in member.__mro__:
-        keys = bases.get(base, set())
-        if keys and all(f"{key}.".startswith(f"{min(keys, key=len)}.") for key in keys):
-            return keys
+        family = sorted(bases.get(base, {}), key=lambda key: len(key.dotted))
+        if family and all(f"{key.dotted}.".startswith(f"{family[0].dotted}.") for key in family):
+            return family
     # A family's base declares its kind as a plain text, its members as a literal.
-    public = sorted(base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str)
-    raise ScenarioError(f"register: {member.__name__}: is of no family; derive it from one of {', '.join(public)}")
-
-
-def _unions(owner: type[Spec], prefix: str, above: tuple[type[Spec], ...]) -> Iterator[tuple[str, type[Spec], str]]:
-    """(dotted key, class, name) of every field that comes in kinds, from `owner` down."""
-    for name, field in owner.model_fields.items():
-        inner = members(field.annotation)
-        if inner and all("kind" in member.model_fields for member in inner.values()):
-            yield prefix + name, owner, name
-        for member in inner.values():
-            if member not in above:
-                yield from _unions(member, f"{prefix}{name}.", (*above, member))
+    public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
+    names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
+    raise ScenarioError(f"register: {member.__name__}: is of no family; derive it from one of {names}")
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
@@ -159,11 +159,13 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
     return seen[owner]
 
 
-def load_files(paths: tuple[Path, ...]) -> None:
-    """Run plugin files and register the members that they define. Raises `ScenarioError`."""
+def load_plugins(paths: Iterable[Path] = ()) -> None:
+    """Register the members of installed plugins, and of plugin files, each once. Raises `ScenarioError`."""
+    _load_installed()
     for path in paths:
         if (file := path.resolve()) not in _files:
-            _files[file] = _run(path)
+            with _naming(f"--plugin {path}"):
+                _files[file] = _run(path)
 
 
 def loaded_files() -> tuple[Path, ...]:
@@ -171,42 +173,42 @@ def loaded_files() -> tuple[Path, ...]:
     return tuple(_files)
 
 
+@cache
+def _load_installed() -> None:
+    for entry in installed_plugins():
+        with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
+            found = entry.load()
+            _register_all([found] if inspect.isclass(found) else vars(found).values())
+
+
+@contextmanager
+def _naming(source: str) -> Iterator[None]:
+    """Raise a `ScenarioError` that names the source for whatever goes wrong in its code."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    except (Exception, SystemExit) as error:
+        place = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
+        raise ScenarioError(f"{source}: {place}{type(error).__name__}: {error}") from error
+
+
 def _run(path: Path) -> ModuleType:
     name = f"agrobot_mj_plugin_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if not path.is_file() or spec is None or spec.loader is None:
-        raise ScenarioError(f"--plugin {path}: {'not a Python file (.py)' if path.exists() else 'no such file'}")
+        raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        for part in list(vars(module).values()):
-            if _is_member(part) and part.__module__ == name:
-                register(part)
-    except ScenarioError as error:
-        raise ScenarioError(f"--plugin {path}: {error}") from None
-    except (Exception, SystemExit) as error:
-        place = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
-        raise ScenarioError(f"--plugin {path}: {place}{type(error).__name__}: {error}") from error
+    spec.loader.exec_module(module)
+    _register_all(vars(module).values())
     return module
 
 
-def _is_member(part: Any) -> TypeGuard[type[Spec]]:
-    """Whether an object of a plugin is a class to be registered: public, with a kind, or a sensor."""
-    if not inspect.isclass(part) or part.__name__.startswith("_") or not issubclass(part, Spec):
-        return False
-    return issubclass(part, Sensor) or isinstance(getattr(part.model_fields.get("kind"), "default", None), str)
-
-
-@cache
-def load_installed() -> None:
-    """Run the entry points of installed plugins, once."""
-    for entry in entry_points(group=GROUP):
-        try:
-            found = entry.load()
-            for part in [found] if inspect.isclass(found) else vars(found).values() if inspect.ismodule(found) else []:
-                if _is_member(part) and not part.__module__.startswith("agrobot_mj."):
-                    register(part)
-        except ScenarioError as error:
-            raise ScenarioError(f"plugin {entry.name}: {error}") from None
-        except Exception as error:
-            raise ScenarioError(f"plugin {entry.name}: {type(error).__name__}: {error}") from error
+def _register_all(parts: Iterable[Any]) -> None:
+    """Register the classes among these that are members: public, with a kind, or a sensor; not the package's own."""
+    for part in list(parts):
+        if not inspect.isclass(part) or not issubclass(part, Spec) or part.__name__.startswith("_"):
+            continue
+        kind = getattr(part.model_fields.get("kind"), "default", None)
+        if (issubclass(part, Sensor) or isinstance(kind, str)) and not part.__module__.startswith("agrobot_mj."):
+            register(part)

@@ -1,18 +1,16 @@
-"""Reference of scenario files, read from the schema: kinds of every part, one key explained, a JSON schema for editors.
-
-A part's kinds may share a key, so that a dotted key can belong to several classes: its `places`.
-"""
+"""Reference of scenario files, read from the schema: kinds of parts, one key explained, a JSON schema for editors."""
 
 import json
 import re
-from collections.abc import Iterator
 from difflib import SequenceMatcher
 from functools import cache
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
+from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.walk import TableClass, keys, places
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
@@ -26,17 +24,6 @@ TYPES = {
     "boolean": "true or false",
     "null": "left out",
 }
-
-
-class TableClass(NamedTuple):
-    """A class that a table may be of."""
-
-    kinds: tuple[tuple[str, str], ...]
-    """(table, kind) of every choice that leads here."""
-    owner: type[Spec]
-    """The class."""
-    default: Spec
-    """Its values where the file says nothing."""
 
 
 class Doc(NamedTuple):
@@ -54,40 +41,13 @@ class Doc(NamedTuple):
     """Default as TOML has it."""
 
 
-def places(tables: list[str]) -> list[TableClass]:
-    """Every class that the table under these keys may be of; empty where there is no such table."""
-    found = [TableClass((), Scenario, Scenario())]
-    for depth, name in enumerate(tables):
-        found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]
-    return found
-
-
-def _inside(place: TableClass, name: str, table: str) -> Iterator[TableClass]:
-    if name not in place.owner.model_fields:
-        return
-    given = getattr(place.default, name, None)
-    for kind, owner in members(place.owner.model_fields[name].annotation).items():
-        chosen = (*place.kinds, (table, kind)) if "kind" in owner.model_fields else place.kinds
-        yield TableClass(chosen, owner, given if type(given) is owner else owner.model_construct())
-
-
 def families() -> dict[str, dict[str, type[Spec]]]:
     """Dotted key of every table that comes in kinds, with its kinds."""
     found: dict[str, dict[str, type[Spec]]] = {}
-    for key, owner, name in _fields(Scenario, "", ()):
-        kinds = members(owner.model_fields[name].annotation)
-        if kinds and all("kind" in member.model_fields for member in kinds.values()):
-            found.setdefault(key, {}).update(kinds)
+    for key in keys(Scenario):
+        if kinds := key.kinds:
+            found.setdefault(key.dotted, {}).update(kinds)
     return found
-
-
-def _fields(owner: type[Spec], prefix: str, above: tuple[type[Spec], ...]) -> Iterator[tuple[str, type[Spec], str]]:
-    """(dotted key, class, name) of every field from `owner` down."""
-    for name, field in owner.model_fields.items():
-        yield prefix + name, owner, name
-        for member in members(field.annotation).values():
-            if member not in above:
-                yield from _fields(member, f"{prefix}{name}.", (*above, member))
 
 
 def first_line(part: type[Spec]) -> str:
@@ -96,8 +56,9 @@ def first_line(part: type[Spec]) -> str:
 
 
 def kinds_text() -> str:
-    """Every kind of every part, one line each."""
+    """Every kind of every part, and every metric, one line each."""
     rows = [(key, kind, first_line(part)) for key, kinds in families().items() for kind, part in kinds.items()]
+    rows += [("metric", metric.kind, first_line(type(metric))) for metric in METRICS]
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
 
@@ -157,14 +118,14 @@ def explain_key(key: str) -> str:
     key = shortened(key)
     steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
-        return "\n".join(_keys_of("", places([])))
-    owners = [place for place in places(steps[:-1]) if steps[-1] in place.owner.model_fields] if steps else []
+        return "\n".join(_keys_of("", places(Scenario(), [])))
+    owners = [place for place in places(Scenario(), steps[:-1]) if steps and steps[-1] in place.owner.model_fields]
     if not owners:
         raise ScenarioError(f"{key}: unknown key{_nearest(key)}")
     dotted = ".".join(steps)
     if steps[-1] == "kind":
         return "\n".join([dotted, *_kinds_of(dotted.removesuffix(".kind"))])
-    if inner := places(steps):
+    if inner := places(Scenario(), steps):
         text = document(owners[0], steps[-1]).text
         return "\n".join([dotted, *_indented(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
     docs: dict[Doc, list[TableClass]] = {}
@@ -200,7 +161,8 @@ def _kinds_of(table: str) -> list[str]:
 def usual_kind(table: str) -> str | None:
     """The kind of a table that names none; None in a list, where every item must."""
     *above, last = table.split(".")
-    found = (getattr(place.default, last, None) for place in places(above) if last in place.owner.model_fields)
+    owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
+    found = (getattr(place.default, last, None) for place in owners)
     return next((kind for part in found if (kind := getattr(part, "kind", None))), None)
 
 
@@ -236,7 +198,7 @@ def _nearest(key: str) -> str:
         whole = SequenceMatcher(None, key, dotted).ratio()
         return max(whole, 0.8 * SequenceMatcher(None, key.rpartition(".")[2], dotted.rpartition(".")[2]).ratio())
 
-    known = dict.fromkeys(dotted for dotted, _, _ in _fields(Scenario, "", ()))
+    known = dict.fromkeys(key.dotted for key in keys(Scenario))
     near = sorted((dotted for dotted in known if likeness(dotted) > 0.65), key=likeness, reverse=True)[:3]
     return f"; did you mean {' or '.join(map(repr, near))}?" if near else "; `agrobot-mj explain` lists the tables"
 
@@ -245,16 +207,12 @@ def json_schema() -> dict[str, Any]:
     """JSON schema of a scenario file; a table without a kind is of the default's, as when a scenario is loaded."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
-    implied = {type(field.get_default()) for owner in _owners() for field in owner.model_fields.values()}
+    implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}
     names = {part.__name__ for part in implied}
     for name, part in schema["$defs"].items():  # two parts of one name carry their modules in front
         if "const" in part.get("properties", {}).get("kind", {}) and name.rpartition("__")[2] not in names:
             part.setdefault("required", []).append("kind")
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}
-
-
-def _owners() -> set[type[Spec]]:
-    return {owner for _, owner, _ in _fields(Scenario, "", ())}
 
 
 def _drop_titles(schema: Any) -> None:

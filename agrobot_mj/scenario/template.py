@@ -11,8 +11,9 @@ import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
-from agrobot_mj.scenario.reference import TableClass, families, first_line, places, usual_kind
+from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.walk import TableClass, places
 
 SKIPPED = ("name", "title", "version", "seed")
 """Keys of the scenario that stand in the head, or that a run writes by itself."""
@@ -40,7 +41,8 @@ def write_template(name: str) -> Path:
 
 def template(name: str) -> str:
     """Text of a scenario file for the default experiment."""
-    shown, whole = "".join(letter if letter.isprintable() else " " for letter in name).strip(), places([])[0]
+    shown = "".join(letter if letter.isprintable() else " " for letter in name).strip()
+    whole = TableClass((), Scenario, Scenario())
     lines = [HEAD.format(name=shown), f"title = {json.dumps(shown, ensure_ascii=False)}", f"seed = {Scenario().seed}"]
     for key, field in Scenario.model_fields.items():
         if not members(field.annotation) and key not in SKIPPED:
@@ -71,7 +73,7 @@ def _key(place: TableClass, name: str) -> list[str]:
 def _table(key: str) -> list[str]:
     """A table of its usual kind."""
     kind = usual_kind(key)
-    place = next(place for place in places(key.split(".")) if place.kinds[-1] == (key, kind))
+    place = next(place for place in places(Scenario(), key.split(".")) if place.kinds[-1] == (key, kind))
     lines = [*_kinds(key), f"[{key}]", f'kind = "{kind}"']
     for name, field in place.owner.model_fields.items():
         if members(field.annotation):

@@ -13,7 +13,7 @@ from threading import Thread
 from typing import TypeVar
 
 from agrobot_mj.core.interrupts import held_back
-from agrobot_mj.scenario.plugins import load_files, loaded_files
+from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
 """Pieces of work handed out per worker: one is done, one waits, so that no worker idles and memory stays bounded."""
@@ -115,7 +115,7 @@ def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Wo
 def _begin_worker(plugins: tuple[Path, ...]) -> None:
     """Start a worker: load the parent's plugins first, since its scenarios may be of their kinds."""
     _leave_signals_to_the_parent()
-    load_files(plugins)
+    load_plugins(plugins)
 
 
 def _leave_signals_to_the_parent() -> None:

@@ -7,12 +7,15 @@ import sys
 from typing import Literal
 
 import pytest
+import typer.main
 from processes import command, program
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.cli import app
 from agrobot_mj.control import GuidanceLaw
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Command
+from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.reference import families
 
 HEAD = "from typing import Literal\nfrom agrobot_mj import load_scenario, register, run\n"
@@ -181,6 +184,50 @@ def test_a_law_that_answers_with_something_else_is_told(answer, message):
     assert len(str(error.value)) < 400
 
 
+OWN_METRIC = """
+from typing import ClassVar
+from agrobot_mj.core.signals import Column
+from agrobot_mj.metrics import METRICS, Metric
+@register
+class Twice(Metric):
+    "Twice the error."
+    kind: Literal["twice"] = "twice"
+    columns: ClassVar = (Column("twice_rms", "m", "twice lateral_rms"),)
+    def evaluate(self, view):
+        return {"twice_rms": 2 * float((view.column("e_lateral") ** 2).mean() ** 0.5)}
+"""
+
+
+def test_a_metric_measures_every_run_and_is_listed(tmp_path):
+    code = """
+from agrobot_mj.scenario.reference import kinds_text
+metrics = run(load_scenario("straight_line", {"duration_s": 3, "plant.kind": "bicycle"})).metrics
+assert metrics["twice_rms"] == 2 * metrics["lateral_rms"] > 0, metrics
+assert kinds_text().splitlines()[-1].split() == ["metric", "twice", "Twice", "the", "error."]
+register(Twice)
+assert len([one for one in METRICS if one.kind == "twice"]) == 1
+"""
+    done = program(tmp_path, HEAD + OWN_METRIC + code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["twice"] = "twice"', '["progress"] = "progress"', "register: metric 'progress' is there already; choose"),
+        ("twice_rms", "xte_rms", "register: metric 'xte_rms' is there already; choose another"),
+        ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class asks for"),
+    ],
+)
+def test_a_metric_that_cannot_be_told_from_others_is_refused(tmp_path, monkeypatch, call, old, new, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(HEAD + OWN_METRIC.replace(old, new))
+    before = list(METRICS)
+    status, _, err = call("list", "--kinds", "--plugin", "own.py")
+    assert (status, before) == (2, METRICS)
+    assert message in err
+
+
 def test_docstrings_of_plugins_command_no_terminal(tmp_path):
     code = (
         HEAD
@@ -223,6 +270,17 @@ class Own(Linear):
     kind: Literal["own_tyre"] = "own_tyre"
 """,
 }
+
+
+def test_every_verb_on_scenarios_or_kinds_takes_plugins():
+    """All but those of a recording; a verb with an argument that names a scenario cannot lack the option."""
+    verbs = typer.main.get_command(app).commands
+    without = {verb for verb, made in verbs.items() if not any("--plugin" in option.opts for option in made.params)}
+    assert without == {"view", "snapshot"}
+    arguments = {
+        option.metavar for verb in without for option in verbs[verb].params if option.param_type_name == "argument"
+    }
+    assert arguments == {"FILE.rrd"}
 
 
 def test_studies_take_plugins(tmp_path):

@@ -10,11 +10,12 @@ from agrobot_mj.control import Controller
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
 from agrobot_mj.faults import Fault
-from agrobot_mj.scenario import reference
+from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.scenario.template import write_template
+from agrobot_mj.scenario.walk import keys
 from agrobot_mj.tyres import Tyre
 
 SCHEMA = json_schema()
@@ -111,12 +112,12 @@ def test_families_are_the_unions_of_the_schema():
 
 def test_the_list_of_kinds_has_a_line_for_each_with_its_docstring():
     lines = kinds_text().splitlines()
-    assert len(lines) == sum(map(len, families().values()))
+    assert len(lines) == sum(map(len, families().values())) + len(METRICS)
     (soil,) = [line for line in lines if line.startswith("plant.tyre ") and line.split()[1] == "soil"]
     assert soil.endswith(members(Tyre)["soil"].__doc__.splitlines()[0])
 
 
-ALL_KEYS = list(dict.fromkeys(key for key, _, _ in reference._fields(Scenario, "", ())))
+ALL_KEYS = list(dict.fromkeys(key.dotted for key in keys(Scenario)))
 
 
 def test_every_key_can_be_explained():

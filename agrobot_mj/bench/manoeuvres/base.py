@@ -10,11 +10,11 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Reference, Truth
-from agrobot_mj.core.spec import every, members
 from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.terrain import Flat, Ground, Terrain
-from agrobot_mj.tyres import Linear, Tyre, TyreBase
+from agrobot_mj.tyres import Linear, TyreBase
 from agrobot_mj.tyres.bearing import FIRM
 
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -123,13 +123,13 @@ class Findings(NamedTuple):
 
 def tyres() -> list[Any]:
     """A default instance of every kind of tyre on firm ground; soil that sinks has a manoeuvre of its own."""
-    found: list[Any] = [kind() for kind in every(Tyre)]
+    found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
     """The default instance of a kind of tyre."""
-    return members(Tyre)[kind]()
+    return families()["plant.tyre"][kind]()
 
 
 def force_tyres() -> list[Any]:

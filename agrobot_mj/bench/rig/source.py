@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.spec import members
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.tyres import Tyre
 
@@ -30,7 +30,7 @@ def load_specimen(source: str) -> Specimen:
 
     Raises `ScenarioError` with every fault of the input in one message.
     """
-    kinds = _kinds()
+    kinds = list(families()["plant.tyre"])
     if source in kinds:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)
     path = Path(source)
@@ -38,11 +38,6 @@ def load_specimen(source: str) -> Specimen:
         hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file)"
         raise ScenarioError(f"unknown tyre {source!r}{hint}")
     return _resolved(*_found(read_toml(path)), path.name)
-
-
-def _kinds() -> list[str]:
-    """Kinds of tyres, those of plugins among them."""
-    return list(members(Mujoco.model_fields["tyre"].annotation))
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
@@ -57,7 +52,7 @@ def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
     """The tyre resolved like a scenario's plant, so that its keys mean the same in both."""
-    tyre, known = data.pop("tyre"), ", ".join(_kinds())
+    tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
     if "kind" not in tyre:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.plugins import load_files, loaded_files
+from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.pool import AHEAD, stream
 from agrobot_mj.studies.sweep.tasks import Done, Task, failure, perform
 
@@ -75,10 +75,10 @@ def _workers(client: "Client", address: str) -> int:
 
 def _ready(plugins: tuple[Path, ...]) -> str:
     """The version of a worker, with the plugins loaded."""
-    load_files(plugins)
+    load_plugins(plugins)
     return __version__
 
 
 def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
-    load_files(plugins)  # of a worker that has joined late
+    load_plugins(plugins)  # of a worker that has joined late
     return perform(task)

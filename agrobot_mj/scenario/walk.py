@@ -1,0 +1,63 @@
+"""The walk through the schema: every key there is, and every class that the table under a key may be of.
+
+The kinds of a part may share a key, so that a dotted key can belong to several classes: its `places`.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from agrobot_mj.core.spec import Spec, members
+
+
+class Key(NamedTuple):
+    """A key of the schema."""
+
+    dotted: str
+    """Its name with those of the tables above it."""
+    owner: type[Spec]
+    """The class that has it."""
+    name: str
+    """Its own name."""
+
+    @property
+    def kinds(self) -> dict[str, type[Spec]]:
+        """The classes of its table by their kind; empty where it holds nothing that comes in kinds."""
+        tables = members(self.owner.model_fields[self.name].annotation)
+        return tables if all("kind" in table.model_fields for table in tables.values()) else {}
+
+
+class TableClass(NamedTuple):
+    """A class that a table may be of."""
+
+    kinds: tuple[tuple[str, str], ...]
+    """(table, kind) of every choice that leads here."""
+    owner: type[Spec]
+    """The class."""
+    default: Spec
+    """Its values where the file says nothing."""
+
+
+def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
+    """Every key from `owner` down; a class inside itself is entered once."""
+    for name, field in owner.model_fields.items():
+        yield Key(prefix + name, owner, name)
+        for member in members(field.annotation).values():
+            if member not in above:
+                yield from keys(member, f"{prefix}{name}.", (*above, member))
+
+
+def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
+    """Every class that the table under these keys of `root` may be of; empty where there is no such table."""
+    found = [TableClass((), type(root), root)]
+    for depth, name in enumerate(tables):
+        found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]
+    return found
+
+
+def _inside(place: TableClass, name: str, table: str) -> Iterable[TableClass]:
+    if name not in place.owner.model_fields:
+        return
+    given = getattr(place.default, name, None)
+    for kind, owner in members(place.owner.model_fields[name].annotation).items():
+        chosen = (*place.kinds, (table, kind)) if "kind" in owner.model_fields else place.kinds
+        yield TableClass(chosen, owner, given if type(given) is owner else owner.model_construct())
