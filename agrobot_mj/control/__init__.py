@@ -5,12 +5,11 @@ from typing import Annotated
 from pydantic import Field
 
 from agrobot_mj.control.agopengps import AgOpenGps
-from agrobot_mj.control.base import Guidance as GuidanceLaw
-from agrobot_mj.control.base import Situation, YawController
+from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
 from agrobot_mj.control.cmd_vel import CmdVel
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
-from agrobot_mj.control.laws import Law
+from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.learned_feedforward import LearnedFeedforward
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.nmpc import Nmpc
@@ -23,7 +22,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    Law | AgOpenGps | CmdVel | LearnedFeedforward,
+    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward,
     Field(discriminator="kind"),
 ]
 """Every guidance law, by `kind`."""

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import Guidance, Situation
+from agrobot_mj.control.base import GuidanceLaw, Situation
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import NEUTRAL_V, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
@@ -52,7 +52,7 @@ class Actuation(NamedTuple):
     """The host's own distance from its line, left positive; NaN without a line and while it is silent [m]."""
 
 
-class AgOpenGps(Guidance):
+class AgOpenGps(GuidanceLaw):
     """An outer program drives over UDP, see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"

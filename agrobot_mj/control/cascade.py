@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import isfinite, nan, radians
 from typing import Any, NamedTuple
 
-from agrobot_mj.control.base import YAW_COLUMNS, Guidance, Situation, YawCommand, YawController
+from agrobot_mj.control.base import YAW_COLUMNS, GuidanceLaw, Situation, YawCommand, YawController
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetworkState
 from agrobot_mj.core.errors import NotFiniteError
@@ -42,7 +42,7 @@ class CascadeState(NamedTuple):
     """State of the network on the speed, at rest without one."""
 
 
-class Cascade(Guidance):
+class Cascade(GuidanceLaw):
     """A law and a yaw controller; not a kind of its own."""
 
     kind: str = "cascade"

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import Guidance, Situation
+from agrobot_mj.control.base import GuidanceLaw, Situation
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import Column, Command
 from agrobot_mj.core.spec import Positive
@@ -28,7 +28,7 @@ class VelocityRequest(NamedTuple):
     """Time since it came [s]."""
 
 
-class CmdVel(Guidance):
+class CmdVel(GuidanceLaw):
     """A program drives by speed and yaw rate, see `agrobot-mj ros2`."""
 
     kind: Literal["cmd_vel"] = "cmd_vel"

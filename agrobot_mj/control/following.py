@@ -12,11 +12,11 @@ heading per metre along the heading, so that delta has the sign of kappa in reve
 
 from collections.abc import Sequence
 from math import asin, atan, cos, inf, isnan, log, nan, pi, radians, sin, sqrt, tan, tanh
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import SLOWEST_M_S, Guidance, Route, Situation
+from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Route, Situation
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.signals import Column, Command, PathPoint
@@ -39,7 +39,7 @@ LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 
 
-class Following(Guidance):
+class Following(GuidanceLaw):
     """Base of the laws that follow the path by its nearest point; a law gives `steering`."""
 
     saturation_m_s: NonNegative = 0.6
@@ -54,6 +54,7 @@ class Following(Guidance):
     """Largest angle at which it heads for a path far away [deg]. Estimate: steeper, the turn onto it is tighter."""
     compensate_steer_bias: bool = True
     """Whether a steering bias that the estimator knows is added to the command."""
+    holds_lane_change: ClassVar = True
 
     def memory(self) -> Any:
         """State of the law itself before the first tick."""

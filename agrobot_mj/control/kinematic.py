@@ -15,7 +15,7 @@ arc or on a slope unless the yaw controller integrates.
 from math import cos, sin, tanh
 from typing import ClassVar, Literal
 
-from agrobot_mj.control.base import Guidance, Situation, YawController
+from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
 from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.signals import Estimate, Reference
@@ -23,7 +23,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
 
-class CascadeLaw(Guidance):
+class CascadeLaw(GuidanceLaw):
     """Kinematic law with a yaw controller inside; the paper prints no gains."""
 
     saturation_m_s: NonNegative = 0.6
@@ -39,6 +39,7 @@ class CascadeLaw(Guidance):
     """A second network, on the speed; none when left out, which is what the paper tried."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5)}
     """Ranges in which the gains are sought."""
+    holds_lane_change: ClassVar = True
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""

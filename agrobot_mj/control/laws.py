@@ -7,7 +7,7 @@ from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
-Law = (
+InnerLaw = (
     Kinematic
     | Feedforward
     | PurePursuit

@@ -17,9 +17,9 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import Guidance, Situation, YawController
+from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
 from agrobot_mj.control.kinematic import Kinematic
-from agrobot_mj.control.laws import Law
+from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.path_network import PathInput, PathNetwork, PathNetworkState
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading
@@ -44,11 +44,11 @@ class LearnedState(NamedTuple):
     """Whether the last tick was learnt from."""
 
 
-class LearnedFeedforward(Guidance):
+class LearnedFeedforward(GuidanceLaw):
     """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
-    inner: Annotated[Law, Field(discriminator="kind")] = Kinematic()
+    inner: Annotated[InnerLaw, Field(discriminator="kind")] = Kinematic()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
     """The map and its learning."""
@@ -67,6 +67,7 @@ class LearnedFeedforward(Guidance):
     than the angle loop leaves on an arc; while the valve slews, the feedback says nothing of the map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Ranges in which the gains are sought, beside those of the yaw controller."""
+    holds_lane_change: ClassVar = True
 
     def init(self) -> LearnedState:
         """Nothing learnt."""
@@ -106,7 +107,7 @@ class LearnedFeedforward(Guidance):
         """What the inner law adds to the map [rad]."""
         return state.feedback
 
-    def using(self, controller: YawController) -> Guidance:
+    def using(self, controller: YawController) -> GuidanceLaw:
         """With the yaw controller inside the inner law, where that takes one."""
         inner = self.inner.using(controller)
         return self if inner is self.inner else self.model_copy(update={"inner": inner})

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.control.base import Guidance, Situation
+from agrobot_mj.control.base import GuidanceLaw, Situation
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -44,7 +44,7 @@ class Drive(NamedTuple):
 
 
 def drive(
-    law: Guidance,
+    law: GuidanceLaw,
     path,
     seconds: float = 40.0,
     offset: float = 0.0,

@@ -1,6 +1,7 @@
-"""Every guidance law drives both plants, with sensors and estimator, forward; those that can also in reverse."""
+"""Every guidance law drives with sensors and estimator; those that claim more hold it, in reverse too if they can."""
 
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +16,30 @@ NEEDS_CASADI = pytest.mark.skipif(
     find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
 )
 INSIDE = [kind for kind in every(Guidance) if not kind().outside]
-LAWS = [pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else []) for kind in INSIDE]
-FOLLOWING = [
-    pytest.param(kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
-    for kind in INSIDE
-    if issubclass(kind, Following)
-]
+
+
+def kinds(laws: list[Any]) -> list[Any]:
+    """Parameters of a test of these laws."""
+    return [pytest.param(law().kind, marks=[NEEDS_CASADI] if law is Nmpc else [], id=law.__name__) for law in laws]
+
+
+LAWS = kinds([law for law in INSIDE if law.holds_lane_change])
+FOLLOWING = kinds([law for law in INSIDE if issubclass(law, Following)])
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
+
+
+@pytest.mark.parametrize("kind", kinds(INSIDE))
+def test_sets_off_and_drives_a_line(kind: str) -> None:
+    keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": "bicycle", "duration_s": 20.0}
+    log = run(load_scenario("straight_line", keys))
+    assert log.outcome == "completed"
+    assert log.metrics["progress"] > 0.9
+    assert log.metrics["xte_abs_p95"] < 1.0
+    assert {c.name for c in log.scenario.guidance.columns} <= set(log.signals.column_names)
+
+
+def test_a_lane_change_is_held_by_the_laws_of_the_package() -> None:
+    assert len(LAWS) >= 7
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])

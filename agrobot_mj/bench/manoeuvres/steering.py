@@ -47,7 +47,7 @@ STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
 PHYSICS_S = 0.002
 
 
-class Law(NamedTuple):
+class ValveResponse(NamedTuple):
     """Parameters identified to one side."""
 
     dead_band_v: float
@@ -85,7 +85,7 @@ def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: fl
     return gain * swept
 
 
-def measure(plant: Any, side: int, displacement: float) -> Law:
+def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
     """Identify the valve to one side: 1 left, -1 right."""
     flows = [side * steady_rate(plant, side * v) * displacement / LITRE_PER_MINUTE for v in RAMP_V]
     gain, offset = np.polyfit(RAMP_V, flows, 1)
@@ -96,7 +96,7 @@ def measure(plant: Any, side: int, displacement: float) -> Law:
     (delay, tau, _), _ = curve_fit(
         lambda t, delay, tau, gain: step_response(t, delay, tau, gain, dead_band), t, side * (seen - seen[0]), guess
     )
-    return Law(dead_band, gain, limit, delay, tau)
+    return ValveResponse(dead_band, gain, limit, delay, tau)
 
 
 def oil_column(subject: str) -> float:
