@@ -22,7 +22,7 @@ from agrobot_mj.plants.scene import Geom, Scene
 from agrobot_mj.recording.blueprint import layout, plot_view, scenes, tiled
 from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
-from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, UNITS, Plot, Series
+from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, Plot, Series
 from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
@@ -103,7 +103,7 @@ def _values(log: Log) -> dict[str, Array]:
         else:
             values = log.column(column)
         if np.nan_to_num(values).any():
-            found[plot.path] = values * (-1 if column in NEGATED else 1) * UNITS[plot.unit]
+            found[plot.path] = values * (-1 if column in NEGATED else 1) * plot.factor
     return found
 
 

@@ -6,10 +6,11 @@ import rerun as rr
 from recorded import Recorded, replay
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.core.signals import Column
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS, blueprint
 from agrobot_mj.recording.info import running, summary
-from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, SI
+from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, reported_plots
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
 
@@ -48,6 +49,11 @@ SLOW = {
     "network/widths_2": ("deg/s2", [f"d2_{bound}_{i}" for bound in ("lower", "upper") for i in range(3)]),
 }
 """Unit and columns of plots with four points a second, all of angles."""
+SI = {
+    **{"cm": "m", "kN": "N", "%": "-", "l/min": "m3/s", "bar": "Pa"},
+    **{"deg": "rad", "deg/s": "rad/s", "deg/s2": "rad/s2"},
+}
+"""Unit of the log by unit of a plot; the others are the same."""
 LATER = {
     "estimator/nis": ("-", 1, ["position_nis"]),
     "estimator/bias": ("deg", DEG, ["steer_bias_hat"]),
@@ -239,6 +245,16 @@ def test_units_of_plots_are_those_of_the_columns(eight):
         for series in plot.series:
             if series.column in units:
                 assert units[series.column] == SI.get(plot.unit, plot.unit), series.column
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown", "factor"),
+    [("rad/s", "deg/s", DEG), ("m/s2", "m/s2", 1.0), ("N m/rad", "N m/rad", 1.0), ("deg", "deg", 1.0)],
+)
+def test_a_reported_column_of_any_unit_is_plotted(unit, shown, factor):
+    (plot,) = reported_plots([Column("own", unit, "a signal of one's own")], ())
+    assert (plot.entity, plot.names) == ("plots/reported/own", [f"own [{shown}]"])
+    assert plot.factor == pytest.approx(factor)
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])

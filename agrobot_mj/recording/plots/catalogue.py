@@ -16,16 +16,11 @@ from agrobot_mj.core.signals import WHEELS, Array, Column
 from agrobot_mj.simulation.columns import COLUMNS
 from agrobot_mj.simulation.log import Rows
 
-SI = {
-    **{"cm": "m", "kN": "N", "%": "-", "l/min": "m3/s", "bar": "Pa"},
-    **{"deg": "rad", "deg/s": "rad/s", "deg/s2": "rad/s2"},
+FACTORS = {
+    **{"cm": 100.0, "kN": 1e-3, "%": 100.0, "l/min": 6e4, "bar": 1e-5},
+    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1)},
 }
-"""Unit of the log by unit of a plot; the others are the same."""
-UNITS = {
-    **{"m": 1.0, "m/s": 1.0, "s": 1.0, "1/m": 1.0, "V": 1.0, "-": 1.0, "cm": 100.0, "kN": 1e-3, "%": 100.0},
-    **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1), "l/min": 6e4, "bar": 1e-5, "N m": 1.0},
-}
-"""Factor from the unit of the log to the unit of a plot."""
+"""Factor from the unit of the log to the unit of a plot, where they differ."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
@@ -57,6 +52,13 @@ class Plot(NamedTuple):
     """Whether the axis may end below rare values that would flatten the others."""
     steps: bool = False
     """Whether the values stay from one point to the next."""
+    as_logged: bool = False
+    """Whether the log has the values in the unit of the plot."""
+
+    @property
+    def factor(self) -> float:
+        """Factor from the unit of the log to that of the plot [-]."""
+        return 1.0 if self.as_logged else FACTORS.get(self.unit, 1.0)
 
     @property
     def entity(self) -> str:
@@ -161,9 +163,11 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
     """
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
-        _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)
+        _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)._replace(
+            as_logged=c.unit not in SHOWN_IN
+        )
         for c in table
-        if c.drawn and c.name not in known and SHOWN_IN.get(c.unit, c.unit) in UNITS
+        if c.drawn and c.name not in known
     ]
 
 

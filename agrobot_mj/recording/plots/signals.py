@@ -15,7 +15,7 @@ from rerun.components import ScalarBatch
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.recording.plots.axes import Frame, frame
-from agrobot_mj.recording.plots.catalogue import PLOTS, UNITS, Plot, derived, shown_by
+from agrobot_mj.recording.plots.catalogue import PLOTS, Plot, derived, shown_by
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
 from agrobot_mj.simulation.log import Rows
 
@@ -59,7 +59,7 @@ class Signals:
             _Lines(
                 plot,
                 np.array([known[series.column] for series in plot.series]),
-                np.array([UNITS[plot.unit] * series.sign for series in plot.series]),
+                np.array([plot.factor * series.sign for series in plot.series]),
             )
             for plot in (*PLOTS, *more)
             if shown_by(plot, known)
