@@ -1,17 +1,19 @@
 """How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`.
 
 Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
-folder named after the content of every part of the package that kernels come from, where a stale one cannot be found.
+folder named after the content of every part of the package that kernels come from, where a stale one cannot be found,
+and what is compiled from code outside the package is not kept.
 """
 
 import hashlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import config, njit, typeof, types
+from numba.core.caching import FunctionCache
 from numba.extending import overload_method
 from platformdirs import user_cache_path
 
@@ -99,11 +101,34 @@ def kernel_method(name: str) -> None:
         overload_method(shape, name, strict=False)(method)
 
 
+class _PackageCache(FunctionCache):  # type: ignore[misc]
+    """Keeps no code for records of classes from outside, which may change, and which other processes do not have."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        return None if _outside(sig) else super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if not _outside(sig):
+            super().save_overload(sig, data)
+
+
+def _outside(parts: Iterable[Any]) -> bool:
+    """Whether among these types is, at any depth, a named tuple of a class from outside the package."""
+    classes = (getattr(part, "instance_class", _PackageCache) for part in parts)
+    return not all(map(_is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
+
+
+def _is_ours(code: Any) -> bool:
+    return str(code.__module__).startswith("agrobot_mj.")
+
+
 def _compiled(function: F, **options: object) -> F:
+    compiled = njit(nogil=True, **options)(function)
     before = config.CACHE_DIR
-    try:
-        config.CACHE_DIR = str(CACHE or "")
-        compiled: F = njit(cache=CACHE is not None, nogil=True, **options)(function)
-    finally:
-        config.CACHE_DIR = before
-    return compiled
+    if CACHE is not None and not config.DISABLE_JIT and _is_ours(function):
+        try:
+            config.CACHE_DIR = str(CACHE)
+            compiled._cache = _PackageCache(function)
+        finally:
+            config.CACHE_DIR = before
+    return cast(F, compiled)

@@ -1,12 +1,14 @@
 """Kernels do without references to arrays, and can be bound to the types of their arguments."""
 
+from collections import namedtuple
+
 import numpy as np
 import pytest
 from numba import config
 from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj import load_scenario
-from agrobot_mj.core.kernels import bound, jit
+from agrobot_mj.core.kernels import CACHE, bound, jit
 from agrobot_mj.core.signals import NOMINAL, Drive
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
@@ -50,6 +52,22 @@ def test_kernels_make_no_arrays(tyre):
     bicycle = BicyclePlant(Bicycle(), s.machine, s.terrain.ground())
     bicycle.reset(s.path.at(0.0))
     assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
+
+
+@pytest.mark.skipif(CACHE is None, reason="nothing is kept")
+def test_code_for_records_from_outside_the_package_is_not_kept():
+    """Another process may lack their class, and a change of their source would go unseen."""
+
+    def kept():
+        return {file: file.read_bytes() for file in CACHE.rglob("*height_and_gradient*")}
+
+    ground = plane(0.1, -0.2, 5.0)
+    expected = bound(height_and_gradient, ground, 0.0, 0.0)(ground, 1.0, 2.0)
+    before = kept()
+    assert before
+    own = namedtuple("Own", ground._fields, module=__name__)(*ground)
+    assert bound(height_and_gradient, own, 0.0, 0.0)(own, 1.0, 2.0) == expected
+    assert kept() == before
 
 
 def test_a_bound_kernel_says_the_same():
