@@ -11,7 +11,7 @@ from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 from agrobot_mj.simulation.storage import write_log
 
 PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
-UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
+UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "m/s2", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
 
 
 def test_the_page_is_the_table():

@@ -1,5 +1,6 @@
-"""docs/plugins.md is true: its law runs from the command line and from Python, from a folder outside the package."""
+"""docs/plugins.md is true: law, tyre, sensor and metric run from a folder outside the package."""
 
+import json
 import os
 import re
 import subprocess
@@ -7,13 +8,16 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from processes import command, program
+from test_extending import PYTHON
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
 LAW, SCRIPT = re.findall(r"```python\n(.*?)```", TEXT, re.S)
-(COMMANDS,) = re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S)
+COMMANDS, OTHERS = re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S)
 (ENTRY,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
 
 
@@ -21,12 +25,15 @@ LAW, SCRIPT = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("elsewhere")
     (folder / "my_law.py").write_text(LAW, encoding="utf-8")
+    for path, block in PYTHON.items():
+        if (name := Path(path).name) in re.findall(r"`(\w+\.py)`", TEXT):
+            (folder / name).write_text(block, encoding="utf-8")
     return folder
 
 
-def python(folder, *arguments, **more):
+def python(folder, *arguments, path=(), **variables):
     """A Python process in a folder; warnings of the users' kind are errors."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *more.get("path", [])])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *map(str, path)]), **variables}
     words = [sys.executable, "-W", "error::UserWarning", *arguments]
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
@@ -40,6 +47,35 @@ def test_the_commands_of_the_page_work_and_the_run_repeats(folder):
     assert guidance == {"kind": "my_law", "ahead_m": 2.5}
     for name in ("signals.parquet", "scenario.toml"):
         assert (folder / "mine" / name).read_bytes() == (folder / "again" / name).read_bytes()
+
+
+def test_tyre_sensor_and_metric_are_plugins_as_they_stand(folder):
+    """The runs without compiled kernels, which would take longer."""
+    for line in OTHERS.splitlines():
+        driven = line.split()[1] == "run"
+        short = ["--set", "duration_s=1.5", "--set", "plant.settle_s=0.1"] if driven else []
+        plain = {"NUMBA_DISABLE_JIT": "1"} if driven else {}
+        done = python(folder, "-m", "agrobot_mj", *line.split()[1:], *short, **plain)
+        assert (done.returncode, done.stderr) == (0, ""), line
+    assert (folder / "runs" / "rig-brush" / "curves.parquet").is_file()
+    signals = {name: pq.read_table(folder / f"mine-{name}" / "signals.parquet") for name in ("brush", "accelerometer")}
+    load, aside = (signals["brush"].column(name).to_numpy() for name in ("load_fl", "fy_fl"))
+    assert 0 < np.abs(aside / load).max() < 0.7 + 0.06
+    assert signals["accelerometer"].schema.field("accelerometer").metadata[b"unit"] == b"m/s2"
+    assert json.loads((folder / "mine-comfort" / "metrics.json").read_text())["lateral_acceleration_rms"] > 0
+    assert "| lateral_acceleration_rms |" in _info(folder / "mine-comfort")
+    assert "/plots/reported/accelerometer" in {chunk.entity_path for chunk in _chunks(folder / "mine-accelerometer")}
+
+
+def _chunks(run):
+    from rerun.chunk import RrdReader
+
+    return RrdReader(str(run / "run.rrd")).stream().to_chunks()
+
+
+def _info(run):
+    """The text of a recording."""
+    return " ".join(str(chunk.to_record_batch()) for chunk in _chunks(run) if chunk.entity_path == "/info")
 
 
 def test_without_the_plugin_the_message_names_the_option(folder):
@@ -56,21 +92,52 @@ def test_the_script_of_the_page_works(folder):
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "completed\n")
 
 
-def test_an_installed_plugin_needs_no_option(folder):
-    """The distribution is a folder with metadata, as an installer leaves it."""
-    site = folder / "site"
+def installed(site, law):
+    """A distribution in a folder with metadata, as an installer leaves it, with this module `my_law`."""
     (site / "my_package").mkdir(parents=True)
     (site / "my_package" / "__init__.py").write_text("")
-    (site / "my_package" / "my_law.py").write_text(LAW, encoding="utf-8")
+    (site / "my_package" / "my_law.py").write_text(law, encoding="utf-8")
     ((group, names),) = tomllib.loads(ENTRY)["project"]["entry-points"].items()
     metadata = site / "my_package-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
     lines = [f"[{group}]", *(f"{name} = {value}" for name, value in names.items())]
     (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
-    done = python(folder, "-m", "agrobot_mj", "list", "--kinds", path=[str(site)])
+    return site
+
+
+WORKERS = """
+from agrobot_mj.scenario.reference import families
+from agrobot_mj.studies.pool import spread
+def known(kind):
+    return kind in families()["guidance"]
+if __name__ == "__main__":
+    print(*(found for _, found in spread(known, ["my_law", "your_law"], 2)))
+"""
+
+
+def test_an_installed_plugin_needs_no_option_not_even_in_workers(folder):
+    site = installed(folder / "site", LAW)
+    done = python(folder, "-m", "agrobot_mj", "list", "--kinds", path=[site])
     assert (done.returncode, done.stderr) == (0, "")
     assert re.search(r"^guidance +my_law +Pure pursuit", done.stdout, re.M)
+    (folder / "workers.py").write_text(WORKERS, encoding="utf-8")
+    done = python(folder, "workers.py", path=[site])
+    assert (done.returncode, sorted(done.stdout.split())) == (0, ["False", "True"]), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("law", "message"),
+    [
+        ("import no_such_thing", "ModuleNotFoundError: No module named 'no_such_thing'"),
+        ("raise SystemExit(3)", "SystemExit: 3"),
+        (LAW.replace("my_law", "lqr"), "register: guidance.kind 'lqr' is there already; choose another"),
+    ],
+)
+def test_a_broken_installed_plugin_is_told_by_name(tmp_path, law, message):
+    done = python(tmp_path, "-m", "agrobot_mj", "run", "straight_line", path=[installed(tmp_path / "site", law)])
+    assert (done.returncode, done.stderr) == (2, f"plugin my_law of my-package: {message}\n")
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow  # workers of a sweep know their plugin by default: tests/studies/sweep
