@@ -1,8 +1,12 @@
-"""docs/columns.md: the reference of columns and metrics, as the tables of the code have it."""
+"""References that the code has: columns and metrics in docs/columns.md, tables of numbers in docs/models.md."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
+from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from blocks import put
 
 from agrobot_mj.control import Controller, Guidance
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -13,10 +17,16 @@ from agrobot_mj.core.spec import Spec, every
 from agrobot_mj.estimation import Estimator
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
+from agrobot_mj.scenario.reference import TableClass, document
+from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
-PAGE = Path(__file__).parent.parent / "docs" / "columns.md"
+DOCS = Path(__file__).parent.parent / "docs"
+NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?(?: (\w+))?) -->")
+"""The mark of a table of numbers: `[table]`, or `[[table]]` for a list of them, and maybe a kind."""
+HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
+"""Sensors that an estimator may not be without."""
 HEAD = """# Columns of signals.parquet
 
 One row per tick of 0.05 s, float64, SI units, angles in radians; a value that does not exist in a tick is null. Each
@@ -65,6 +75,57 @@ def _section(title: str, columns: Iterable[Column]) -> str:
     return f"## {title}\n\n{markdown_table(('column', 'unit', 'what'), rows)}\n"
 
 
+class Number(NamedTuple):
+    """A key with a number and a source."""
+
+    owner: str
+    """Class that first has the key, and the key."""
+    row: tuple[str, ...]
+    """Key, default, unit, range and source."""
+
+
+def numbers_in(text: str) -> dict[str, list[Number]]:
+    """The numbers of each marked table of a page, each where it is first."""
+    marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
+    apart, tables = {table for _, _, table, _ in marks}, {}
+    for name, brackets, table, kind in marks:
+        found = [number for number in _numbers(_default(brackets, table, kind), "", table, apart)]
+        tables[name] = [number for number in found if (number.owner, number.row[1]) not in seen]
+        seen |= {(number.owner, number.row[1]) for number in found}
+    return tables
+
+
+def with_numbers(text: str) -> str:
+    """The page with its tables of numbers written again."""
+    for name, found in numbers_in(text).items():
+        rows = (number.row for number in found)
+        text = put(text, name, markdown_table(("key", "default", "unit", "range and source"), rows))
+    return text
+
+
+def _default(brackets: str, table: str, kind: str) -> Any:
+    """The part of a default scenario that a mark names."""
+    tables, item = table.split("."), {"kind": kind} if kind else {}
+    inner: Any = [item] if brackets == "[[" else item
+    data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)
+    part: Any = reduce(getattr, tables, resolve(data if "sensors" in data else HELPERS | data, "docs"))
+    return part[0] if brackets == "[[" else part
+
+
+def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
+    """Numbers with a source in a part, and in the tables within it that have neither kinds nor a mark of their own."""
+    place = TableClass((), type(part), part)
+    for key in type(part).model_fields:
+        value, doc = getattr(part, key), document(place, key)
+        if isinstance(value, Spec) and not hasattr(value, "kind") and f"{table}.{key}" not in apart:
+            yield from _numbers(value, f"{prefix}{key}.", f"{table}.{key}", apart)
+        elif doc.source and isinstance(value, int | float) and not isinstance(value, bool):
+            first = next(base for base in reversed(type(part).__mro__) if key in getattr(base, "model_fields", {}))
+            source = re.sub(r"^[Ee]stimate[:,;]? ?(?:\(([^()]*)\))?", r"\1", " ".join(doc.source.split()))
+            yield Number(f"{first.__name__}.{key}", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
+
+
 if __name__ == "__main__":
-    PAGE.write_text(reference(), encoding="utf-8")
-    print(PAGE)
+    (DOCS / "columns.md").write_text(reference(), encoding="utf-8")
+    models = DOCS / "models.md"
+    models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")

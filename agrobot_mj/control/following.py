@@ -47,9 +47,9 @@ class Following(GuidanceLaw):
     gain_per_m: Positive = 0.4
     """Slope of this correction relative to its saturation [1/m]. Estimate, that of the kinematic law."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate: a third of what tips the tractor."""
+    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time by which the feed-forward angle is taken ahead [s]. Estimate: delay and lag of the steering."""
+    """Time by which the feed-forward angle is taken ahead [s]. Estimate (0.3-0.5): the loop's own 63 % time is 0.38."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Largest angle at which it heads for a path far away [deg]. Estimate: steeper, the turn onto it is tighter."""
     compensate_steer_bias: bool = True

@@ -60,19 +60,19 @@ class Lqr(Following):
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """C_r of the rear axle [N/rad]. Estimate, that of the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
+    """tau of the closed steering loop [s]. Estimate: 0.25 on a healthy valve, 1.3 on a worn one."""
     steering_delay_s: Latency = 0.1
     """T, delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error that costs 1 [m]. Estimate."""
+    """Cross-track error that costs 1 [m]. Estimate (0.1-0.4), searched."""
     heading_deg: Positive = 3.9
-    """Heading error that costs 1 [deg]. Estimate."""
+    """Heading error that costs 1 [deg]. Estimate (3-15), searched."""
     rate_deg_s: Positive = 35.0
-    """Steering rate that costs 1 [deg/s]. Estimate."""
+    """Steering rate that costs 1 [deg/s]. Estimate (4-15 by hand), searched."""
     steer_deg: Positive = 6.0
-    """Steering angle beside the feed-forward that costs 1 [deg]. Estimate."""
+    """Steering angle beside the feed-forward that costs 1 [deg]. Estimate (3-15), searched."""
     integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error that costs 1 [m s]; none at all when null. Estimate."""
+    """Integral of the cross-track error that costs 1 [m s]; null: none. Estimate (1-5): a step dies out in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Largest angle of the integral [deg]. Estimate: holds a side slope of 20 deg."""
     tunable: ClassVar = {

@@ -71,50 +71,50 @@ class SupervisorLimits(Reporting):
     """Limits of autonomous driving; every default is an estimate of what a cautious maker would set."""
 
     max_fix_age_s: Positive = 8.0
-    """Age of the newest fix at which it stops [s]. Estimate: dead reckoning drifts by decimetres in that time."""
+    """Age of the newest fix at which it stops [s]. Estimate (2-20): after 5 in a turn it is 0.2-1 m off."""
     max_sigma_m: Positive = 1.0
-    """Estimated standard deviation of the position at which it stops [m]. Estimate."""
+    """Estimated standard deviation of the position at which it stops [m]. Estimate (0.3-2)."""
     max_cross_track_m: Positive = 2.0
-    """Cross-track error by the estimate at which it stops [m]. Estimate: a swath's width."""
+    """Cross-track error by the estimate at which it stops [m]. Estimate (0.5-3): below a swath's width."""
     max_nis: Positive = 120.0
-    """Smoothed NIS of the fixes at which it stops [-]. Estimate: an honest filter has 2, across furrows at 2.5 m/s 85;
-    a single fix counts 200 at most."""
+    """Smoothed NIS of the fixes at which it stops [-]. Estimate (30-150): an honest filter has 2, across ridges of 3 cm
+    at 2.5 m/s 85; five seconds of wild fixes, of which each counts 200 at most, make 126."""
     max_steer_mismatch_deg: Positive = 12.0
-    """Difference of commanded and measured steering angle that counts as not following [deg]. Estimate."""
+    """Difference of commanded and measured steering angle that is too much [deg]. Estimate (5-20)."""
     steer_mismatch_s: Positive = 2.0
-    """Duration of such a difference at which it stops [s]. Estimate: longest travel from stop to stop."""
+    """Duration of such a difference at which it stops [s]. Estimate (1-4): from stop to stop the valve takes 3.5."""
     max_aligning_s: Positive = 15.0
-    """Time after which it gives up aligning and stops [s]. Estimate."""
+    """Time after which it gives up aligning and stops [s]. Estimate (5-30)."""
     max_realigning_s: Positive = 4.0
-    """Time after which it gives up aligning in the middle of work [s]. Estimate: twice what a search takes."""
+    """Time after which it gives up aligning in the middle of work [s]. Estimate (3-8): a search takes 2."""
     max_overspeed: Positive = 1.25
-    """Speed over the commanded one at which it stops [-]. Estimate: the rest to 1.5 is for stopping."""
+    """Speed over the commanded one at which it stops [-]. Estimate (1.2-1.4): sound runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Duration of an overspeed at which it stops [s]. Estimate: a swing on ridges."""
+    """Duration of an overspeed at which it stops [s]. Estimate (0.2-1): a swing on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Difference of demanded and measured pedal that counts as not following [-]. Estimate."""
+    """Difference of demanded and measured pedal that is too much [-]. Estimate (0.05-0.15): a ramp's is 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Duration of such a difference at which it stops [s]. Estimate: a pedal is at its stop in half a second."""
+    """Duration of such a difference at which it stops [s]. Estimate (0.1-0.3): a pedal runs away in 0.5."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Estimate: one and a half times the pedal's."""
+    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Estimate (2-5): the pedal moves at 1.5."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Speed by which wheels may be slower than the fixes [m/s]. Estimate: an antenna that sways."""
+    """Speed by which wheels may be slower than the fixes [m/s]. Estimate (0.2-0.5): sway of the antenna."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Share of the speed of the fixes by which they may be slower besides [-]. Estimate: wheels on a bump."""
+    """Share of the speed of the fixes by which they may be slower besides [-]. Estimate (0.2-0.4): wheels on a bump."""
     wheel_lag_s: Positive = 0.3
-    """Duration of such a difference at which it stops [s]. Estimate: longer than half a swing of the antenna."""
+    """Duration of such a difference at which it stops [s]. Estimate (0.2-0.5): over half a swing of the antenna."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Estimate: lag, a worn
-    sensor."""
+    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Estimate (6-15): a worn
+    sensor, side slip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Share of the larger angle that such a difference may have besides [-]. Estimate: front wheels that slide."""
+    """Share of the larger angle beside that [-]. Estimate (0.3-0.6): front wheels slide under an implement."""
     angle_mismatch_s: Positive = 1.0
-    """Duration of such a difference at which it stops [s]. Estimate: the lag of wheels and tyres."""
+    """Duration of such a difference at which it stops [s]. Estimate (0.5-1.5): lag of wheels and tyres."""
     max_repeat_s: Positive = 0.4
-    """Time for which a moving tractor may be given one position [s]. Estimate: fixes have noise."""
+    """Time for which a moving tractor may be given one position [s]. Estimate (0.2-1): fixes have noise."""
     max_fix_drift_m: Positive = 0.4
     """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
-    Estimate: eight times the error of sound fixes."""
+    Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.03."""
 
     def monitors(self, watched: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
         """All that is watched; of several that trip at once the first gives the reason."""

@@ -64,21 +64,21 @@ class Nmpc(Following):
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
     offset_m: Positive = 0.18
-    """Cross-track error that costs 1 [m]. Estimate."""
+    """Cross-track error that costs 1 [m]. Estimate (0.05-0.2), searched."""
     heading_deg: Positive = 4.9
-    """Course error that costs 1 [deg]. Estimate."""
+    """Course error that costs 1 [deg]. Estimate (2-10), searched."""
     rate_deg_s: Positive = 32.0
-    """Steering rate that costs 1 [deg/s]. Estimate."""
+    """Steering rate that costs 1 [deg/s]. Estimate (5-25 by hand), searched."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
     offset_noise_m: Positive = 0.03
-    """Noise of the estimated cross-track error [m]. Estimate."""
+    """Noise of the estimated cross-track error [m]. Estimate: receiver and filter."""
     heading_noise_deg: Positive = 1.0
-    """Noise of the estimated heading [deg]. Estimate."""
+    """Noise of the estimated heading [deg]. Estimate: the EKF's."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """How fast b may change [deg/sqrt(s)]. Estimate: the EKF's bias comes with each arc."""
+    """How fast b may change [deg/sqrt(s)]. Estimate (0.1-1): the EKF's bias comes with each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.004
-    """How fast d may change [1/(m sqrt(s))]. Estimate: 0.3 deg of steering."""
+    """How fast d may change [1/(m sqrt(s))]. Estimate (0.001-0.01): 0.3 deg of steering."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Largest |d| [1/m]. Estimate: 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}

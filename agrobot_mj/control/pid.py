@@ -46,13 +46,13 @@ class Pid(Spec):
     """PID with a filtered derivative; units are those of the loop it serves."""
 
     kp: float = 1.0
-    """Proportional gain [output/error]. Estimate."""
+    """Proportional gain [output/error]. Estimate: tuned; an outer one of 0.25 makes the speed swing on soil."""
     ki: float = 0.0
-    """Integral gain [output/(error s)]. Estimate."""
+    """Integral gain [output/(error s)]. Estimate: tuned."""
     kd: float = 0.0
-    """Derivative gain [output s/error]. Estimate."""
+    """Derivative gain [output s/error]. Estimate: tuned."""
     derivative_filter_s: NonNegative = 0.1
-    """Time constant of the derivative's filter [s]. Estimate."""
+    """Time constant of the derivative's filter [s]. Estimate: two ticks."""
 
     def init(self) -> PidState:
         """State at rest."""
@@ -103,9 +103,9 @@ class SpeedLoop(Spec):
     """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Estimate. Without it the outer PID needs
     gains that make the speed oscillate on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
-    """Jump over the valve's dead band [V]. Estimate, below the band itself."""
+    """Jump over the valve's dead band [V]. Estimate: below the band itself, or the loop hunts."""
     tolerance: Positive = 0.005
-    """Pedal error that is not corrected [-]. Estimate."""
+    """Pedal error that is not corrected [-]. Estimate: below the potentiometer's noise."""
 
     def init(self) -> SpeedState:
         """State at rest."""
@@ -143,7 +143,7 @@ class SteeringLoop(Spec):
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
     """Angle [rad] to voltage [V]. Estimate."""
     deadband_compensation_v: NonNegative = 0.3
-    """Jump over the valve's dead band [V]. Estimate, below the band itself."""
+    """Jump over the valve's dead band [V]. Estimate: below the band itself, or the loop hunts."""
     tolerance_deg: Positive = 0.1
     """Angle error that is not corrected [deg]. Estimate, below the potentiometer's 1 deg."""
     reference_rate_deg_s: Positive | None = None

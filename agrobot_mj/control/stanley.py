@@ -27,13 +27,13 @@ class Stanley(Following):
 
     kind: Literal["stanley"] = "stanley"
     gain_per_s: Positive = 0.66
-    """k, speed towards the path per offset [1/s]. Estimate: below 1 / (4 lags) of the steering."""
+    """k, speed towards the path per offset [1/s]. Estimate (0.3-1): below 1 / (4 lags) of the steering."""
     softening_m_s: NonNegative = 0.89
-    """u_0, keeps the law calm at low speed [m/s]. Estimate."""
+    """u_0, keeps the law calm at low speed [m/s]. Estimate (0-1)."""
     yaw_damping_s: NonNegative = 0.51
-    """k_d, steering angle per yaw rate beside that of the path, forward [s]. Estimate: the lag of the steering."""
+    """k_d, steering angle per yaw rate beside the path's, forward [s]. Estimate (0.2-0.8): lag of the steering."""
     reverse_heading_gain: Positive = 1.5
-    """h, steering angle per heading error in reverse [-]. Estimate: damping 1 at 1 m/s."""
+    """h, steering angle per heading error in reverse [-]. Estimate (1-2): damping 1 at 1 m/s."""
     tunable: ClassVar = {"gain_per_s": (0.1, 2.0), "softening_m_s": (0.0, 1.0), "yaw_damping_s": (0.0, 1.5)}
     """Ranges in which the gains are sought."""
 

@@ -74,13 +74,13 @@ class Supervisor(SupervisorLimits):
     enabled: bool = True
     """Whether the supervisor acts; off in the scenarios of the paper, which has none."""
     coasting_after_s: Positive = 0.6
-    """Age of the newest fix from which the tractor counts as coasting [s]. Estimate: late and lost fixes are normal."""
+    """Age of the newest fix from which the tractor coasts [s]. Estimate (0.3-1): a few fixes are late or lost."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed at which it drives straight on until the heading is known [m/s]. Estimate."""
+    """Speed at which it drives straight on until the heading is known [m/s]. Estimate (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal goes back to neutral [1/s]. Estimate: 1.2 m/s in half a second."""
+    """Rate at which the pedal goes back to neutral [1/s]. Estimate (0.1-1): 1.2 m/s in half a second."""
     settle_s: NonNegative = 1.5
-    """Time at rest after which the run ends as stopped [s]. Estimate."""
+    """Time at rest after which the run ends as stopped [s]. Estimate (1-3)."""
 
     def init(self) -> SupervisorState:
         """Before the first tick."""

@@ -115,7 +115,7 @@ class EkfBias(PoseEstimator):
     turning_velocity: bool = True
     """Whether the velocity belief turns with the yaw from tick to tick: without a fix the speed holds in a bend."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Estimate (0.05-0.4): a degree in half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Standard deviation of the bias at the start [deg]. Estimate: the potentiometer's resolution."""
     gnss_correlated_fraction: Fraction = 0.3

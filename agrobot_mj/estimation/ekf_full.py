@@ -61,7 +61,7 @@ class EkfFull(StateEstimator):
     terrain_compensation: bool = False
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
-    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate: noise of the IMU against lag."""
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate (0-0.2): noise against lag."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis that the gyro is believed to have; one of the `body` is levelled by roll and pitch, with compensation."""
     imu_wander_sigma_deg: NonNegative = 0.2
@@ -76,13 +76,13 @@ class EkfFull(StateEstimator):
     gnss_correlation_time_s: Positive = 30.0
     """Believed correlation time of that part [s]. Estimate, the receiver's."""
     gnss_float_sigma_m: Positive = 0.3
-    """Believed error of a float solution, per axis [m]. Estimate."""
+    """Believed error of a float solution, per axis [m]. Estimate: the receiver's."""
     gnss_float_correlated_fraction: Fraction = 0.9
     """Believed share of the correlated part in the variance of a float solution [-]. Estimate, the receiver's."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Believed correlation time of that part [s]. Estimate: the receiver's, and jumps between ambiguities."""
+    """Believed correlation time of that part [s]. Estimate: half the receiver's, for the jumps between ambiguities."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Believed error of the GNSS velocity, per axis [m/s]. Estimate."""
+    """Believed error of the GNSS velocity, per axis [m/s]. Estimate: the receiver's."""
     heading_sigma_deg: Positive = 0.25
     """Believed error of the heading from two antennas [deg]. Estimate, the sensor's (4 mm over a metre)."""
     gyro_sigma_deg_s: Positive = 0.1
@@ -90,33 +90,33 @@ class EkfFull(StateEstimator):
     wheel_sigma_m_s: Positive = 0.02
     """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
     steer_sigma_deg_s: Positive = 1.0
-    """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate: tyres lag in a bend."""
+    """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate (0.5-3): lag of tyres."""
     rear_compliance_deg_s2_m: NonNegative = 0.8
-    """Sideslip of R per specific side force [deg s2/m]. Estimate: rear mass over cornering stiffness, firm ground."""
+    """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.8-1, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Estimate: sway."""
+    """Random walk of the position [m/sqrt(s)]. Estimate (0.002-0.01): sway."""
     yaw_walk_deg_rt_s: Positive = 0.04
-    """Random walk of the heading: sideslip that is not modelled [deg/sqrt(s)]. Estimate."""
+    """Random walk of the heading: sideslip beyond the model [deg/sqrt(s)]. Estimate (0.03-0.1); gyro alone 0.02."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Estimate (pedal)."""
+    """Random walk of the speed [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (steering)."""
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (1-10): steering at its rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
     """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
     sideslip_walk_deg_rt_s: Positive = 0.1
     """Random walk of the sideslip beyond the modelled one, with two antennas [deg/sqrt(s)]. Estimate, as the bias of
     the steering."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Estimate: half a turn across a slope changes it by a degree."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Estimate (0.05-0.4): a degree in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate: slip changes with the ground."""
+    """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate (0.0005-0.003): slip by ground."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.01
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
     turn_offset_walk_m_rt_s: Positive = 0.003
     """Random walk of the offset of the turn [m/sqrt(s)]. Estimate: a field's firm and tilled parts."""
     turn_offset_m: float = -0.015
-    """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate, firm ground:
-    the rear tyres' own resistance to turning."""
+    """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate: -0.02 to
+    -0.01 on firm ground, 0.1 under a pull, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
     """Random walk of the wheel speed's relative error per specific force of gravity along the ground [s2/m/sqrt(s)].
     Estimate: slip that climb alone does not explain."""
@@ -125,20 +125,20 @@ class EkfFull(StateEstimator):
     calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s; 0 for
     a tractor without one."""
     slip_s2_m: NonNegative = 0.0175
-    """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate, firm ground."""
+    """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate: firm ground; more on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of that slip [s2/m/sqrt(s)]. Estimate: changes with soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.12
     """Standard deviation of the compliance at the start [deg s2/m]. Estimate: firm ground, level to steep."""
     initial_turn_offset_sigma_m: Positive = 0.12
-    """Standard deviation of the offset of the turn at the start [m]. Estimate: firm ground; deep ruts have 0.35,
-    and a broader start costs a loss in the first bend twice as much."""
+    """Standard deviation of the offset of the turn at the start [m]. Estimate: 0.05 for firm ground alone, 0.2 for deep
+    ruts; broader costs a loss in the first bend twice as much."""
     initial_slip_sigma_s2_m: Positive = 0.005
     """Standard deviation of the slip on a climb at the start [s2/m]. Estimate: firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the position given to `init` [m]. Estimate."""
+    """Standard deviation of the position given to `init` [m]. Estimate: a fix or two."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
-    """Standard deviation of the gyro's bias at the start [deg/s]. Estimate."""
+    """Standard deviation of the gyro's bias at the start [deg/s]. Estimate (0.1-1): a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
     """Standard deviation of the sideslip beyond the model at the first heading [deg]. Estimate: crab on 10-15 deg."""
     initial_steer_bias_sigma_deg: Positive = 1.0
@@ -148,13 +148,13 @@ class EkfFull(StateEstimator):
     initial_yaw_error_deg: float = 0.0
     """Error put on the heading given to `init`, to see it found [deg]."""
     gate_sigma: Positive = 5.0
-    """Innovation above which a fix is improbable, in standard deviations [-]. Estimate."""
+    """Innovation above which a fix is improbable, in standard deviations [-]. Estimate (4-6)."""
     gate_position_m: NonNegative = 0.25
     """Innovation of the position that is never refused [m]. Estimate: sway of the antenna by 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
     """Innovation of the velocity that is never refused [m/s]. Estimate: sway of the antenna at 15 deg/s."""
     gate_patience_s: Positive = 2.0
-    """Time of refusals in a row after which the filter restarts from the fixes [s]. Estimate."""
+    """Time of refusals in a row after which the filter restarts from the fixes [s]. Estimate (1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:

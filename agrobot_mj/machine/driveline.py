@@ -31,17 +31,17 @@ class Driveline(Spec):
     """Driveline, from the voltage of the pedal valve to the rear wheels."""
 
     pedal_dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.30
-    """Half width of the dead band about neutral [V]. Estimate."""
+    """Half width of the dead band about neutral [V]. Estimate (0.2-0.6)."""
     pedal_rate_per_v_s: Positive = 0.50
-    """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate."""
+    """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate (0.3-1)."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """Largest pedal rate [1/s]. Estimate."""
+    """Largest pedal rate [1/s]. Estimate: full travel in 0.5-2 s."""
     pedal_return_per_s: Positive = 2.0
     """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Estimate (1-4)."""
     full_speed_m_s: Positive = 5.0
-    """Rim speed at full pedal [m/s]. Estimate."""
+    """Rim speed at full pedal [m/s]. Estimate: 15-25 km/h in the high range of the class."""
     pump_time_constant_s: Positive = 0.30
-    """Displacement lag of the hydrostat [s]. Estimate."""
+    """Displacement lag of the hydrostat [s]. Estimate (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
     """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when left out it
     follows from mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground [N m]."""

@@ -43,15 +43,15 @@ class Valve(Spec):
     """The electro-hydraulic proportional valve and its pump."""
 
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
-    """Transport delay, rounded to physics steps [s]. Estimate."""
+    """Transport delay, rounded to physics steps [s]. Estimate (0.1-0.3 in the literature)."""
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
-    """Spool lag [s]. Estimate."""
+    """Spool lag [s]. Estimate (0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
-    """Half width of the dead band about neutral [V]. Estimate (3.3 % of the range per side)."""
+    """Half width of the dead band about neutral [V]. Estimate: 3.3 % of the range per side; 3-10 % published."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate."""
+    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate: 4 V beyond it ask for all the flow."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side of the cylinder."""
+    """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side, 10-20 % less."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
@@ -76,11 +76,11 @@ class Cylinder(Spec):
     """The steering cylinder, seen at the bicycle's virtual wheel."""
 
     bore_mm: Positive = 63.0
-    """Bore of the cylinder [mm]. Estimate."""
+    """Bore of the cylinder [mm]. Estimate (50-70 for the class)."""
     rod_mm: Positive = 25.0
-    """Diameter of the rod [mm]. Estimate; the mean of both piston areas counts."""
+    """Diameter of the rod [mm]. Estimate (20-32); the mean of both piston areas counts."""
     arm_m: Positive = 0.155
-    """Mean lever arm about the kingpins [m]. Estimate."""
+    """Mean lever arm about the kingpins [m]. Estimate (0.12-0.18): with the bore it sets the steering rate."""
     relief_pressure_bar: Positive | None = None
     """Pressure at which the relief valve opens [bar]. When left out three times what turns the standing wheels."""
     stiffness_n_m_rad: Positive | None = None

@@ -68,11 +68,11 @@ class FigureEight(Transitions, ReferencePath):
     straight_m: Positive = 28.0
     """Length of each straight, without its clothoids [m]; estimate: 119.7 s a turn with the other defaults."""
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Estimate."""
+    """Time over which the speed rises from rest; 0: at once [s]. Estimate (2-6): what a driver takes."""
     run_in_m: NonNegative = 14.0
-    """Way to the crossing before the first turn begins, at most half a straight [m]. Estimate."""
+    """Way to the crossing before the first turn begins, at most half a straight [m]. Estimate: up to speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
-    """How often to go round [-]; paper."""
+    """How often to go round [-]. Paper."""
 
     @model_validator(mode="after")
     def _run_in_fits(self) -> Self:

@@ -35,19 +35,19 @@ class Parallel(Transitions, Timed):
     length_m: Positive = 100.0
     """Length of a pass [m]; estimate: a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
-    """Working width: from each pass to its neighbour [m]. Estimate: implements of compact tractors."""
+    """Working width: from each pass to its neighbour [m]. Estimate (1.5-2.5): implements of compact tractors."""
     count: Count = 4
     """Number of passes [-]; estimate: a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of the turns between close passes: left for later (`u`), a bulb, or three arcs with a piece in reverse."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Estimate: 25 deg of steering, half of what the tractor has."""
+    """Radius of all arcs of a turn [m]. Estimate (2.5-4): 25 deg of steering, half of what there is."""
     turn_speed_m_s: Speed = 1.0
-    """Largest speed in a turn [m/s]. Estimate: what a driver takes."""
+    """Largest speed in a turn [m/s]. Estimate (0.7-1.2): what a driver takes."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp of a `k` turn [s]. Estimate: to change gear and turn the wheels."""
+    """Standstill at each cusp of a `k` turn [s]. Estimate (1-4): to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Beginning of each pass that `passes_s` leaves out, at most half a pass [m]. Estimate: until it has swung in."""
+    """Beginning of each pass left out of `passes_s`, at most half of it [m]. Estimate (10-30): it has swung in."""
     start_x_m: Coordinate = 0.0
     """Start of the first pass, east [m]."""
     start_y_m: Coordinate = 0.0

@@ -105,9 +105,9 @@ class Timed(ReferencePath):
     speed_m_s: Speed = 1.2
     """Largest speed of the reference [m/s]; estimate: as the paper's figure 8."""
     acceleration_m_s2: Acceleration = 0.3
-    """Largest change of speed, from rest at the start [m/s2]. Estimate: what a driver takes."""
+    """Largest change of speed, from rest at the start [m/s2]. Estimate (0.2-0.5): what a driver takes."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Largest speed squared times curvature: it slows down in bends [m/s2]. Estimate: comfort on a tractor."""
+    """Largest speed squared times curvature: it slows down in bends [m/s2]. Estimate (0.3-1): comfort."""
 
     reads_file: ClassVar[bool] = False
     """Whether the course comes from a file: such a path is checked by `check`, not when it is made."""

@@ -29,7 +29,7 @@ class Bumps(Generated):
 
     kind: Literal["bumps"] = "bumps"
     height_m: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Height of a bump; negative for a pit [m]. Estimate: a clod or a stone; 0.05-0.2."""
+    """Height of a bump; negative for a pit [m]. Estimate (0.05-0.2: a clod, a stone; pits and ruts to -0.3)."""
     length_m: Positive = 1.0
     """Length of a bump along its heading [m]. Estimate: 0.5-2."""
     width_m: Positive = 0.8
@@ -46,7 +46,7 @@ class Bumps(Generated):
     heading_deg: float = 0.0
     """Direction of a row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Distance between the centres of a row [m]. Estimate: 2-10."""
+    """Distance between the centres of a row [m]. Estimate (2-10); 1.4 lifts both axles at once."""
     stagger_m: float = 0.0
     """Distance by which every second bump of a row is shifted to the left [m]; wheels alternate."""
     seed: Annotated[int, Field(ge=0)] = 1

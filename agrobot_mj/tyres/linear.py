@@ -49,19 +49,21 @@ class Linear(TyreBase):
 
     kind: Literal["linear"] = "linear"
     front_cornering_stiffness_n_rad: Positive = 7_400.0
-    """C_alpha of one front tyre [N/rad]. Estimate: [GeeCloughSommer1981] at 1200 kPa cone index."""
+    """C_alpha of one front tyre [N/rad]. Estimate (5.0e3-9.3e3 from 450 to 1800 kPa cone index): 1200 by
+    [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
-    """C_alpha of one rear tyre [N/rad]. Estimate: as the front."""
+    """C_alpha of one rear tyre [N/rad]. Estimate (8.9e3-20e3), likewise."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Force over slip ratio, one front tyre [N]. Estimate: about 10 times the load."""
+    """Force over slip ratio, one front tyre [N]. Estimate: about 10 times the load, 5-15."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Force over slip ratio, one rear tyre [N]. Estimate: about 10 times the load."""
+    """Force over slip ratio, one rear tyre [N]. Estimate: about 10 times the load, 5-15."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate (0.4-2)."""
+    """Relaxation length over free radius [-]. Estimate (0.4-2; no measurement of a small tractor tyre found)."""
     rolling_resistance: NonNegative = 0.0
-    """Rolling resistance moment over load and rolling radius [-]. None, as in the bicycle; in the field 0.045-0.07."""
+    """Rolling resistance moment over load and rolling radius [-]. Estimate: none; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, shorter in proportion [s]. Estimate."""
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Estimate
+    (0.005-0.05)."""
 
     def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Stiffnesses that are not those of tyres under these loads."""

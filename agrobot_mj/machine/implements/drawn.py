@@ -39,25 +39,25 @@ class Drawn(ImplementBase):
     mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
     """Mass of the implement with its wheels and load [kg]. Estimate (300-1000 for the class)."""
     cg_behind_m: Length = 1.75
-    """Distance of its centre of mass behind the hitch [m]. Estimate: an eighth of the weight on the drawbar."""
+    """Distance of its centre of mass behind the hitch [m]. Estimate: 5-20 % of the weight on the drawbar."""
     cg_height_m: Length = 0.65
-    """Height of its centre of mass above level ground [m]. Estimate."""
+    """Height of its centre of mass above level ground [m]. Estimate (0.5-1)."""
     length_m: Length = 1.8
-    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Estimate."""
+    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Estimate (1.5-3)."""
     width_m: Length = 1.1
-    """Width of its body [m]. Estimate."""
+    """Width of its body [m]. Estimate (1-1.5)."""
     height_m: Length = 0.6
-    """Height of its body [m]. Estimate."""
+    """Height of its body [m]. Estimate (0.4-1)."""
     axle_behind_m: Length = 2.0
-    """Distance of its axle behind the hitch [m]. Estimate."""
+    """Distance of its axle behind the hitch [m]. Estimate (1.5-3)."""
     track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
-    """Track width [m]. Estimate."""
+    """Track width [m]. Estimate (1-1.5)."""
     wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
     """Free radius of a wheel [m]. Estimate, size 10.0/75-15 or so."""
     wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
-    """Section width of a tyre [m]. Estimate."""
+    """Section width of a tyre [m]. Estimate, size 10.0/75-15 or so."""
     wheel_mass_kg: Positive = 20.0
-    """Mass of one wheel [kg]. Estimate."""
+    """Mass of one wheel [kg]. Estimate (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one tyre [N/m]. When left out it follows from static load and radius: 1.8e5 here."""
     tyre_damping_n_s_m: NonNegative | None = None
