@@ -89,9 +89,11 @@ def numbers_in(text: str) -> dict[str, list[Number]]:
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, {}
     for name, brackets, table, kind in marks:
-        found = [number for number in _numbers(_default(brackets, table, kind), "", table, apart)]
-        tables[name] = [number for number in found if (number.owner, number.row[1]) not in seen]
-        seen |= {(number.owner, number.row[1]) for number in found}
+        tables[name] = list[Number]()
+        for number in _numbers(_default(brackets, table, kind), "", table, apart):
+            if (number.owner, number.row[1]) not in seen:
+                tables[name].append(number)
+                seen.add((number.owner, number.row[1]))
     return tables
 
 
@@ -121,7 +123,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
             yield from _numbers(value, f"{prefix}{key}.", f"{table}.{key}", apart)
         elif doc.source and isinstance(value, int | float) and not isinstance(value, bool):
             first = next(base for base in reversed(type(part).__mro__) if key in getattr(base, "model_fields", {}))
-            source = re.sub(r"^[Ee]stimate[:,;]? ?(?:\(([^()]*)\))?", r"\1", " ".join(doc.source.split()))
+            source = re.sub(r"^[Ee]stimate[:,;]? ?(?:\(([^()]*)\))?", r"\1", doc.source)
             yield Number(f"{first.__name__}.{key}", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
 
 

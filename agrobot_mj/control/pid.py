@@ -46,13 +46,13 @@ class Pid(Spec):
     """PID with a filtered derivative; units are those of the loop it serves."""
 
     kp: float = 1.0
-    """Proportional gain [output/error]. Estimate: tuned; an outer one of 0.25 makes the speed swing on soil."""
+    """Proportional gain [output/error]. Estimate: tuned."""
     ki: float = 0.0
     """Integral gain [output/(error s)]. Estimate: tuned."""
     kd: float = 0.0
     """Derivative gain [output s/error]. Estimate: tuned."""
     derivative_filter_s: NonNegative = 0.1
-    """Time constant of the derivative's filter [s]. Estimate: two ticks."""
+    """Time constant of the derivative's filter [s]. Estimate: a tick or two."""
 
     def init(self) -> PidState:
         """State at rest."""
@@ -100,7 +100,7 @@ class SpeedLoop(Spec):
     inner: Pid = Pid(kp=6.0)
     """Pedal [-] to voltage [V]. Estimate."""
     feedforward_s_m: NonNegative = 0.2
-    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Estimate. Without it the outer PID needs
+    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Estimate: without it the outer PID needs
     gains that make the speed oscillate on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
     """Jump over the valve's dead band [V]. Estimate: below the band itself, or the loop hunts."""

@@ -49,7 +49,7 @@ class Valve(Spec):
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
     """Half width of the dead band about neutral [V]. Estimate: 3.3 % of the range per side; 3-10 % published."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate: 4 V beyond it ask for all the flow."""
+    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate: 4 V of it ask for all the flow."""
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side, 10-20 % less."""
     pump_flow_l_min: Positive = 12.0

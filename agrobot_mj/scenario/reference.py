@@ -14,7 +14,7 @@ from agrobot_mj.scenario.walk import TableClass, keys, places
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
-SOURCE = re.compile(r"(?:^|(?<=\. )|(?<=; ))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
+SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
 """Start of the source in a description."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
@@ -68,10 +68,10 @@ def document(place: TableClass, name: str) -> Doc:
     text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
     if source:
-        text = text[: source.start()].rstrip(" ;,.") + "."
+        text = text[: source.start()].rstrip(" ;,.\n") + "."
     units = [unit for unit in re.findall(r"\[([^\[\]]+)\]", text) if not CITATION.fullmatch(unit)]
     default = _as_toml(getattr(place.default, name)) if hasattr(place.default, name) else "required"
-    return Doc(text, units[0] if units else "", source[1].rstrip(".") if source else "", kind, default)
+    return Doc(text, units[0] if units else "", " ".join(source[1].split()).rstrip(".") if source else "", kind, default)
 
 
 def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
