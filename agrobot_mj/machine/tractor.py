@@ -1,7 +1,7 @@
 """The tractor in numbers: a compact tractor of the CNH TZ25DA class.
 
 `models/tractor.xml` holds the same numbers for MuJoCo's own viewer; a test compares the two. Everything marked
-*estimate* is ours, chosen inside ranges that `docs/models.md` names.
+*estimate* is ours, chosen inside the range that it states.
 """
 
 from math import radians, sqrt

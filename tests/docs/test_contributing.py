@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names the Makefile's verbs and the folders of the tree: all of them, and no others."""
+"""CONTRIBUTING.md names verbs that the Makefile has, and all folders of the tree, and no others."""
 
 import re
 import subprocess
@@ -25,14 +25,14 @@ def tracked_folders():
     return {file.partition("/")[0] for file in files if "/" in file and not file.startswith(".")}
 
 
-def test_verbs_are_those_of_the_makefile():
+def test_verbs_that_it_names_are_those_of_the_makefile():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
     assert sorted(verbs) == sorted(phony.split())
-    listed = first_cells("make ([a-z-]+)")
-    assert sorted(listed) == sorted(verbs)
-    assert set(re.findall(r"`make ([a-z-]+)", TEXT)) <= set(listed)
+    named = set(re.findall(r"`make ([a-z-]+)", TEXT))
+    assert {"help", "install", "check", "test", "reference"} <= named
+    assert named <= set(verbs)
 
 
 def test_folders_of_the_tree_are_listed():

@@ -36,7 +36,8 @@ def test_the_tables_are_those_of_the_code():
 
 
 def test_every_estimate_has_a_row():
-    assert not estimates(Scenario) - {number.owner for number in NUMBERS}
+    missing = estimates(Scenario) - {number.owner for number in NUMBERS}
+    assert not missing, "mark a table on the page, as `<!-- numbers of [table] kind -->`, and run `make reference`"
 
 
 def test_every_row_says_its_range_or_its_source():
