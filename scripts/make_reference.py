@@ -23,8 +23,8 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 DOCS = Path(__file__).parent.parent / "docs"
-NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?(?: (\w+))?) -->")
-"""The mark of a table of numbers: `[table]`, or `[[table]]` for a list of them, and maybe a kind."""
+NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
+"""The mark of a table of numbers: `[table]`, or `[[table]]` for a list of them, and its kinds if it has some."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
 """Sensors that an estimator may not be without."""
 HEAD = """# Columns of signals.parquet
@@ -80,6 +80,8 @@ class Number(NamedTuple):
 
     owner: str
     """Class that first has the key, and the key."""
+    kind: str
+    """Kind of its table, empty where there are none."""
     row: tuple[str, ...]
     """Key, default, unit, range and source."""
 
@@ -87,21 +89,23 @@ class Number(NamedTuple):
 def numbers_in(text: str) -> dict[str, list[Number]]:
     """The numbers of each marked table of a page, each where it is first."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
-    apart, tables = {table for _, _, table, _ in marks}, {}
-    for name, brackets, table, kind in marks:
-        tables[name] = list[Number]()
-        for number in _numbers(_default(brackets, table, kind), "", table, apart):
-            if (number.owner, number.row[1]) not in seen:
-                tables[name].append(number)
-                seen.add((number.owner, number.row[1]))
+    apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
+    for name, brackets, table, kinds in marks:
+        tables[name] = []
+        for kind in kinds.split() or [""]:
+            for number in _numbers(_default(brackets, table, kind), "", table, apart):
+                if (number.owner, number.row[1]) not in seen:
+                    tables[name].append(number._replace(kind=kind))
+                    seen.add((number.owner, number.row[1]))
     return tables
 
 
 def with_numbers(text: str) -> str:
     """The page with its tables of numbers written again."""
     for name, found in numbers_in(text).items():
-        rows = (number.row for number in found)
-        text = put(text, name, markdown_table(("key", "default", "unit", "range and source"), rows))
+        several = len({number.kind for number in found}) > 1
+        heads = ("kind",) * several + ("key", "default", "unit", "range and source")
+        text = put(text, name, markdown_table(heads, ((f"`{n.kind}`",) * several + n.row for n in found)))
     return text
 
 
@@ -124,7 +128,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
         elif doc.source and isinstance(value, int | float) and not isinstance(value, bool):
             first = next(base for base in reversed(type(part).__mro__) if key in getattr(base, "model_fields", {}))
             source = re.sub(r"^[Ee]stimate[:,;]? ?(?:\(([^()]*)\))?", r"\1", doc.source)
-            yield Number(f"{first.__name__}.{key}", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
+            yield Number(f"{first.__name__}.{key}", "", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
 
 
 if __name__ == "__main__":

@@ -71,7 +71,8 @@ def document(place: TableClass, name: str) -> Doc:
         text = text[: source.start()].rstrip(" ;,.\n") + "."
     units = [unit for unit in re.findall(r"\[([^\[\]]+)\]", text) if not CITATION.fullmatch(unit)]
     default = _as_toml(getattr(place.default, name)) if hasattr(place.default, name) else "required"
-    return Doc(text, units[0] if units else "", " ".join(source[1].split()).rstrip(".") if source else "", kind, default)
+    origin = " ".join(source[1].split()).rstrip(".") if source else ""
+    return Doc(text, units[0] if units else "", origin, kind, default)
 
 
 def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
