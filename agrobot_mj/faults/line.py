@@ -81,7 +81,7 @@ class Delayed(LineFault):
 
     kind: Literal["valve_delay", "pedal_valve_delay"]
     delay_s: Latency = 0.5
-    """Delay on top of the valve's own, whole ticks [s]. Estimate (0.2-1)."""
+    """Delay on top of the valve's own, whole ticks [s]. Estimate (0.2-1: cold oil, a loaded bus)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal."""

@@ -69,7 +69,7 @@ class SoftTyre(Scripted):
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
     """Remaining share of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
     rolling_share: Scale = 1.6
-    """Rolling resistance over that of the healthy tyre [-]. Estimate: inversely as the root of the pressure."""
+    """Rolling resistance over that of the healthy tyre [-]. Estimate (1-2.5): inversely as the pressure's root."""
 
     @property
     def subject(self) -> str:
@@ -92,9 +92,9 @@ class Payload(Scripted):
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass, negative for ballast taken away [kg]. Estimate: a tank or a crate on a compact tractor (50-300)."""
+    """Mass, negative for ballast taken away [kg]. Estimate (50-300, a tank; -100-0, front weights off)."""
     ahead_m: Metres = -0.6
-    """Distance ahead of the rear axle [m]. Estimate: on the three-point linkage."""
+    """Distance ahead of the rear axle [m]. Estimate: three-point linkage; front loader 2.2, front weights 1.7."""
     left_m: Metres = 0.0
     """Distance to the left of the middle [m]."""
     up_m: NonNegative = 0.7
@@ -126,9 +126,9 @@ class Drawbar(Scripted):
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Estimate: a fifth of the weight, a light cultivator (500-3000)."""
+    """Mean pull [N]. Estimate (500-3000): a fifth of the weight, a light cultivator; grip ends near 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation over the mean [-]. None by default; in soil 0.1-0.3, estimate."""
+    """Standard deviation over the mean [-]. Estimate: none; in soil 0.1-0.3."""
     noise_time_s: Positive = 0.5
     """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""
 
@@ -152,9 +152,9 @@ class SideForce(Scripted):
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
     """Mean force to the left [N]. Estimate: wind of 15 m/s on 2 m2; side draught up to 1000."""
     gust_share: Spread = 0.0
-    """Standard deviation over the mean [-]. None by default; wind 0.2-0.5, estimate."""
+    """Standard deviation over the mean [-]. Estimate: none; wind 0.2-0.5."""
     gust_time_s: Positive = 2.0
-    """Correlation time of the gusts [s]. Estimate."""
+    """Correlation time of the gusts [s]. Estimate (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
         """Gusts, from their steady state on."""

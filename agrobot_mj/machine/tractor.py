@@ -72,33 +72,33 @@ class TractorParameters(Spec):
     """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`."""
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
-    """Wheelbase L, front to rear axle [m]. Estimate."""
+    """Wheelbase L, front to rear axle [m]. Estimate (1.4-1.6 for the class)."""
     track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
-    """Track width between the wheels' centre planes, both axles [m]. Estimate."""
+    """Track width between the wheels' centre planes, both axles [m]. Estimate (0.9-1.1, adjustable)."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
     """Mass m of the complete tractor, ready to work [kg]. Estimate (700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Static share of weight on the front axle [-]. Published range for tractors 0.35-0.40."""
+    """Static share of weight on the front axle [-]. Estimate: 0.35-0.40 is published for tractors."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
-    """Height of the CG above level ground at static load [m]. Estimate."""
+    """Height of the CG above level ground at static load [m]. Estimate (0.5-0.7, with the rollbar)."""
     yaw_inertia_kg_m2: Positive = 400.0
-    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Estimate (350-450)."""
+    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Estimate (350-450; gyration 0.73 m)."""
     roll_inertia_kg_m2: Positive = 120.0
-    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Estimate."""
+    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Estimate (80-160; gyration 0.40 m)."""
     pitch_inertia_kg_m2: Positive = 340.0
-    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Estimate."""
+    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Estimate (280-400; gyration 0.67 m)."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
     """Free radius of a front wheel [m]. Estimate, 6-12 class tyre."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
     """Free radius of a rear wheel [m]. Estimate, 9.5-16 class tyre."""
     front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
-    """Section width of a front tyre [m]. Estimate."""
+    """Section width of a front tyre [m]. Estimate, 6-12 class tyre."""
     rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
-    """Section width of a rear tyre [m]. Estimate."""
+    """Section width of a rear tyre [m]. Estimate, 9.5-16 class tyre."""
     front_wheel_mass_kg: Positive = 18.0
-    """Mass of one front wheel with its tyre [kg]. Estimate."""
+    """Mass of one front wheel with its tyre [kg]. Estimate (12-25)."""
     rear_wheel_mass_kg: Positive = 45.0
-    """Mass of one rear wheel with its tyre [kg]. Estimate."""
+    """Mass of one rear wheel with its tyre [kg]. Estimate (30-60, no ballast)."""
     front_tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one front tyre [N/m]. When left out it follows from static load and radius: 1.2e5 here."""
     rear_tyre_stiffness_n_m: Positive | None = None

@@ -36,7 +36,7 @@ class WheelSpeed(SpeedSensor):
     column = Column("wheel_speed", "m/s", "speed of the driven wheels from their sensor")
 
     sigma_m_s: NonNegative = 0.02
-    """White noise of a reading [m/s]. Estimate: 1-3 cm/s, pulses within a tick."""
+    """White noise of a reading [m/s]. Estimate (0.01-0.03: pulses within a tick)."""
     scale_error: float = 0.02
     """Constant relative error: believed over true radius, less one [-]. Estimate (0-0.05: wear, pressure)."""
     slip_sigma: NonNegative = 0.002
@@ -63,7 +63,7 @@ class RadarSpeed(SpeedSensor):
     column = Column("radar_speed", "m/s", "ground speed from the radar, never negative")
 
     sigma_m_s: NonNegative = 0.03
-    """White noise of a reading [m/s]. Estimate: 2-5 cm/s, the width of the Doppler spectrum over a tick."""
+    """White noise of a reading [m/s]. Estimate (0.02-0.05: width of the Doppler spectrum over a tick)."""
     scale_error: float = 0.01
     """Constant relative error [-]. Estimate (0-0.03: the angle at which it is mounted)."""
     ground_sigma: NonNegative = 0.01

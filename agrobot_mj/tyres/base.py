@@ -212,11 +212,11 @@ class CarcassTyre(TyreBase):
 
     carcass_lateral: CarcassShare = 0.45
     """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Estimate: 0.3-0.6 for pneumatic tyres."""
+    Estimate: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
     carcass_longitudinal: CarcassShare = 0.6
     """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Estimate."""
+    """Damping of the carcass over its stiffness [s]. Estimate (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
     the static deflection of each axle's tyres."""

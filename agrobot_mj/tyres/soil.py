@@ -109,11 +109,11 @@ class Soil(CarcassTyre):
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: ConeIndex = 1200.0
-    """Cone index CI [kPa]: about 450 tilled, 900 soft, 1200 medium, 1800 firm. Estimate."""
+    """Cone index CI [kPa]. Estimate: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
-    """Section height over section width [-]. Estimate."""
+    """Section height over section width [-]. Estimate (0.7-0.85)."""
 
     def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil softer than that of the fits under these loads."""

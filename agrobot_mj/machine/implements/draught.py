@@ -98,7 +98,7 @@ class Tool(Spec):
     type: ToolType = "mouldboard_plough"
     """Row of the table of ASABE D497 that gives the draught."""
     size: Annotated[float, Field(gt=0, le=100)] = 0.25
-    """Width of ploughs and harrows [m], tools of cultivators, rows of seeders [-]. Estimate: one bottom."""
+    """Width of ploughs and harrows [m], tools of cultivators, rows of seeders [-]. Estimate (0.2-0.35): one bottom."""
     depth_m: Annotated[float, Field(ge=0.005, le=1)] = 0.12
     """Depth on level ground [m]. Estimate (0.1-0.2 for a compact tractor's plough)."""
     texture: Texture = "medium"
@@ -115,7 +115,7 @@ class Tool(Spec):
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
     """Way over which the lateral force builds up [m]. Estimate (0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Lateral force at which the soil gives way [N]. Estimate: the soil beside a share of this depth."""
+    """Lateral force at which the soil gives way [N]. Estimate (1000-5000): the soil beside a share."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
     """Downward force of the soil over the draught [-]. Estimate (0-0.3)."""
 

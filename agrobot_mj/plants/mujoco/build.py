@@ -69,9 +69,9 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Least time on the tyres before the run starts, at rest at its end; 0 starts it where it is placed [s]."""
+    """Least time on the tyres before the run starts, at rest at its end; 0 for none [s]. Estimate (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate."""
+    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate (20-120)."""
 
     @property
     def fast_step_s(self) -> float:
