@@ -8,6 +8,7 @@ from numba import config
 from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj.bench.manoeuvres import implements
+from agrobot_mj.bench.manoeuvres.base import Trial
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
@@ -175,7 +176,7 @@ def test_the_unevenness_has_its_mean_spread_and_length_and_follows_the_seed():
 
 @pytest.fixture(scope="module")
 def checks():
-    found = implements.run(quick=True)
+    found = Trial("implements", quick=True).drive(implements.run)
     assert found.warnings == 0
     return found.checks
 
@@ -195,8 +196,8 @@ def test_the_manoeuvre_sees_another_stiffness_of_the_soil(monkeypatch):
     softer = implements.PLOUGH.tool.model_copy(update={"cornering_stiffness_n_deg": 180.0})
     driven = implements.PLOUGH.model_copy(update={"tool": softer})
     theory = lambda tractor, plough, u: implements.three_axles(tractor, implements.PLOUGH, u)  # noqa: E731
-    found, _ = implements.turns(driven, theory, "mounted tool", 8.0)
-    assert not any(check.passed for check in found)
+    found = implements.turns(Trial("implements"), driven, theory, "mounted tool", 8.0)
+    assert {check.passed for check in found} == {False}
 
 
 def test_a_draught_off_the_middle_turns_the_tractor_to_its_side():

@@ -33,6 +33,7 @@ travel. *From parameters* takes them from the slip angles of the section on the 
 range alone: a tenth of a degree of steering is up to two and a half centimetres.
 """
 
+from collections.abc import Iterator
 from itertools import product
 from math import atan, atanh, cos, radians, sin, sqrt, tan
 from typing import Any, NamedTuple
@@ -40,13 +41,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres
-from agrobot_mj.bench.manoeuvres.side_slope import in_linear_range
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, force_tyres
+from agrobot_mj.bench.manoeuvres.side_slope import in_linear_range, linear_slip
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.control.kinematic import CascadeLaw
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
@@ -157,34 +157,24 @@ def drive(
     return SlopeDrive(scenario, -sign * float(log.column("e_lateral")[rest].mean()), SlopeState(roll, crab, steer))
 
 
-def run(quick: bool = False) -> Findings:
-    """Errors on every tyre with a law; `quick` drives eastward on 10 degrees with the PD and the paper's EKF alone."""
-    grades = (10.0,) if quick else GRADES_DEG
-    estimators = list(ESTIMATORS)[:2] if quick else list(ESTIMATORS)
-    checks: list[Check] = []
-    curves: dict[str, Any] = {}
-    for controller, words, tyre in product(("pd",) if quick else ("pd", "pd_t2fnn"), estimators, force_tyres()):
+def run(m: Trial) -> Iterator[Check]:
+    """Errors on every tyre with a law; quick, eastward on 10 degrees with the PD and the paper's EKF alone."""
+    grades, estimators = ((10.0,), list(ESTIMATORS)[:2]) if m.quick else (GRADES_DEG, list(ESTIMATORS))
+    ways = (0.0,) if m.quick else (0.0, 180.0)
+    for controller, words, tyre in product(("pd",) if m.quick else ("pd", "pd_t2fnn"), estimators, force_tyres()):
         for grade in grades:
-            seen = [
-                drive(tyre, grade, controller, ESTIMATORS[words], way) for way in ((0.0,) if quick else (0.0, 180.0))
-            ]
-            checks += _against(seen, tyre, grade, f"{controller}, {words}, {grade:g} deg")
-            curves.setdefault(f"{controller}, {words}", {}).setdefault(tyre.kind, []).append((grade, seen[0].offset))
-    return Findings(checks, 0, curves)
+            seen = [drive(tyre, grade, controller, ESTIMATORS[words], way) for way in ways]
+            yield from _against(m, seen, tyre, grade, f"{controller}, {words}, {grade:g} deg")
+            m.curves.setdefault(f"{controller}, {words}", {}).setdefault(tyre.kind, []).append((grade, seen[0].offset))
 
 
-def _against(seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> list[Check]:
+def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
     """Checks against both theories [cm]; `seen` has one drive per direction."""
-    by_held = About("antenna lean", f"{words}, held", tyre.kind, "cm")
-    by_parameters = About("antenna lean", f"{words}, from parameters", tyre.kind, "cm")
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
+    yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)
     theory = 100 * offset(seen[0].scenario, steady_state(tyre, grade_deg))
     mean = sum(measured for measured, _ in pairs) / len(pairs)
     paper = Tractor(tyre=tyre)
-    share = paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
-    judged = in_linear_range(paper, share)
-    return [
-        by_held.close(*worse, ROOM_CM),
-        by_parameters.close(mean, theory, ROOM_CM) if judged else by_parameters.reported(mean, theory),
-    ]
+    by_parameters = m.about(f"{words}, from parameters", tyre.kind, "cm").close(mean, theory, ROOM_CM)
+    yield by_parameters.judged(in_linear_range(paper, linear_slip(paper, grade_deg)))

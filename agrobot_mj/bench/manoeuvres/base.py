@@ -1,12 +1,12 @@
 """What every manoeuvre shares: a check with its band, a plant to drive, and the tyres to drive it on.
 
-A manoeuvre is one file with one function `(quick) -> Findings`. Bands are those of the project's claims; a check
-that leaves its band fails, it is never widened to pass. Units are SI and radians inside; a check says its unit.
+A manoeuvre is one file with one function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's
+claims; a check that leaves its band fails, it is never widened to pass. Units are SI and radians inside; a check says
+its unit.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterator
 from math import inf, isfinite
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Reference, Truth
@@ -14,7 +14,7 @@ from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.terrain import Flat, Ground, Terrain
-from agrobot_mj.tyres import Linear, TyreBase
+from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -57,6 +57,10 @@ class Check(NamedTuple):
         """Whether the number is finite and inside its band."""
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
+    def judged(self, judged: bool) -> "Check":
+        """The check itself if it is to be judged, else one that is reported."""
+        return self if judged else self._replace(low=-inf, high=inf, band="reported")
+
     @property
     def line(self) -> str:
         """The check as one line of text."""
@@ -98,10 +102,6 @@ class About(NamedTuple):
         """Check that the value is at least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
-    def judged(self, tyre: TyreBase, check: Check) -> Check:
-        """Check that is judged if theory predicts the tyre, else reported."""
-        return check if tyre.judged else self.reported(check.measured, check.theory)
-
     def reported(self, measured: float, theory: float | None = None) -> Check:
         """Check that is reported but not judged; its value must still be a number."""
         return self._check(measured, theory, -inf, inf, "reported")
@@ -109,16 +109,6 @@ class About(NamedTuple):
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
         theory = None if theory is None else float(theory)
         return Check(*self[:3], float(measured), theory, self.unit, float(low), float(high), band)
-
-
-class Findings(NamedTuple):
-    """Results of a manoeuvre."""
-
-    checks: list[Check]
-    warnings: int
-    """Number of warnings of MuJoCo in all its runs."""
-    curves: Mapping[str, Any] = MappingProxyType({})
-    """Arrays for the figures, by subject."""
 
 
 def tyres() -> list[Any]:
@@ -156,18 +146,48 @@ def mujoco_plant(
     return plant, plant.reset(start)
 
 
-def bicycle_plant(machine: Machine = STOCK, dt: float = 0.002) -> tuple[BicyclePlant, Truth]:
-    """The bicycle at rest at the origin, and its first truth."""
-    plant = BicyclePlant(Bicycle(), machine, Flat().ground(), Clock.of(dt))
-    return plant, plant.reset(ORIGIN)
+class Trial:
+    """A manoeuvre that is driven: it makes the plants, heads the checks, and keeps what the figures show."""
+
+    def __init__(self, name: str, quick: bool = False) -> None:
+        self.name, self.quick = name, quick
+        self.curves: dict[str, Any] = {}
+        """Arrays for the figures, by subject."""
+        self.checks: list[Check] = []
+        self._plants: list[MujocoPlant] = []
+        self._warned = 0
+
+    def drive(self, run: "Run") -> "Trial":
+        """Drive it and keep its checks; returns itself."""
+        self.checks = list(run(self))
+        return self
+
+    def about(self, quantity: str, subject: str, unit: str = "") -> About:
+        """Head of a check."""
+        return About(self.name, quantity, subject, unit)
+
+    def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
+        """As `mujoco_plant`; the plant's warnings count."""
+        plant, truth = mujoco_plant(tyre, *place, **how)
+        self._plants.append(plant)
+        return plant, truth
+
+    def restart(self, plant: MujocoPlant) -> None:
+        """Put the tractor back at the origin; its warnings until then count."""
+        self._warned += plant.warnings()
+        plant.reset(ORIGIN)
+
+    def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
+        """(subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear` alone."""
+        bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
+        chosen = [Linear()] if only_linear else tyres()
+        return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]
+
+    @property
+    def warnings(self) -> int:
+        """Number of MuJoCo's warnings since the plants' last resets, and before a `restart`."""
+        return self._warned + sum(plant.warnings() for plant in self._plants)
 
 
-def warnings(plants: Iterable[Any]) -> int:
-    """Number of MuJoCo's warnings since the plants' last resets."""
-    return sum(plant.warnings() for plant in plants)
-
-
-def level_plants(only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-    """(subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear` alone."""
-    chosen = [Linear()] if only_linear else tyres()
-    return [(BICYCLE, *bicycle_plant()), *((tyre.kind, *mujoco_plant(tyre)) for tyre in chosen)]
+Run = Callable[[Trial], Iterator[Check]]
+"""Drives a manoeuvre, check by check."""

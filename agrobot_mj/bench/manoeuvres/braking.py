@@ -14,15 +14,17 @@ Tractors of other masses and the same shape park on 12 degrees with the drive an
 size.
 """
 
-from math import cos, dist, hypot, radians, sin
+from collections.abc import Iterator
+from math import dist, hypot, radians, sin
 from typing import Any
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres, mujoco_plant, tractor_of, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, force_tyres, tractor_of
 from agrobot_mj.bench.manoeuvres.coasting import spin_inertia
+from agrobot_mj.bench.manoeuvres.driver import acceleration, hold
 from agrobot_mj.bench.manoeuvres.theory import Tractor
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, WHEELS, Array, Drive
+from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
@@ -44,12 +46,6 @@ DRIFT_MM = 1.0
 FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_M))
 
 
-def radii(plant: MujocoPlant, tyre: Tractor, grade: float) -> Array:
-    """Effective rolling radii (4,) under the loads of level ground times cos(`grade`) [m]; `grade` [rad]."""
-    loads = np.repeat([plant.tractor.front_axle_load, plant.tractor.rear_axle_load], 2) / 2 * cos(grade)
-    return np.asarray(tyre.tyres.radius - loads / tyre.tyres.stiffness / 3)
-
-
 def released(plant: MujocoPlant, needed: float) -> float:
     """Torque at which the tractor begins to roll while the brake goes from above `needed` to nothing [N m]."""
     torque = 1.1 * needed
@@ -66,63 +62,43 @@ def deceleration(plant: MujocoPlant) -> float:
     plant.data.qvel[0] = 3.0
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius
-    t, v = [], []
-    for _ in range(round(5.0 / TICK_S)):
-        truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, STOPPING_N_M / CAPACITY_N_M))
-        if truth.speed < TO_M_S:
-            break
-        if truth.speed < FROM_M_S:
-            t.append(truth.t)
-            v.append(truth.speed)
-    return -float(np.polyfit(t, v, 1)[0])
+    return -acceleration(plant, Drive(NEUTRAL_V, NEUTRAL_V, STOPPING_N_M / CAPACITY_N_M), FROM_M_S, TO_M_S)
 
 
-def parked(mass_kg: float) -> tuple[float, int]:
-    """How far a tractor of this mass moves in ten seconds on the slope, for its mass' tyres [mm], and warnings."""
+def parked(m: Trial, mass_kg: float) -> float:
+    """How far a tractor of this mass moves in ten seconds on the slope, for its mass' tyres [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
-    plant, start = mujoco_plant(Linear(**grown), slope, Machine(tractor=tractor_of(mass_kg)))
-    away = hypot(start.x, start.y)
-    for _ in range(round(10.0 / TICK_S)):
-        end = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, 1.0))
-    return 1e3 * max(away, dist((start.x, start.y), (end.x, end.y))), warnings([plant])
+    plant, start = m.mujoco(Linear(**grown), slope, Machine(tractor=tractor_of(mass_kg)))
+    *_, end = hold(plant, 10.0, Drive(NEUTRAL_V, NEUTRAL_V, 1.0))
+    return 1e3 * max(hypot(start.x, start.y), dist((start.x, start.y), (end.x, end.y)))
 
 
-def on_a_slope(tyre: Any) -> list[Check]:
+def holding(m: Trial, tyre: Any) -> Iterator[Check]:
     """Torque that holds the tractor, nose up and nose down."""
-    checks, grade = [], radians(GRADE_DEG)
     for facing, direction in FACING.items():
-        plant, _ = mujoco_plant(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
-        r_e = float(radii(plant, Tractor(plant.tractor, tyre), grade)[2])
-        needed = plant.tractor.mass_kg * GRAVITY * sin(grade) * r_e
-        about = About("brake", f"torque that holds {facing} on {GRADE_DEG:g} deg", tyre.kind, "N m")
-        checks.append(about.near(released(plant, needed), needed, BAND))
-    return checks
+        plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
+        radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
+        needed = plant.tractor.mass_kg * GRAVITY * sin(radians(GRADE_DEG)) * float(radii[2])
+        about = m.about(f"torque that holds {facing} on {GRADE_DEG:g} deg", tyre.kind, "N m")
+        yield about.near(released(plant, needed), needed, BAND)
 
 
-def on_the_flat(tyre: Any) -> tuple[Check, int]:
-    """Deceleration by the brake, and MuJoCo's warnings."""
-    plant, _ = mujoco_plant(tyre, machine=FREE)
-    paper, p = Tractor(plant.tractor, tyre), plant.tractor
-    r, loads = radii(plant, paper, 0.0), np.repeat([p.front_axle_load, p.rear_axle_load], 2) / 2
-    resisted = sum(paper.resistance(i, loads[i]) for i in range(4))
-    wanted = (STOPPING_N_M / r[2] + resisted) / (p.mass_kg + float(np.sum(spin_inertia(plant) / r**2)))
-    about = About("brake", f"deceleration under {STOPPING_N_M:g} N m", tyre.kind, "m/s2")
-    return about.near(deceleration(plant), wanted, BAND), warnings([plant])
+def stopping(m: Trial, tyre: Any) -> Check:
+    """Deceleration by the brake."""
+    plant, _ = m.mujoco(tyre, machine=FREE)
+    r, resisted = Tractor(plant.tractor, tyre).rolling()
+    moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))
+    about = m.about(f"deceleration under {STOPPING_N_M:g} N m", tyre.kind, "m/s2")
+    return about.near(deceleration(plant), (STOPPING_N_M / r[2] + resisted) / moved, BAND)
 
 
-def run(quick: bool = False) -> Findings:
-    """Torque that holds, deceleration, and parking by mass; `quick` takes the lightest and the heaviest tractor."""
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Torque that holds, deceleration, and parking by mass; quick, of the lightest and the heaviest tractor."""
     for tyre in force_tyres():
-        stopped, more = on_the_flat(tyre)
-        checks += [*on_a_slope(tyre), stopped]
-        warned += more
-    for mass in MASSES_KG[:: 3 if quick else 1]:
-        moved, more = parked(mass)
-        about = About("brake", f"start and drift in 10 s, {mass:g} kg on {PARKED_DEG:g} deg", "linear", "mm")
-        checks.append(about.below(moved, DRIFT_MM))
-        warned += more
-    return Findings(checks, warned)
+        yield from holding(m, tyre)
+        yield stopping(m, tyre)
+    for mass in MASSES_KG[:: 3 if m.quick else 1]:
+        about = m.about(f"start and drift in 10 s, {mass:g} kg on {PARKED_DEG:g} deg", "linear", "mm")
+        yield about.below(parked(m, mass), DRIFT_MM)

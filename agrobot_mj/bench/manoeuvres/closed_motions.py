@@ -6,12 +6,13 @@ nothing but losses may be left: over a period the ground must not do work on the
 the load is left out: over a period a spring gives back what it took. A tool's depth swings as the wheel's load does.
 """
 
+from collections.abc import Iterator
 from math import pi
 from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, force_tyres
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.implements.draught import Tool
@@ -129,20 +130,15 @@ def tool_gains(motions: list[Cycle]) -> Array:
     return np.array(found)
 
 
-def run(quick: bool = False) -> Findings:
+def run(m: Trial) -> Iterator[Check]:
     """Motions of a wheel on every tyre, with and without the damping of its carcass, and of a tool."""
     rng = np.random.default_rng(SEED)
-    motions = [cycle(rng) for _ in range(BRIEFLY if quick else MOTIONS)]
-    checks = []
+    motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
+    some = motions[: len(motions) // 10]
+    found = []
     for tyre in (*force_tyres(), Ruts()):
         for damped, law in (("", tyre), (", undamped", tyre.model_copy(update={"bristle_damping_s": 0.0}))):
-            checks.append(_most(tyre.kind, f"{len(motions)} motions{damped}", gains(law, motions)))
-    some = motions[: len(motions) // 10]
-    checks.append(_most("tool", f"{len(some)} motions", tool_gains(some)))
-    return Findings(checks, 0)
-
-
-def _most(subject: str, what: str, found: Array) -> Check:
-    """Check of the largest gain of energy over what goes to and fro."""
-    about = About("closed motions", f"largest gain over the work to and fro, {what}", subject, "")
-    return about.between(float((found[:, 0] / np.maximum(found[:, 1], 1e-9)).max()), -1.0, ROUNDING)
+            found.append((tyre.kind, f"{len(motions)} motions{damped}", gains(law, motions)))
+    for subject, words, gained in [*found, ("tool", f"{len(some)} motions", tool_gains(some))]:
+        about = m.about(f"largest gain over the work to and fro, {words}", subject)
+        yield about.between(float((gained[:, 0] / np.maximum(gained[:, 1], 1e-9)).max()), -1.0, ROUNDING)

@@ -8,13 +8,15 @@ where rho_i N_i are rolling and soil resistance at the static loads and I_i / r_
 over its effective rolling radius squared: the effective mass is 5 to 6 % above the mass.
 """
 
-from math import cos, radians, sin
+from collections.abc import Iterator
+from math import radians, sin
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.bench.manoeuvres.driver import REST, acceleration
 from agrobot_mj.bench.manoeuvres.theory import Tractor
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, WHEELS, Array, Drive
+from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY
@@ -37,38 +39,18 @@ def spin_inertia(plant: MujocoPlant) -> Array:
 
 def theory(plant: MujocoPlant, paper: Tractor) -> float:
     """Acceleration down the slope [m/s2]."""
-    grade, p, t = radians(GRADE_DEG), plant.tractor, paper.tyres
-    loads = np.repeat([p.front_axle_load, p.rear_axle_load], 2) / 2 * cos(grade)
-    radius = t.radius - loads / t.stiffness / 3
-    resisted = sum(paper.resistance(i, loads[i]) for i in range(4))
+    grade, p = radians(GRADE_DEG), plant.tractor
+    radius, resisted = paper.rolling(grade)
     effective = 1 + float(np.sum(spin_inertia(plant) / radius**2)) / p.mass_kg
     return (GRAVITY * sin(grade) - resisted / p.mass_kg) / effective
 
 
-def coast(plant: MujocoPlant) -> float:
-    """Acceleration along the slope between the two speeds [m/s2]."""
-    t, v = [], []
-    for _ in range(round(30.0 / TICK_S)):
-        truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V))
-        speed = truth.speed / cos(radians(GRADE_DEG))
-        if speed > TO_M_S:
-            break
-        if speed > FROM_M_S:
-            t.append(truth.t)
-            v.append(speed)
-    return float(np.polyfit(t, v, 1)[0])
-
-
-def run(quick: bool = False) -> Findings:
-    """Acceleration on every tyre; `quick` changes nothing."""
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Acceleration on every tyre; the quick version changes nothing."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
-        plant, _ = mujoco_plant(tyre, slope, free, settle_s=0.0)
+        plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)
         wanted = theory(plant, Tractor(plant.tractor, tyre))
-        about = About("coasting", f"acceleration down {GRADE_DEG:g} deg", tyre.kind, "m/s2")
-        measured = coast(plant)
-        checks.append(about.judged(tyre, about.near(measured, wanted, BAND)))
-        warned += warnings([plant])
-    return Findings(checks, warned)
+        measured = acceleration(plant, REST, FROM_M_S, TO_M_S, radians(GRADE_DEG))
+        about = m.about(f"acceleration down {GRADE_DEG:g} deg", tyre.kind, "m/s2")
+        yield about.near(measured, wanted, BAND).judged(tyre.judged)

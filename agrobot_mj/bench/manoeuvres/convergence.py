@@ -4,9 +4,10 @@ The figure eight, closed loop with all its noise, at physics steps of 2 ms and o
 lateral error must hardly change. `contact` is reported.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres, tyres
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, force_tyres, tyres
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run as simulate
@@ -25,13 +26,10 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
     return float(log.metrics["lateral_rms"]) if log.outcome == "completed" else float("inf")
 
 
-def run(quick: bool = False) -> Findings:
-    """Both steps on every tyre, both turns of the eight; `quick` drives its first seconds on those with a law."""
-    checks: list[Check] = []
-    for tyre in force_tyres() if quick else tyres():
-        coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if quick else None) for dt in (STEP_S, STEP_S / 2))
-        about = About("convergence", "change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")
-        change = 100 * (coarse - fine) / fine
-        checks.append(about.judged(tyre, about.below(change, BAND)))
-        checks.append(About("convergence", "lateral rms at 2 ms", tyre.kind, "m").reported(coarse))
-    return Findings(checks, 0)
+def run(m: Trial) -> Iterator[Check]:
+    """Both steps on every tyre, both turns of the eight; quick, the first seconds on those with a law."""
+    for tyre in force_tyres() if m.quick else tyres():
+        coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
+        change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")
+        yield change.below(100 * (coarse - fine) / fine, BAND).judged(tyre.judged)
+        yield m.about("lateral rms at 2 ms", tyre.kind, "m").reported(coarse)

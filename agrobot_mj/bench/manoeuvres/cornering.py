@@ -8,12 +8,13 @@ resistance unloads the front axle; and cornering stiffness grows less than load.
 the balances of forces and moments at the same speeds. MuJoCo's own contact has no slip angle to speak of.
 """
 
+from collections.abc import Iterator
 from math import hypot
 from typing import Any
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import BICYCLE, About, Check, Findings, level_plants, tyre_of, warnings
+from agrobot_mj.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
 from agrobot_mj.bench.manoeuvres.driver import Driver, Steer
 from agrobot_mj.bench.manoeuvres.theory import Tractor, understeer_gradient
 from agrobot_mj.core.signals import TICK_S, Array, Truth
@@ -52,11 +53,6 @@ def circle(plant: Any, truth: Truth, seconds: float) -> Array:
     return np.array(rows)
 
 
-def gradient(rows: Array) -> float:
-    """Gradient K of the rows of `circle` [rad s2/m]."""
-    return float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0])
-
-
 def paper_gradient(kind: str) -> float:
     """Gradient K by the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
     tyre, bicycle = Linear(), Bicycle()
@@ -75,14 +71,10 @@ def theory(kind: str) -> float | None:
     return Tractor(tyre=tyre_of(kind)).understeer_gradient(SPEEDS_M_S, RADIUS_M)
 
 
-def run(quick: bool = False) -> Findings:
-    """Understeer gradient of the bicycle and of every tyre; `quick` waits less for the steady state."""
-    checks: list[Check] = []
-    curves: dict[str, Any] = {}
-    plants = level_plants()
-    for subject, plant, truth in plants:
-        curves[subject] = rows = circle(plant, truth, 12.0 if quick else 30.0)
-        about, wanted = About("constant radius", "understeer gradient", subject, "mrad s2/m"), theory(subject)
-        measured = 1e3 * gradient(rows)
-        checks.append(about.reported(measured) if wanted is None else about.near(measured, 1e3 * wanted, BAND))
-    return Findings(checks, warnings(plant for _, plant, _ in plants), curves)
+def run(m: Trial) -> Iterator[Check]:
+    """Understeer gradient of the bicycle and of every tyre; the quick version waits less for the steady state."""
+    for subject, plant, truth in m.level_plants():
+        m.curves[subject] = rows = circle(plant, truth, 12.0 if m.quick else 30.0)
+        about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)
+        measured = 1e3 * float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0])
+        yield about.reported(measured) if wanted is None else about.near(measured, 1e3 * wanted, BAND)

@@ -1,7 +1,7 @@
 """A driver that uses true values: simple servos for speed and steering angle, so that tests measure the plant alone."""
 
-from collections.abc import Callable
-from math import copysign
+from collections.abc import Callable, Iterator
+from math import copysign, cos
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ Steer = float | Callable[[Truth], float]
 """A steering angle [rad], or a rule for one."""
 FULL_SPEED = 5.0
 """Speed at full pedal of the default driveline [m/s]."""
+REST = Drive(NEUTRAL_V, NEUTRAL_V)
 STEER_TOLERANCE = 2e-6
 """Steering error that the driver does not correct [rad]."""
 
@@ -55,6 +56,14 @@ class Driver:
         """Drive on with a constant voltage at the steering valve [V]."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
+    def pressures(self, seconds: float, steer_voltage: float) -> Array:
+        """The steering cylinder's pressure after each tick of `go_by_voltage` [Pa]."""
+        found = []
+        for _ in range(round(seconds / TICK_S)):
+            self.go_by_voltage(TICK_S, steer_voltage)
+            found.append(self.plant.actuation()[1])
+        return np.array(found)
+
     def _drive(self, seconds: float, voltage: Callable[[Truth], float]) -> Trace:
         truths, wheels = [], []
         for _ in range(round(seconds / TICK_S)):
@@ -79,6 +88,25 @@ class Driver:
         self.integral += 0.1 * error * TICK_S
         push = 10.0 * (wanted - self.truth.pedal)
         return NEUTRAL_V + push + copysign(0.3, push)
+
+
+def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
+    """Truth after each tick of constant commands, by default with both valves in neutral."""
+    for _ in range(round(seconds / TICK_S)):
+        yield plant.advance(drive)
+
+
+def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
+    """Acceleration under constant commands between two speeds along a slope of `grade` [rad], in m/s2, at most 30 s."""
+    t, v, sign = [], [], copysign(1.0, end - begin)
+    for truth in hold(plant, 30.0, drive):
+        speed = truth.speed / cos(grade)
+        if sign * (speed - end) > 0.0:
+            break
+        if sign * (speed - begin) > 0.0:
+            t.append(truth.t)
+            v.append(speed)
+    return float(np.polyfit(t, v, 1)[0])
 
 
 def track_course(gain: float = 1.5, per_second: float = 0.5) -> Callable[[Truth], float]:

@@ -8,13 +8,14 @@ MuJoCo gets; so the balance also proves that the wrench does the work that the t
 included. What is left over is compared with the change of kinetic energy.
 """
 
+from collections.abc import Iterator
 from math import sin
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, force_tyres, mujoco_plant, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, force_tyres
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import TICK_S, Array, Drive
 from agrobot_mj.plants import MujocoPlant
@@ -132,13 +133,11 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
     return books
 
 
-def run(quick: bool = False) -> Findings:
-    """The balance on every tyre with a law; `quick` drives for a few seconds."""
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """The balance on every tyre with a law; the quick version drives for a few seconds."""
     for tyre in force_tyres():
-        plant, truth = mujoco_plant(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
-        books = balance(plant, truth, BRIEFLY_S if quick else DURATION_S)
+        plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
+        books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)
         fallen, kinetic, left_over = books.close()
         for quantity, energy in (
             ("work of hydrostat and steering pump", books.engine),
@@ -147,9 +146,7 @@ def run(quick: bool = False) -> Findings:
             ("dampers and tyre springs", books.damping + books.springs),
             ("change of kinetic energy", kinetic),
         ):
-            checks.append(About("energy", quantity, tyre.kind, "J").reported(energy))
-        checks.append(About("energy", "tyre losses", tyre.kind, "J").above(books.tyres, 0.0))
-        about = About("energy", "left over, of the change of kinetic energy", tyre.kind, "%")
-        checks.append(about.below(100 * left_over / kinetic, 100 * BAND))
-        warned += warnings([plant])
-    return Findings(checks, warned)
+            yield m.about(quantity, tyre.kind, "J").reported(energy)
+        yield m.about("tyre losses", tyre.kind, "J").above(books.tyres, 0.0)
+        about = m.about("left over, of the change of kinetic energy", tyre.kind, "%")
+        yield about.below(100 * left_over / kinetic, 100 * BAND)

@@ -1,22 +1,21 @@
 """Figures of the validation: step steer, crab across a side slope, understeer. Measured are marks, theory is lines."""
 
 from collections.abc import Callable, Mapping
-from math import degrees, radians, sin
+from math import degrees
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agrobot_mj.bench.manoeuvres.antenna_lean import ESTIMATORS, offset, steady_state
-from agrobot_mj.bench.manoeuvres.base import BICYCLE, Findings, tyre_of
+from agrobot_mj.bench.manoeuvres.base import BICYCLE, Trial, tyre_of
 from agrobot_mj.bench.manoeuvres.cornering import RADIUS_M, paper_gradient
+from agrobot_mj.bench.manoeuvres.side_slope import linear_slip
 from agrobot_mj.bench.manoeuvres.step_steer import Step
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.palette import BLACK, BLUE, GREEN, GREY, PINK, VERMILION
-from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.tyres import Linear
@@ -29,7 +28,7 @@ STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 """Line style of each estimator."""
 
 
-def write_figures(found: Mapping[str, Findings], folder: Path) -> list[Path]:
+def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
     """Draw the figures of all manoeuvres by name into `folder`; return the files."""
     with mpl.rc_context(STYLE):
         return [
@@ -49,7 +48,8 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
         right.plot(step.t, np.degrees(step.yaw_rate), **look)
     left.set(xlabel="time [s]", ylabel="steering angle [deg]", xlim=(0, 3))
     right.set(xlabel="time [s]", ylabel="yaw rate [deg/s]", xlim=(0, 3))
-    _legend(figure, left)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
 
 
@@ -62,8 +62,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
             paper = Tractor(tyre=tyre_of(kind))
             axes.plot(grades, [degrees(paper.side_slope(g).rear_slip) for g in grades], color=_colour(kind))
         axes.plot(*zip(*seen, strict=True), MARKS.get(kind, "d"), color=_colour(kind), markersize=4, label=kind)
-    paper = Tractor(tyre=Linear())
-    share = [degrees(paper.p.mass_kg * GRAVITY * sin(radians(g)) / sum(paper.axle_stiffness)) for g in grades]
+    share = [degrees(linear_slip(Tractor(tyre=Linear()), grade)) for grade in grades]
     axes.plot(grades, share, ":", color=COLOURS["linear"], label="linear: m g sin / (C_f + C_r), mean of both axles")
     axes.set(xlabel="side slope [deg]", ylabel="heading above the course [deg]")
     axes.legend()
@@ -100,7 +99,8 @@ def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():
-        axes.plot(seen[:, 0], np.degrees(seen[:, 1]), MARKS.get(subject, "d"), **_mark(subject))
+        mark, size = MARKS.get(subject, "d"), 6 if subject == BICYCLE else 4
+        axes.plot(seen[:, 0], np.degrees(seen[:, 1]), mark, color=_colour(subject), markersize=size, label=subject)
         if subject == BICYCLE:
             axes.plot(a, np.degrees(a * paper_gradient(subject)), "--", color=_colour(subject), zorder=3)
         elif tyre_of(subject).judged:
@@ -112,17 +112,8 @@ def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-def _mark(subject: str) -> dict[str, Any]:
-    return {"color": _colour(subject), "markersize": 6 if subject == BICYCLE else 4, "label": subject}
-
-
 def _colour(subject: str) -> str:
     return COLOURS.get(subject, SPARE_COLOUR)
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 
 
 FIGURES: dict[str, Callable[[Any], Figure]] = {

@@ -17,21 +17,20 @@ The draught is that of ASABE D497 at the speed and the depth driven. At constant
 of what holds the implement back.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import STOCK, About, Check, Findings, mujoco_plant, warnings
+from agrobot_mj.bench.manoeuvres.base import STOCK, Check, Trial
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.implements import Drawn, ImplementBase, Mounted, Tool
 from agrobot_mj.machine.implements.draught import TOOLS
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.implement import COLUMNS
-from agrobot_mj.plants.mujoco.plant import MujocoPlant
 from agrobot_mj.tyres import Linear, MagicFormula
 
-NAME = "implements"
 SPEEDS_M_S = (1.0, 2.0, 3.0)
 STEER = 0.02
 """Steering angle at which the equations are linear enough [rad]."""
@@ -39,6 +38,8 @@ SHARP = 0.25
 """Steering angle of the slow circle [rad]."""
 BAND = 0.02
 TYRE = Linear()
+AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffness_n_rad
+"""Cornering stiffness of front and rear axle [N/rad]."""
 PLOUGH = Mounted(
     tool=Tool(draught_scale=0.0, noise_share=0.0, cornering_stiffness_n_deg=200.0, side_limit_n=1e5), mass_kg=110.0
 )
@@ -56,14 +57,9 @@ class Steady(NamedTuple):
     """Angle at the hitch over steering angle [-]."""
 
 
-def axles(tractor: TractorParameters, tyre: Linear = TYRE) -> tuple[float, float]:
-    """Cornering stiffness of front and rear axle [N/rad]."""
-    return 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
-
-
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
     """Closed form with a tool rigid with the tractor, at a speed [m/s]."""
-    (C_f, C_r), L = axles(tractor), tractor.wheelbase_m
+    (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
     m, m_i = tractor.mass_kg, plough.mass_kg
@@ -79,7 +75,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
     """Closed form with a trailer on a pin, at a speed [m/s]."""
-    (C_f, C_r), L, b = axles(tractor), tractor.wheelbase_m, tractor.hitch_behind_m
+    (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
     pin = trailer.mass_kg * (1 - share)
@@ -91,42 +87,35 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
     return Steady(gamma, (v - (b + trailer.axle_behind_m) * gamma) / u + slip)
 
 
-def reported(plant: MujocoPlant) -> dict[str, float]:
-    """What the plant says of its implement now, by column."""
-    return dict(zip((column.name for column in COLUMNS), plant.report(), strict=True))
-
-
 class Hauler:
     """A tractor with an implement, driven by true values."""
 
-    def __init__(self, implement: ImplementBase, tyre: Any = TYRE) -> None:
-        self.plant, truth = mujoco_plant(tyre, machine=STOCK._replace(implement=implement))
-        self.driver = Driver(self.plant, truth)
+    def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
+        self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
         """Drive on; what truth and implement say over the last second, each of shape (20,)."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
-        rows = []
+        rows, reported = [], [column.name for column in COLUMNS]
         for _ in range(20):
-            trace = self.driver.go(0.05, steer)
-            rows.append({**trace.truths[-1]._asdict(), **reported(self.plant)})
+            truth = self.driver.go(0.05, steer).truths[-1]
+            rows.append(truth._asdict() | dict(zip(reported, self.driver.plant.report(), strict=True)))
         names = [name for name, value in rows[0].items() if isinstance(value, float)]
         return {name: np.array([row[name] for row in rows]) for name in names}
 
 
-def turns(implement: ImplementBase, theory: Any, words: str, seconds: float) -> tuple[list[Check], MujocoPlant]:
+def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: float) -> Iterator[Check]:
     """Yaw gain, and angle of a pin, beside a closed form at every speed."""
-    hauler, checks = Hauler(implement), []
+    hauler = Hauler(m, implement)
     for speed in SPEEDS_M_S:
         found = hauler.drive(speed, seconds, STEER)
         steer, wanted = found["steer"].mean(), theory(STOCK.tractor, implement, found["speed"].mean())
-        about = About(NAME, f"{words}, yaw gain at {speed:g} m/s", TYRE.kind, "1/s")
-        checks.append(about.near(float(found["yaw_rate"].mean() / steer), wanted.gain, BAND))
+        about = m.about(f"{words}, yaw gain at {speed:g} m/s", TYRE.kind, "1/s")
+        yield about.near(float(found["yaw_rate"].mean() / steer), wanted.gain, BAND)
         if wanted.hitch:
-            about = About(NAME, f"{words}, angle at the pin over steering angle at {speed:g} m/s", TYRE.kind, "-")
-            checks.append(about.near(float(found["hitch_angle"].mean() / steer), wanted.hitch, BAND))
-    return checks, hauler.plant
+            about = m.about(f"{words}, angle at the pin over steering angle at {speed:g} m/s", TYRE.kind, "-")
+            yield about.near(float(found["hitch_angle"].mean() / steer), wanted.hitch, BAND)
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
@@ -136,36 +125,34 @@ def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())
 
 
-def off_tracking(seconds: float) -> tuple[list[Check], MujocoPlant]:
+def off_tracking(m: Trial, seconds: float) -> Check:
     """Radius of the trailer's axle in a slow circle."""
-    hauler, b, d = Hauler(TRAILER), STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
-    found = hauler.drive(0.5, seconds, SHARP)
+    b, d = STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
+    found = Hauler(m, TRAILER).drive(0.5, seconds, SHARP)
     wanted = (radius_of(found, "rear_x", "rear_y") ** 2 + b * b - d * d) ** 0.5
-    about = About(NAME, f"trailer, radius of its axle at {SHARP:g} rad and 0.5 m/s", TYRE.kind, "m")
-    return [about.near(radius_of(found, "implement_x", "implement_y"), wanted, BAND)], hauler.plant
+    about = m.about(f"trailer, radius of its axle at {SHARP:g} rad and 0.5 m/s", TYRE.kind, "m")
+    return about.near(radius_of(found, "implement_x", "implement_y"), wanted, BAND)
 
 
-def pulls(seconds: float) -> tuple[list[Check], MujocoPlant]:
+def pulls(m: Trial, seconds: float) -> Iterator[Check]:
     """Draught by the formula of the standard, and the balance at the hitch."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
-    hauler, checks = Hauler(Drawn(lowered=True, tool=CHISEL), tyre), []
+    hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:
         found = hauler.drive(speed, seconds, 0.0)
         S, T = 3.6 * float(found["speed"].mean()), 100 * float(found["tool_depth"].mean())
         D = row.textures[0] * (row.a + row.b * S + row.c * S * S) * CHISEL.size * T
-        about = About(NAME, f"draught of a chisel plough at {speed:g} m/s", tyre.kind, "N")
-        checks.append(about.near(float(found["draught"].mean()), D, BAND))
+        about = m.about(f"draught of a chisel plough at {speed:g} m/s", tyre.kind, "N")
+        yield about.near(float(found["draught"].mean()), D, BAND)
         rolling = tyre.rolling_resistance * float((found["load_il"] + found["load_ir"]).mean())
-        about = About(NAME, f"pull at the hitch at {speed:g} m/s", tyre.kind, "N")
-        checks.append(about.near(float(found["hitch_pull"].mean()), D + rolling, BAND))
-    return checks, hauler.plant
+        about = m.about(f"pull at the hitch at {speed:g} m/s", tyre.kind, "N")
+        yield about.near(float(found["hitch_pull"].mean()), D + rolling, BAND)
 
 
-def run(quick: bool = False) -> Findings:
-    """All of it; `quick` waits less for the steady states."""
-    seconds, found = 14.0 if quick else 25.0, []
-    found.append(turns(PLOUGH, three_axles, "mounted tool", seconds))
-    found.append(turns(TRAILER, with_trailer, "trailer", seconds))
-    found.append(off_tracking(25.0 if quick else 60.0))
-    found.append(pulls(seconds))
-    return Findings([check for checks, _ in found for check in checks], warnings(plant for _, plant in found))
+def run(m: Trial) -> Iterator[Check]:
+    """All of it; the quick version waits less for the steady states."""
+    seconds = 14.0 if m.quick else 25.0
+    yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
+    yield from turns(m, TRAILER, with_trailer, "trailer", seconds)
+    yield off_tracking(m, 25.0 if m.quick else 60.0)
+    yield from pulls(m, seconds)

@@ -11,12 +11,13 @@ and the part of the weight across an axle that rolls by phi, times its trail, (F
 that sinks as the wheels lean, W r sin(c)^2 sin(2 delta) / 2.
 """
 
+from collections.abc import Iterator
 from math import degrees, radians, sin, sqrt, tan
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import ORIGIN, About, Check, Findings, mujoco_plant, warnings
+from agrobot_mj.bench.manoeuvres.base import ORIGIN, Check, Trial
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.machine import Cylinder, Linkage, Machine, Valve
@@ -33,6 +34,7 @@ SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
 """Rate of the sweeps, their ends, and the angle within which torques are averaged [deg/s, deg, deg]."""
 SPEED_M_S = 1.0
+CASTER_DEG = 6.0
 WEAK_BAR = 25.0
 """Relief pressure below what parking takes [bar]."""
 
@@ -92,86 +94,77 @@ def loaded_radius(plant: MujocoPlant) -> float:
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
-def parked(tyre: Any) -> tuple[list[Check], list[MujocoPlant]]:
+def parked(m: Trial, tyre: Any) -> Iterator[Check]:
     """Torque and pressure, parked and rolling, for two offsets."""
-    checks, plants = [], []
     for offset in (0.0, LINKAGE.kingpin_offset_m):
         machine = changed(kingpin_offset_m=offset)
-        plant, _ = mujoco_plant(tyre, machine=machine)
-        tractor, area = plant.tractor, machine.cylinder.displacement
+        plant, _ = m.mujoco(tyre, machine=machine)
+        tractor, where = plant.tractor, f"kingpin offset {1e3 * offset:g} mm"
         wanted = scrubbing(tractor.front_axle_load, tractor.front_wheel_width_m, offset)
         still = sweep(driver_of(plant, 0.0), machine).torque
-        where = f"kingpin offset {1e3 * offset:g} mm"
-        checks.append(About("kingpins", f"parked torque, {where}", tyre.kind, "N m").near(still, wanted, 0.15))
-        for limit, judge in (("least", "above"), ("most", "below")):
-            about = About("kingpins", f"parked pressure, {where}, {limit}", tyre.kind, "bar")
-            checks.append(getattr(about, judge)(still / area / 1e5, 30.0 if limit == "least" else 70.0))
+        bar = still / machine.cylinder.displacement / 1e5
+        yield m.about(f"parked torque, {where}", tyre.kind, "N m").near(still, wanted, 0.15)
+        yield m.about(f"parked pressure, {where}, least", tyre.kind, "bar").above(bar, 30.0)
+        yield m.about(f"parked pressure, {where}, most", tyre.kind, "bar").below(bar, 70.0)
         rolled = sweep(driver_of(plant, SPEED_M_S), machine).torque
-        about = About("kingpins", f"torque at 1 m/s over parked, {where}", tyre.kind, "")
-        checks.append(about.below(rolled / still, 0.35))
-        plants.append(plant)
-    return checks, plants
+        yield m.about(f"torque at 1 m/s over parked, {where}", tyre.kind).below(rolled / still, 0.35)
 
 
-def stalled(tyre: Any) -> tuple[list[Check], MujocoPlant]:
+def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
     """Steering rate at full voltage under a weak relief valve, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
-    plant, _ = mujoco_plant(tyre, machine=machine)
+    plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
     for speed in (0.0, SPEED_M_S):
         driver = driver_of(plant, speed)
         driver.go_by_voltage(1.0, volts(machine, 1, RATE_DEG_S))
-        seen = [truth.steer for truth in driver.go_by_voltage(0.5, volts(machine, 1, RATE_DEG_S)).truths]
+        seen = driver.go_by_voltage(0.5, volts(machine, 1, RATE_DEG_S))["steer"]
         rates.append(degrees(seen[-1] - seen[0]) / (0.05 * (len(seen) - 1)))
-    parked_rate, rolling_rate = rates
-    return [
-        About("kingpins", "steering rate under weak relief, parked", tyre.kind, "deg/s").below(abs(parked_rate), 0.2),
-        About("kingpins", "steering rate under weak relief, rolling", tyre.kind, "deg/s").above(rolling_rate, 5.0),
-    ], plant
+    weak = "steering rate under weak relief"
+    yield m.about(f"{weak}, parked", tyre.kind, "deg/s").below(abs(rates[0]), 0.2)
+    yield m.about(f"{weak}, rolling", tyre.kind, "deg/s").above(rates[1], 5.0)
 
 
-def lifted() -> tuple[Check, MujocoPlant]:
+def lifted(m: Trial) -> Check:
     """Torque of the weight that steering lifts, at 20 degrees, on tyres that do not scrub."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
-    plant, _ = mujoco_plant(tyre, machine=machine)
+    plant, _ = m.mujoco(tyre, machine=machine)
     lift = sweep(driver_of(plant, 0.0), machine, angle).offset
     s = radians(machine.linkage.kingpin_inclination_deg)
     hub = machine.linkage.kingpin_offset_m + loaded_radius(plant) * tan(s)
     wanted = plant.tractor.front_axle_load * hub * sin(2 * s) / 2 * sin(radians(angle))
-    return About("kingpins", "torque of the lifted weight at 20 deg", tyre.kind, "N m").near(lift, wanted, 0.15), plant
+    return m.about("torque of the lifted weight at 20 deg", tyre.kind, "N m").near(lift, wanted, 0.15)
 
 
-def trailing(tyre: Any) -> tuple[Check, list[MujocoPlant]]:
+def trailing(m: Trial, tyre: Any) -> Check:
     """Torque that caster adds in a steady bend of 10 degrees at 3 m/s."""
-    caster, torques, plants, side, roll, delta = 6.0, [], [], 0.0, 0.0, 0.0
-    for degrees_ in (0.0, caster):
-        machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=degrees_)
-        plant, _ = mujoco_plant(tyre, machine=machine)
+    torques = []
+    for caster in (0.0, CASTER_DEG):
+        machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
+        plant, _ = m.mujoco(tyre, machine=machine)
         driver = driver_of(plant, 3.0)
         for _ in range(200):
             if degrees(driver.go_by_voltage(0.05, volts(machine, 1, RATE_DEG_S)).truths[-1].steer) > 10.0:
                 break
         driver.go_by_voltage(4.0, NEUTRAL_V)
         torques.append(plant.actuation()[1] * machine.cylinder.displacement)
-        delta = plant.truth().steer
-        side = float(plant.tyred.report[:2, FORCE_Y].sum())
-        more = float(plant.tyred.report[1, LOAD] - plant.tyred.report[0, LOAD])
-        roll = more / (plant.tractor.front_wheel.stiffness * plant.tractor.track_m)
-        plants.append(plant)
-    weight, radius, c = plant.tractor.front_axle_load, loaded_radius(plant), radians(caster)
+    report, tractor, delta = plant.tyred.report, plant.tractor, plant.truth().steer
+    roll = float(report[1, LOAD] - report[0, LOAD]) / (tractor.front_wheel.stiffness * tractor.track_m)
+    side, weight, radius = float(report[:2, FORCE_Y].sum()), tractor.front_axle_load, loaded_radius(plant)
+    c = radians(CASTER_DEG)
     wanted = (side + weight * roll) * radius * sin(c) - weight * radius * sin(c) ** 2 * sin(2 * delta) / 2
-    name = f"torque of caster at {degrees(delta):.0f} deg of steering"
-    return About("kingpins", name, tyre.kind, "N m").near(torques[1] - torques[0], wanted, 0.1), plants
+    about = m.about(f"torque of caster at {degrees(delta):.0f} deg of steering", tyre.kind, "N m")
+    return about.near(torques[1] - torques[0], wanted, 0.1)
 
 
-def run(quick: bool = False) -> Findings:
-    """All checks on `magic_formula`, caster on `linear`; `quick` leaves out the sweeps on the move."""
-    tyre = MagicFormula()
-    lift, lifting = lifted()
-    stall, weak = stalled(tyre)
-    if quick:
-        return Findings([lift, *stall], warnings([lifting, weak]))
-    turned, plants = parked(tyre)
-    caster, trailed = trailing(Linear())
-    return Findings([*turned, *stall, lift, caster], warnings([*plants, weak, lifting, *trailed]))
+def run(m: Trial) -> Iterator[Check]:
+    """All checks on `magic_formula`, caster on `linear`; the quick version leaves out the sweeps on the move."""
+    if m.quick:
+        yield lifted(m)
+    else:
+        yield from parked(m, MagicFormula())
+    yield from stalled(m, MagicFormula())
+    if not m.quick:
+        yield lifted(m)
+        yield trailing(m, Linear())

@@ -5,12 +5,14 @@ the pitch that the tyres' deflection adds; across by moments about the line thro
 hands the whole roll moment of the body to the rear wheels, while the body leans on the rear tyres.
 """
 
+from collections.abc import Iterator
 from math import cos, radians, sin
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tyres, warnings
-from agrobot_mj.bench.manoeuvres.parking import FACING, GRADE_DEG, REST
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.bench.manoeuvres.driver import hold
+from agrobot_mj.bench.manoeuvres.parking import FACING, GRADE_DEG
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
@@ -35,24 +37,16 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
     return front, weight * cos(grade) - front
 
 
-def run(quick: bool = False) -> Findings:
-    """Loads on every tyre; `quick` changes nothing."""
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Loads on every tyre; the quick version changes nothing."""
     for tyre in tyres():
         for facing, direction in FACING.items():
-            plant, _ = mujoco_plant(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
-            reports = []
-            for tick in range(round((SETTLED_S + WATCHED_S) / TICK_S)):
-                plant.advance(REST)
-                if tick * TICK_S >= SETTLED_S:
-                    reports.append(plant.wheels()[:4].copy())
-            carried: Array = np.array(reports).mean(axis=0)
+            plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
+            reports = [plant.wheels()[:4].copy() for _ in hold(plant, SETTLED_S + WATCHED_S)]
+            carried: Array = np.array(reports[round(SETTLED_S / TICK_S) :]).mean(axis=0)
             for name, measured, theory in _compare(plant.tractor, facing, carried):
-                about = About("loads", f"{name}, {facing} on {GRADE_DEG:g} deg", tyre.kind, "N")
-                checks.append(about.judged(tyre, about.near(measured, theory, BAND)))
-            warned += warnings([plant])
-    return Findings(checks, warned)
+                about = m.about(f"{name}, {facing} on {GRADE_DEG:g} deg", tyre.kind, "N")
+                yield about.near(measured, theory, BAND).judged(tyre.judged)
 
 
 def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:

@@ -7,10 +7,11 @@ deeper. Its lower wheels carry the share 1/2 + (h / b) tan(slope) of the load, w
 gravity and the track b; lean on tyres and soil moves the centre a little further.
 """
 
+from collections.abc import Iterator
 from math import hypot, radians, tan
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tractor_of, warnings
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive, Truth
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.bench.manoeuvres.driver import hold
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import MujocoPlant
@@ -27,42 +28,24 @@ MOVES_MM, DIGS_MM = 0.1, 0.1
 """Motion and sinkage allowed at rest [mm]."""
 LEANS = 0.02
 """Share of the load that lean adds [-]."""
-REST = Drive(NEUTRAL_V, NEUTRAL_V)
 
 
-def run(quick: bool = False) -> Findings:
-    """Every mass on sinking soil and on firm ground; `quick` takes the stock tractor."""
-    checks: list[Check] = []
-    warned = 0
-    for mass in MASSES_KG[:1] if quick else MASSES_KG:
+def run(m: Trial) -> Iterator[Check]:
+    """Every mass on sinking soil and on firm ground; quick, the stock tractor."""
+    for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
-            plant, truth = mujoco_plant(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
-            checks += parked(plant, truth, tyre.kind)
-            warned += warnings([plant])
-    return Findings(checks, warned)
-
-
-def parked(plant: MujocoPlant, truth: Truth, kind: str) -> list[Check]:
-    """Checks of a tractor that stands across `SLOPE`."""
-
-    def about(quantity: str, unit: str) -> About:
-        return About("parked across", f"{quantity}, {plant.tractor.mass_kg:.0f} kg", kind, unit)
-
-    speed = max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
-    before, later = deepest(plant), truth
-    for _ in range(round(WATCHED_S / TICK_S)):
-        later = plant.advance(REST)
-    tractor, loads = plant.tractor, plant.tyred.report[:, LOAD]
-    theory = 0.5 + tractor.cg_height_m / tractor.track_m * tan(radians(GRADE_DEG))
-    moved, dug = hypot(later.x - truth.x, later.y - truth.y), deepest(plant) - before
-    return [
-        about("speed at the start", "mm/s").below(1e3 * speed, 1e3 * REST_M_S),
-        about(f"way in {WATCHED_S:g} s", "mm").below(1e3 * moved, MOVES_MM),
-        about(f"sinkage in {WATCHED_S:g} s", "mm").below(1e3 * dug, DIGS_MM),
-        about("share of the load on the lower wheels", "").near(
-            float(loads[[1, 3]].sum() / loads.sum()), theory, LEANS
-        ),
-    ]
+            plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
+            before, tractor = deepest(plant), plant.tractor
+            *_, later = hold(plant, WATCHED_S)
+            loads = plant.tyred.report[:, LOAD]
+            size, share = f"{tractor.mass_kg:.0f} kg", float(loads[[1, 3]].sum() / loads.sum())
+            speed = 1e3 * max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
+            moved, dug = 1e3 * hypot(later.x - truth.x, later.y - truth.y), 1e3 * (deepest(plant) - before)
+            theory = 0.5 + tractor.cg_height_m / tractor.track_m * tan(radians(GRADE_DEG))
+            yield m.about(f"speed at the start, {size}", tyre.kind, "mm/s").below(speed, 1e3 * REST_M_S)
+            yield m.about(f"way in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(moved, MOVES_MM)
+            yield m.about(f"sinkage in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(dug, DIGS_MM)
+            yield m.about(f"share of the load on the lower wheels, {size}", tyre.kind).near(share, theory, LEANS)
 
 
 def deepest(plant: MujocoPlant) -> float:

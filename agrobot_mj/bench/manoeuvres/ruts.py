@@ -9,12 +9,13 @@ little deeper than N^(1/a); the second pass adds 10 to 50 % of what the first ha
 no more tiles of the soil's memory than one.
 """
 
+from collections.abc import Iterator
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
@@ -99,29 +100,24 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
     return float(ruts.depth[middle].mean()), float(work[here].sum() / (WAY_M / 3))
 
 
-def plate(tyre: Ruts) -> list[Check]:
+def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
     """Pressure of a plate against plastic sinkage, and the stiffness with which it rebounds."""
     soil, b = tyre.structure().bearing, 0.2
-    k, checks = soil.k_c / b + soil.k_phi, []
+    k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
     for aim in (0.01, 0.03):
         while cell.sinkage < aim:
             depth = cell.sinkage + cell.pressure / soil.rebound + 2e-4
             cell = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
-        about = About("ruts", f"pressure of a plate {1e3 * aim:g} mm deep", tyre.kind, "kPa")
-        checks.append(about.near(1e-3 * cell.pressure, 1e-3 * k * cell.sinkage**soil.n, CLOSED))
+        about = m.about(f"pressure of a plate {1e3 * aim:g} mm deep", tyre.kind, "kPa")
+        yield about.near(1e-3 * cell.pressure, 1e-3 * k * cell.sinkage**soil.n, CLOSED)
     depth = cell.sinkage + 0.5 * cell.pressure / soil.rebound
     back = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
     stiffness = (cell.pressure - back.pressure) / (0.5 * cell.pressure / soil.rebound)
-    checks.append(
-        About("ruts", "rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
-    )
+    yield m.about("rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
     for count in (2, 3, 10):
-        about = About(
-            "ruts", f"sinkage of a plate after {count} times the same pressure over that after one", tyre.kind, ""
-        )
-        checks.append(about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED))
-    return checks
+        about = m.about(f"sinkage of a plate after {count} times the same pressure over that after one", tyre.kind)
+        yield about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED)
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
@@ -137,32 +133,26 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
     return sunk[-1] / sunk[0]
 
 
-def run(quick: bool = False) -> Findings:
-    """Plate, towed wheel and passes; `quick` takes one soil."""
-    checks = plate(Ruts())
-    for name, tyre in SOILS.items() if not quick else list(SOILS.items())[:1]:
+def run(m: Trial) -> Iterator[Check]:
+    """Plate, towed wheel and passes; quick, on one soil."""
+    yield from plate(m, Ruts())
+    for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m
         k, n = soil.k_c / width + soil.k_phi, soil.n
         (rigid,) = passes(tyre, 1, Tread(TRACTOR.rear_wheel_radius_m, width, 1e3, 1e12))
-        theory = width * k * rigid.depth ** (n + 1) / (n + 1)
-        checks.append(
-            About("ruts", f"resistance of a rigid wheel, {name}", "ruts", "N").near(rigid.resistance, theory, BAND)
-        )
         found = passes(tyre, PASSES if name == "sandy loam" else 3)
         first, second, third = found[:3]
-        about = About("ruts", f"resistance of a tyre against the work of compaction, {name}", "ruts", "N")
-        checks.append(about.near(first.resistance, first.work, BAND))
-        about = About("ruts", f"resistance over load, first pass, {name}", "ruts", "")
-        checks.append(about.reported(first.resistance / LOAD_N))
-        added = 100 * (second.depth / first.depth - 1)
-        about = About("ruts", f"second pass adds, of the first pass's sinkage, {name}", "ruts", "%")
-        checks.append(about.between(added, 10.0, 50.0))
-        about = About("ruts", f"work of the second pass over that of the first, {name}", "ruts", "")
-        checks.append(about.between(second.resistance / first.resistance, 0.0, 1.0))
+        about = m.about(f"resistance of a rigid wheel, {name}", "ruts", "N")
+        yield about.near(rigid.resistance, width * k * rigid.depth ** (n + 1) / (n + 1), BAND)
+        about = m.about(f"resistance of a tyre against the work of compaction, {name}", "ruts", "N")
+        yield about.near(first.resistance, first.work, BAND)
+        yield m.about(f"resistance over load, first pass, {name}", "ruts").reported(first.resistance / LOAD_N)
+        about = m.about(f"second pass adds, of the first pass's sinkage, {name}", "ruts", "%")
+        yield about.between(100 * (second.depth / first.depth - 1), 10.0, 50.0)
+        about = m.about(f"work of the second pass over that of the first, {name}", "ruts")
+        yield about.between(second.resistance / first.resistance, 0.0, 1.0)
         for count, one in ((2, second), (3, third)):
-            about = About("ruts", f"depth after {count} passes over that after one, equal load, {name}", "ruts", "")
-            checks.append(about.reported(one.depth / first.depth, count ** (1 / soil.multipass)))
+            about = m.about(f"depth after {count} passes over that after one, equal load, {name}", "ruts")
+            yield about.reported(one.depth / first.depth, count ** (1 / soil.multipass))
         if len(found) == PASSES:
-            about = About("ruts", f"tiles taken by passes 2 to {PASSES}", "ruts", "")
-            checks.append(about.none(found[-1].tiles - first.tiles))
-    return Findings(checks, 0)
+            yield m.about(f"tiles taken by passes 2 to {PASSES}", "ruts").none(found[-1].tiles - first.tiles)

@@ -13,10 +13,11 @@ sin(theta) / (C_f + C_r). It is judged as long as the tyre's force at that slip 
 zero. The heading of this tractor crabs less than that mean, and its front wheels more, since it understeers.
 """
 
+from collections.abc import Iterator
 from math import atan, cos, degrees, radians, sin, tan
 from typing import Any
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
 from agrobot_mj.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine.tractor import GRAVITY
@@ -36,38 +37,36 @@ def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, f
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
 
 
-def run(quick: bool = False) -> Findings:
-    """Crab angles on every tyre; `quick` leaves out 10 degrees."""
-    checks: list[Check] = []
-    curves: dict[str, Any] = {}
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Crab angles on every tyre; the quick version leaves out 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
-            if quick and grade == 10.0:
+            if m.quick and grade == 10.0:
                 continue
-            plant, truth = mujoco_plant(tyre, Slope(grade_deg=grade, direction_deg=90.0))
+            plant, truth = m.mujoco(tyre, Slope(grade_deg=grade, direction_deg=90.0))
             rear, front = traverse(Driver(plant, truth, SPEED_M_S), grade, 30.0)
-            curves.setdefault(tyre.kind, []).append((grade, rear))
-            checks += _against(tyre, grade, rear, front)
-            warned += warnings([plant])
-    return Findings(checks, warned, curves)
+            m.curves.setdefault(tyre.kind, []).append((grade, rear))
+            yield from _against(m, tyre, grade, rear, front)
 
 
-def _against(tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
+def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
     """Checks of both angles [deg] against theory."""
-    heading = About("side slope", f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
-    mean = About("side slope", f"mean crab, {grade:g} deg", tyre.kind, "deg")
+    heading = m.about(f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
+    mean = m.about(f"mean crab, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:
         return [heading.reported(rear), mean.reported((rear + front) / 2)]
     paper = Tractor(tyre=tyre)
     C_f, C_r = paper.axle_stiffness
-    share = paper.p.mass_kg * GRAVITY * sin(radians(grade)) / (C_f + C_r)
-    weighted = (C_f * front + C_r * rear) / (C_f + C_r)
-    linear, wanted = in_linear_range(paper, share), degrees(share)
+    share = linear_slip(paper, grade)
     return [
         heading.near(rear, degrees(paper.side_slope(grade).rear_slip), BAND),
-        mean.near(weighted, wanted, BAND) if linear else mean.reported(weighted, wanted),
+        mean.near((C_f * front + C_r * rear) / (C_f + C_r), degrees(share), BAND).judged(in_linear_range(paper, share)),
     ]
+
+
+def linear_slip(paper: Tractor, grade_deg: float) -> float:
+    """Slip angle at which the tangents of both axles' tyres hold a side slope [rad]."""
+    return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 
 def in_linear_range(paper: Tractor, slip: float) -> bool:

@@ -9,19 +9,19 @@ units [Eaton2006], which goes with load times width, and the wheels reach their 
 mass, on tyres with the law of the rear ones, crabs as the tractor does: it stays in line.
 """
 
+from collections.abc import Iterator
 from math import atan, cos, degrees, radians, tan
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tractor_of, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tractor_of
 from agrobot_mj.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.bench.manoeuvres.theory import crab_of_any_mass
-from agrobot_mj.bench.rig.wheel import FRONT, REAR, Rig, Setting
+from agrobot_mj.bench.rig.wheel import FRONT, REAR, Rig, Setting, static_load
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.machine.implements import Drawn
 from agrobot_mj.machine.linkage import UPRIGHT
-from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula
 
@@ -48,9 +48,9 @@ def trailer(mass_kg: float) -> Drawn:
     return p.model_copy(update=lengths | {"mass_kg": mass_kg, "wheel_mass_kg": p.wheel_mass_kg * s})
 
 
-def crab(machine: Machine) -> tuple[float, float, MujocoPlant]:
+def crab(m: Trial, machine: Machine) -> tuple[float, float]:
     """Mean slip angle of both axles by stiffness, and the angle of a trailer to the tractor if there is one [deg]."""
-    plant, truth = mujoco_plant(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
+    plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # as many wheelbases a second: the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
     trace, folded = Driver(plant, truth, speed).go(25.0, track_course()), 0.0
@@ -61,57 +61,37 @@ def crab(machine: Machine) -> tuple[float, float, MujocoPlant]:
     if plant.implement:
         names = [column.name for column in plant.columns]
         folded = float(plant.report()[names.index("hitch_angle")])
-    return degrees(weighted), degrees(folded), plant
+    return degrees(weighted), degrees(folded)
 
 
 def peak(tractor: TractorParameters, wheel: int) -> float:
     """Largest lateral force of a wheel over its static load [-]."""
-    rig, load = Rig(TYRE, tractor, wheel), tractor.front_wheel.load if wheel == FRONT else tractor.rear_wheel.load
+    rig, load = Rig(TYRE, tractor, wheel), static_load(tractor, wheel)
     return max(-rig.steady(Setting(SPEED_M_S, radians(angle), 0.0, load)).fy for angle in PEAKS_DEG) / load
 
 
-def parked(machine: Machine) -> tuple[float, float, MujocoPlant]:
+def parked(m: Trial, machine: Machine) -> tuple[float, float]:
     """Torque while the standing wheels turn [N m], and the angle that they reach [deg]."""
-    plant, truth = mujoco_plant(TYRE, machine=machine)
-    driver = Driver(plant, truth)
-    torques = []
-    for _ in range(20):
-        driver.go_by_voltage(0.05, NEUTRAL_V + 2.0)
-        torques.append(plant.actuation()[1] * machine.cylinder.displacement)
+    driver = Driver(*m.mujoco(TYRE, machine=machine))
+    torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)
-    return float(np.mean(torques[12:])), degrees(driver.truth.steer), plant
+    return float(np.mean(torques[12:])), degrees(driver.truth.steer)
 
 
-def run(quick: bool = False) -> Findings:
-    """Every mass; `quick` takes the second and the last."""
-    checks: list[Check] = []
-    warned = 0
-    for mass in MASSES_KG[1::2] if quick else MASSES_KG:
-        found, plants = of_size(mass)
-        checks += found
-        warned += warnings(plants)
-    return Findings(checks, warned)
-
-
-def of_size(mass: float) -> tuple[list[Check], list[MujocoPlant]]:
-    """Checks of one tractor."""
-    machine, size = grown(mass), f"{mass / 1e3:g} t"
-    tractor = machine.tractor
-    slipped, _, alone = crab(machine)
-    _, folded, pulling = crab(machine._replace(implement=trailer(mass / 2)))
-    torque, reached, standing = parked(machine)
-
-    def about(quantity: str, unit: str) -> About:
-        return About("machine size", f"{quantity}, {size}", TYRE.kind, unit)
-
-    checks = [
-        about(f"mean crab, {GRADE_DEG:g} deg", "deg").near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND),
-        *(
-            about(f"peak force over static load, {axle}", "").near(peak(tractor, wheel), curve.lateral.mu, BAND)
-            for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear))
-        ),
-        about("angle of a trailer to the tractor", "deg").below(folded, HITCH_DEG),
-        about("torque of the standing wheels", "N m").near(torque, UPRIGHT.parked_torque(tractor), PARKED_BAND),
-        about("angle reached standing", "deg").close(reached, tractor.steer_limit_deg, 0.2),
-    ]
-    return checks, [alone, pulling, standing]
+def run(m: Trial) -> Iterator[Check]:
+    """Every mass; quick, the second and the last."""
+    for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
+        machine, size = grown(mass), f"{mass / 1e3:g} t"
+        tractor = machine.tractor
+        slipped, _ = crab(m, machine)
+        _, folded = crab(m, machine._replace(implement=trailer(mass / 2)))
+        torque, reached = parked(m, machine)
+        about = m.about(f"mean crab, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
+        yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)
+        for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear)):
+            about = m.about(f"peak force over static load, {axle}, {size}", TYRE.kind)
+            yield about.near(peak(tractor, wheel), curve.lateral.mu, BAND)
+        yield m.about(f"angle of a trailer to the tractor, {size}", TYRE.kind, "deg").below(folded, HITCH_DEG)
+        about = m.about(f"torque of the standing wheels, {size}", TYRE.kind, "N m")
+        yield about.near(torque, UPRIGHT.parked_torque(tractor), PARKED_BAND)
+        yield m.about(f"angle reached standing, {size}", TYRE.kind, "deg").close(reached, tractor.steer_limit_deg, 0.2)

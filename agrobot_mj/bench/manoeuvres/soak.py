@@ -5,9 +5,11 @@ number must stay finite and MuJoCo must not warn. A tractor that rolls over (on 
 often does) or leaves the field is put back at the start and driven on.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.base import ORIGIN, About, Check, Findings, mujoco_plant, tyres, warnings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
 from agrobot_mj.core.signals import TICK_S, Drive
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V
 from agrobot_mj.plants import MujocoPlant
@@ -18,10 +20,10 @@ HOLD_S = 0.5
 """Time for which each random voltage is held [s]."""
 
 
-def soak(plant: MujocoPlant, seconds: float) -> tuple[int, int, int]:
-    """Number of ticks with a value that is not finite, of warnings of MuJoCo, and of restarts of the run."""
+def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
+    """Number of ticks with a value that is not finite, and of restarts."""
     rng = np.random.default_rng(1)
-    broken = warned = restarts = 0
+    broken = restarts = 0
     drive = Drive(0.0, 0.0)
     for tick in range(round(seconds / TICK_S)):
         if tick % round(HOLD_S / TICK_S) == 0:
@@ -31,22 +33,17 @@ def soak(plant: MujocoPlant, seconds: float) -> tuple[int, int, int]:
         sane = np.isfinite([*truth[:14], *plant.data.qpos, *plant.data.qvel, *plant.wheels()]).all()
         broken += not sane or trouble == "diverged"
         if trouble:
-            warned, restarts = warned + warnings([plant]), restarts + 1
-            plant.reset(ORIGIN)
-    return broken, warned + warnings([plant]), restarts
+            m.restart(plant)
+            restarts += 1
+    return broken, restarts
 
 
-def run(quick: bool = False) -> Findings:
-    """Every tyre on both grounds; `quick` drives for 20 s."""
-    seconds = BRIEFLY_S if quick else DURATION_S
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Every tyre on both grounds; the quick version drives for 20 s."""
+    seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):
-            plant, _ = mujoco_plant(tyre, terrain)
-            broken, counted, restarts = soak(plant, seconds)
-            quantity = f"ticks with a broken number in {seconds:g} s on {name}"
-            checks.append(About("soak", quantity, tyre.kind, "").none(broken))
-            checks.append(About("soak", f"rolled over or off, on {name}", tyre.kind, "").reported(restarts))
-            warned += counted
-    return Findings(checks, warned)
+            plant, _ = m.mujoco(tyre, terrain)
+            broken, restarts = soak(m, plant, seconds)
+            yield m.about(f"ticks with a broken number in {seconds:g} s on {name}", tyre.kind).none(broken)
+            yield m.about(f"rolled over or off, on {name}", tyre.kind).reported(restarts)

@@ -11,27 +11,16 @@ Held against a stop for five seconds, the steering leaves it as promptly as a ri
 up.
 """
 
+from collections.abc import Iterator
 from math import exp, log, radians
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import curve_fit
 
-from agrobot_mj.bench.manoeuvres.base import (
-    BICYCLE,
-    ORIGIN,
-    STOCK,
-    About,
-    Check,
-    Findings,
-    force_tyres,
-    level_plants,
-    mujoco_plant,
-    tyre_of,
-    warnings,
-)
-from agrobot_mj.bench.manoeuvres.driver import Driver, Trace
-from agrobot_mj.core.signals import NEUTRAL_V, Array, Drive
+from agrobot_mj.bench.manoeuvres.base import BICYCLE, ORIGIN, STOCK, Check, Trial, force_tyres, tyre_of
+from agrobot_mj.bench.manoeuvres.driver import REST, Driver, Trace
+from agrobot_mj.core.signals import NEUTRAL_V, Array
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, Cylinder, Valve, static_flow, valve_law
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.plants import MujocoPlant
@@ -105,68 +94,55 @@ def oil_column(subject: str) -> float:
     return 0.0 if subject == BICYCLE else column.damping / column.stiffness
 
 
-def identification(subject: str, plant: Any) -> list[Check]:
+def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
     """Checks of the valve's parameters, both sides."""
     valve, cylinder = Valve(), Cylinder()
     limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
-    checks = []
+    judged = subject == BICYCLE or tyre_of(subject).judged
     for name, side, gain in (("left", 1, valve.gain_left_l_min_v), ("right", -1, valve.gain_right_l_min_v)):
         found = measure(plant, side, cylinder.displacement)
-        rows = [
+        for quantity, unit, measured, wanted, band in (
             ("dead band", "V", found.dead_band_v, valve.dead_band_v, STATIC_BAND),
             ("gain", "l/(min V)", found.gain_l_min_v, gain, STATIC_BAND),
             ("rate limit", "rad/s", found.rate_limit_rad_s, limit, STATIC_BAND),
             ("time constant", "s", found.time_constant_s, valve.time_constant_s, TIME_BAND),
-        ]
-        judged = subject == BICYCLE or tyre_of(subject).judged
-        for quantity, unit, measured, wanted, band in rows:
-            about = About("steering", f"{quantity}, {name}", subject, unit)
-            checks.append(about.near(measured, wanted, band) if judged else about.reported(measured, wanted))
-        about, wanted = About("steering", f"delay, {name}", subject, "s"), valve.delay_s + oil_column(subject)
-        close = about.close(found.delay_s, wanted, DELAY_BAND_S)
-        checks.append(close if judged else about.reported(found.delay_s, wanted))
-    return checks
+        ):
+            yield m.about(f"{quantity}, {name}", subject, unit).near(measured, wanted, band).judged(judged)
+        delay = m.about(f"delay, {name}", subject, "s")
+        yield delay.close(found.delay_s, valve.delay_s + oil_column(subject), DELAY_BAND_S).judged(judged)
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
     """Mean pressure while the wheels turn left at a steady rate [bar]."""
     driver = rolling(plant, speed)
     driver.go_by_voltage(0.5, NEUTRAL_V + 2.0)
-    pressures = []
-    for _ in range(20):
-        driver.go_by_voltage(0.05, NEUTRAL_V + 2.0)
-        pressures.append(plant.actuation()[1])
-    return float(np.mean(pressures)) / 1e5
+    return float(np.mean(driver.pressures(1.0, NEUTRAL_V + 2.0))) / 1e5
 
 
-def load_dependence(tyre: Any, plant: MujocoPlant) -> list[Check]:
+def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
     """Checks of the pressure, parked and rolling."""
     patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
     twisting = 2 / 3 * DRY_GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
-    still = About("steering", "pressure to turn the wheels, parked", tyre.kind, "bar")
-    ratio = About("steering", "pressure parked over rolling", tyre.kind, "")
-    return [
-        still.near(parked, twisting, 0.05) if patch > 0 else still.reported(parked),
-        ratio.above(parked / rolled, 1.5) if patch > 0 else ratio.reported(parked / rolled),
-    ]
+    still = m.about("pressure to turn the wheels, parked", tyre.kind, "bar")
+    yield still.near(parked, twisting, 0.05) if patch > 0 else still.reported(parked)
+    yield m.about("pressure parked over rolling", tyre.kind).above(parked / rolled, 1.5).judged(patch > 0)
 
 
-def relief(tyre: Any) -> tuple[Check, MujocoPlant]:
+def relief(m: Trial, tyre: Any) -> Check:
     """Mean pressure while a torque of 1.6 times relief pushes the wheels aside, from 5 to 30 degrees.
 
     Scrubbing tyres hold a third of relief beside the oil.
     """
-    plant, _ = mujoco_plant(tyre, tick_s=PHYSICS_S)
+    plant, _ = m.mujoco(tyre, tick_s=PHYSICS_S)
     torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.6 * torque
     pressures: list[float] = []
     for _ in range(round(1.0 / PHYSICS_S)):
-        angle = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V)).steer
-        if radians(5.0) < angle < radians(30.0):
+        if radians(5.0) < plant.advance(REST).steer < radians(30.0):
             pressures.append(abs(plant.actuation()[1]) / 1e5)
-    about = About("steering", "pressure at relief", tyre.kind, "bar")
-    return about.near(float(np.mean(pressures)), torque / Cylinder().displacement / 1e5, 0.01), plant
+    about = m.about("pressure at relief", tyre.kind, "bar")
+    return about.near(float(np.mean(pressures)), torque / Cylinder().displacement / 1e5, 0.01)
 
 
 def leaving(seen: Array, stop: float) -> float:
@@ -186,30 +162,26 @@ def rigid_leaving(side: int) -> float:
     return valve.delay_s + s
 
 
-def stops(subject: str, plant: Any) -> list[Check]:
+def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
     """Angle at each stop under full flow, and the time to leave it again."""
-    checks, column = [], oil_column(subject)
     for name, side in (("left", 1), ("right", -1)):
         driver = Driver(plant, plant.reset(ORIGIN))
-        held = angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))
+        held = float(angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))[-1])
         left = angles(driver.go_by_voltage(0.6, NEUTRAL_V - side * NEUTRAL_V))
-        limit, about = plant.tractor.steer_limit, About("steering", f"angle at the stop, {name}", subject, "deg")
-        checks.append(about.close(float(np.degrees(side * held[-1])), float(np.degrees(limit)), 0.2))
-        about = About("steering", f"time to leave the stop, {name}", subject, "s")
-        checks.append(about.close(leaving(left, side * float(held[-1])), rigid_leaving(side) + column, 0.01))
-    return checks
+        about = m.about(f"angle at the stop, {name}", subject, "deg")
+        yield about.close(float(np.degrees(side * held)), float(np.degrees(plant.tractor.steer_limit)), 0.2)
+        about = m.about(f"time to leave the stop, {name}", subject, "s")
+        yield about.close(leaving(left, side * held), rigid_leaving(side) + oil_column(subject), 0.01)
 
 
-def run(quick: bool = False) -> Findings:
-    """The valve on every plant, the cylinder on every tyre; `quick` takes the bicycle and `linear` alone."""
-    plants = level_plants(only_linear=quick)
-    checks = [check for subject, plant, _ in plants for check in identification(subject, plant)]
+def run(m: Trial) -> Iterator[Check]:
+    """The valve on every plant, the cylinder on every tyre; quick, the bicycle and `linear` alone."""
+    plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
-        checks += stops(subject, plant) if subject in (BICYCLE, Linear().kind) else []
-    driven = [plant for _, plant, _ in plants]
+        yield from identification(m, subject, plant)
+    for subject, plant, _ in plants:
+        if subject in (BICYCLE, Linear().kind):
+            yield from stops(m, subject, plant)
     for tyre in force_tyres():
-        plant, _ = mujoco_plant(tyre)
-        relieved, pushed = relief(tyre)
-        checks += [*load_dependence(tyre, plant), relieved]
-        driven += [plant, pushed]
-    return Findings(checks, warnings(driven))
+        yield from load_dependence(m, tyre, m.mujoco(tyre)[0])
+        yield relief(m, tyre)

@@ -14,6 +14,7 @@ that was measured:
 with s the slip of an axle and w its sliding velocity.
 """
 
+from collections.abc import Iterator
 from math import radians
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.signal import lsim
 
-from agrobot_mj.bench.manoeuvres.base import BICYCLE, About, Check, Findings, level_plants, tyre_of, warnings
+from agrobot_mj.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
 from agrobot_mj.bench.manoeuvres.cornering import paper_gradient
 from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.bench.manoeuvres.theory import Tractor
@@ -146,22 +147,18 @@ def transient(seen: Step) -> tuple[float, float, float]:
     )
 
 
-def run(quick: bool = False) -> Findings:
-    """Steady gain and response of the bicycle and of every tyre; `quick` waits less for the steady state."""
-    checks: list[Check] = []
-    curves: dict[str, Any] = {}
-    plants = level_plants()
-    for subject, plant, truth in plants:
-        curves[subject] = seen = step(plant, truth, 6.0 if quick else 12.0)
-        about, wanted = About("step steer", "steady yaw rate over steering angle", subject, "1/s"), theory(subject)
-        checks.append(about.reported(seen.gain) if wanted is None else about.near(seen.gain, wanted, BAND))
-        checks.append(About("step steer", "response time", subject, "s").reported(seen.response_s))
-        about = About("step steer", "overshoot", subject, "%")
-        if subject == Linear().kind:
-            overshoot, wanted, difference = transient(seen)
-            checks.append(about.near(overshoot, wanted, TRANSIENT_BAND))
-            about = About("step steer", "yaw rate off the bicycle with relaxation, rms", subject, "%")
-            checks.append(about.below(difference, 100 * BAND))
-        else:
-            checks.append(about.reported(100 * seen.overshoot))
-    return Findings(checks, warnings(plant for _, plant, _ in plants), curves)
+def run(m: Trial) -> Iterator[Check]:
+    """Steady gain and response of the bicycle and of every tyre; quick, after a shorter wait for the steady state."""
+    for subject, plant, truth in m.level_plants():
+        m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
+        about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)
+        yield about.reported(seen.gain) if wanted is None else about.near(seen.gain, wanted, BAND)
+        yield m.about("response time", subject, "s").reported(seen.response_s)
+        about = m.about("overshoot", subject, "%")
+        if subject != Linear().kind:
+            yield about.reported(100 * seen.overshoot)
+            continue
+        overshoot, wanted, difference = transient(seen)
+        yield about.near(overshoot, wanted, TRANSIENT_BAND)
+        about = m.about("yaw rate off the bicycle with relaxation, rms", subject, "%")
+        yield about.below(difference, 100 * BAND)

@@ -29,13 +29,13 @@ from agrobot_mj.bench.manoeuvres import (
     tipping,
     vibration,
 )
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings
+from agrobot_mj.bench.manoeuvres.base import About, Check, Run, Trial
 from agrobot_mj.bench.manoeuvres.figures import write_figures
 from agrobot_mj.bench.manoeuvres.tables import page
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, exclusive, write_json
 
-MANOEUVRES: dict[str, Callable[[bool], Findings]] = {
+MANOEUVRES: dict[str, Run] = {
     "parking": parking.run,
     "brake": braking.run,
     "parked across": parked_across.run,
@@ -72,26 +72,22 @@ def validate(
     `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
     and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
+    found: dict[str, Trial] = {}
     with exclusive(out, FILES):
-        return _validate(out, quick, on_finished)
-
-
-def _validate(out: Path, quick: bool, on_finished: Callable[[str, list[Check], float], None] | None) -> list[Check]:
-    found: dict[str, Findings] = {}
-    for name, run in MANOEUVRES.items():
-        began = time.perf_counter()
-        found[name] = run(quick)
-        if on_finished is not None:
-            on_finished(name, found[name].checks, time.perf_counter() - began)
-    warned = sum(findings.warnings for findings in found.values())
-    checks = [check for findings in found.values() for check in findings.checks]
-    checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
-    reserve(out, FILES)
-    write_figures(found, out / "images")
-    write_json(out / "validation.json", [as_row(check) for check in checks])
-    texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
-    with atomic(out / "validation.md") as part:
-        part.write_text(page(checks, texts), encoding="utf-8")
+        for name, run in MANOEUVRES.items():
+            began = time.perf_counter()
+            found[name] = Trial(name, quick).drive(run)
+            if on_finished is not None:
+                on_finished(name, found[name].checks, time.perf_counter() - began)
+        checks = [check for driven in found.values() for check in driven.checks]
+        warned = sum(driven.warnings for driven in found.values())
+        checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
+        reserve(out, FILES)
+        write_figures(found, out / "images")
+        write_json(out / "validation.json", [as_row(check) for check in checks])
+        texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
+        with atomic(out / "validation.md") as part:
+            part.write_text(page(checks, texts), encoding="utf-8")
     return checks
 
 

@@ -21,7 +21,7 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""Manoeuvre to its figure and what that shows."""
+"""Trial to its figure and what that shows."""
 NEGLIGIBLE = 1e-3
 """Magnitude below which a number is shown as less than this."""
 

@@ -146,6 +146,13 @@ class Tractor:
         law, state = self.slip(i, slip, 0.0, load)
         return own - float(law.drag(state, 1.0))
 
+    def rolling(self, grade: float = 0.0) -> tuple[Array, float]:
+        """Effective rolling radii (4,) [m], and rolling and soil resistance of all wheels [N], at the loads of level
+        ground times cos(`grade`); `grade` [rad]."""
+        loads = np.array([self.static(i) for i in range(4)]) * cos(grade)
+        radii = self.tyres.radius - loads / self.tyres.stiffness / 3
+        return radii, sum(self.resistance(i, loads[i]) for i in range(4))
+
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
         """Slip angle at which two wheels together yield `wanted` [N]; raises ValueError beyond their grip."""
 

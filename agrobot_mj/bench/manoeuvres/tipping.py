@@ -8,11 +8,12 @@ Theory counts the lean of the body on its tyres, which costs a good degree. On t
 slides off first.
 """
 
+from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 from typing import NamedTuple
 
-from agrobot_mj.bench.manoeuvres.base import About, Check, Findings, mujoco_plant, tyres, warnings
-from agrobot_mj.bench.manoeuvres.parking import REST
+from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.bench.manoeuvres.driver import REST
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.signals import TICK_S, WHEELS
 from agrobot_mj.machine.tractor import GRAVITY
@@ -53,20 +54,14 @@ def tilt(plant: MujocoPlant, left_side_up: bool) -> Tilt:
     return Tilt(TO_DEG, None)
 
 
-def run(quick: bool = False) -> Findings:
-    """Tipping slope on every tyre; `quick` tips to one side only."""
-    checks: list[Check] = []
-    warned = 0
+def run(m: Trial) -> Iterator[Check]:
+    """Tipping slope on every tyre; the quick version tips to one side only."""
     wanted = Tractor().tipping_deg
     for tyre in tyres():
-        for left_side_up in (True,) if quick else (True, False):
-            plant, _ = mujoco_plant(tyre)
-            ended, side = tilt(plant, left_side_up), "right" if left_side_up else "left"
-            tips = About("tipping", f"slope at which it tips to the {side}", tyre.kind, "deg")
-            slides = About("tipping", f"slope at which it slides off to the {side}", tyre.kind, "deg")
+        for left_side_up in (True,) if m.quick else (True, False):
+            ended, side = tilt(m.mujoco(tyre)[0], left_side_up), "right" if left_side_up else "left"
             if ended.slid_deg is not None:
-                checks.append(slides.reported(ended.slid_deg))
+                yield m.about(f"slope at which it slides off to the {side}", tyre.kind, "deg").reported(ended.slid_deg)
             else:
-                checks.append(tips.judged(tyre, tips.close(ended.lifted_deg, wanted, BAND_DEG)))
-            warned += warnings([plant])
-    return Findings(checks, warned)
+                tips = m.about(f"slope at which it tips to the {side}", tyre.kind, "deg")
+                yield tips.close(ended.lifted_deg, wanted, BAND_DEG).judged(tyre.judged)

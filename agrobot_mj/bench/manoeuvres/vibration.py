@@ -7,10 +7,11 @@ matter: so many whole loadings sink a plate by N^(1/a), and a wheel, whose load 
 between that of one loading and that.
 """
 
+from collections.abc import Iterator
 from math import pi, sin
 from typing import NamedTuple
 
-from agrobot_mj.bench.manoeuvres.base import About, Findings
+from agrobot_mj.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.machine.tractor import TractorParameters
@@ -79,24 +80,17 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
     return found
 
 
-def run(quick: bool = False) -> Findings:
-    """Swings of the load, and whole loadings; `quick` trembles for a third of the time."""
-    tyre, seconds = Ruts(), BRIEFLY_S if quick else DURATION_S
+def run(m: Trial) -> Iterator[Check]:
+    """Swings of the load, and whole loadings; the quick version trembles for a third of the time."""
+    tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])
-    checks = []
     for swing in SWINGS:
         (shaken,) = rut(tyre, [once._replace(swing=swing, seconds=seconds)])
         (heaviest,) = rut(tyre, [once._replace(mean=(1.0 + swing) * LOAD_N)])
-        about = About("vibration", f"rut after {seconds:g} s of ±{100 * swing:g} % at 8 Hz", "ruts", "mm")
-        checks.append(about.close(shaken, heaviest, SAME_MM))
-        about = About("vibration", f"deeper by ±{100 * swing:g} % at 8 Hz", "ruts", "mm")
-        checks.append(about.below(shaken - still, DEEPER_MM))
-    whole = rut(tyre, [once] * COUNT)
-    about = About("vibration", f"rut after {COUNT} whole loadings over that after one", "ruts", "")
-    checks.append(
-        about.between(
-            whole[-1] / whole[0], 1.0 + 0.5 * (COUNT ** (1 / tyre.multipass) - 1.0), COUNT ** (1 / tyre.multipass)
-        )
-    )
-    return Findings(checks, 0)
+        about = m.about(f"rut after {seconds:g} s of ±{100 * swing:g} % at 8 Hz", "ruts", "mm")
+        yield about.close(shaken, heaviest, SAME_MM)
+        yield m.about(f"deeper by ±{100 * swing:g} % at 8 Hz", "ruts", "mm").below(shaken - still, DEEPER_MM)
+    whole, plate = rut(tyre, [once] * COUNT), COUNT ** (1 / tyre.multipass)
+    about = m.about(f"rut after {COUNT} whole loadings over that after one", "ruts")
+    yield about.between(whole[-1] / whole[0], 1.0 + 0.5 * (plate - 1.0), plate)

@@ -9,15 +9,14 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.bench.rig.figures import FIGURES, write_figures
-from agrobot_mj.bench.rig.source import Specimen, load_specimen
-from agrobot_mj.bench.rig.sweep import bench, sweep
+from agrobot_mj.bench.rig.source import load_specimen
+from agrobot_mj.bench.rig.sweep import sweep
 from agrobot_mj.bench.rig.towed import Towed
-from agrobot_mj.bench.rig.wheel import AXLES, FRONT, REAR, Reading, Rig, Setting
+from agrobot_mj.bench.rig.wheel import FRONT, REAR, Rig, Setting
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.storage import atomic, exclusive
 
-__all__ = ["AXLES", "FRONT", "REAR", "Reading", "Rig", "Setting", "Specimen", "Towed", "bench", "load_specimen"]
-__all__ += ["rig_command", "sweep"]
+__all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_command"]
 
 
 def rig_command(source: str, out: Path) -> list[Path]:

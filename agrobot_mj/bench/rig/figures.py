@@ -3,7 +3,7 @@
 One PNG per figure, one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -118,25 +118,17 @@ FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, ali
 FIGURES += [step, speed, hopping]
 """Each draws one figure, a PNG of its name."""
 
-Panels = Sequence[tuple[Axes, object]]
-
 
 def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) -> Figure:
     figure, grid = _panels(table)
     for axes, axle in grid:
         rows = _rows(table, test=test, axle=axle, speed_m_s=SPEED_M_S)
-        for (x, y, _), colour, share in zip(_curves(rows, test, column), SHADES, LOADS, strict=False):
-            axes.plot(x, scale * y, color=colour, label=f"{share:g} static load")
+        for load, colour, share in zip(np.unique(_column(rows, "load_n")), SHADES, LOADS, strict=False):
+            curve = _rows(rows, load_n=load)
+            slip = np.degrees(_column(curve, "slip_angle_rad")) if test == "lateral" else _column(curve, "slip_ratio")
+            axes.plot(slip, scale * _column(curve, column), color=colour, label=f"{share:g} static load")
         axes.set_xlabel("slip angle [deg]" if test == "lateral" else "slip ratio [-]")
     return _finished(figure, grid, label)
-
-
-def _curves(rows: pa.Table, test: str, column: str) -> Iterator[tuple[Array, Array, float]]:
-    """(slip, value, load) of each load, in order."""
-    for load in np.unique(_column(rows, "load_n")):
-        curve = _rows(rows, load_n=load)
-        slip = np.degrees(_column(curve, "slip_angle_rad")) if test == "lateral" else _column(curve, "slip_ratio")
-        yield slip, _column(curve, column), float(load)
 
 
 def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
@@ -174,7 +166,7 @@ def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Ax
     return figure, grid
 
 
-def _finished(figure: Figure, grid: Panels, label: str) -> Figure:
+def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
     """Label the ordinate and add the first panel's legend."""
     first = grid[0][0]
     first.set_ylabel(label)

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from agrobot_mj.bench.rig.towed import Towed
-from agrobot_mj.bench.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench
+from agrobot_mj.bench.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench, static_load
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres import Tyre, TyreBase
@@ -59,19 +59,13 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
     """All tests of a tractor's front and rear tyre."""
     rows: list[Row] = []
     for axle, wheel in AXLES.items():
-        static = static_load(tractor, wheel)
-        tests = _tests(bench(tyre, tractor, wheel), static)
+        tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
         rows += [(test, tyre.kind, axle, *numbers) for test, *numbers in tests]
     contact = tyre.native or NativeContact()
     creep = lateral(SPEEDS_M_S, [static_load(tractor, FRONT)], CREEP_DEG)
     rows += [("contact", "contact", "front", *numbers) for numbers in _steady(Towed(contact, tractor), creep)]
     columns = [pa.array(list(column)) for column in zip(*rows, strict=True)]
     return pa.table(columns, names=COLUMNS)
-
-
-def static_load(tractor: TractorParameters, wheel: int) -> float:
-    """Static load of one wheel on level ground [N]."""
-    return (tractor.front_axle_load if wheel == FRONT else tractor.rear_axle_load) / 2
 
 
 def lateral(

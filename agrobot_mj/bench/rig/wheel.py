@@ -57,6 +57,11 @@ class Reading(NamedTuple):
     """Share of the time on the ground [-]."""
 
 
+def static_load(tractor: TractorParameters, wheel: int) -> float:
+    """Static load of one wheel on level ground [N]."""
+    return (tractor.front_wheel if wheel == FRONT else tractor.rear_wheel).load
+
+
 class TestBench(Protocol):
     """Interface of the sweeps to a wheel, whatever computes its forces."""
 

@@ -3,7 +3,7 @@
 import pytest
 
 from agrobot_mj.bench.manoeuvres import validate
-from agrobot_mj.bench.manoeuvres.base import force_tyres
+from agrobot_mj.bench.manoeuvres.base import Trial, force_tyres
 from agrobot_mj.bench.manoeuvres.suite import MANOEUVRES
 
 SOME_TYRES = {
@@ -21,7 +21,7 @@ one tyre has a reference load."""
 
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_every_number_of_the_quick_version_is_inside_its_band(name):
-    found = MANOEUVRES[name](True)
+    found = Trial(name, quick=True).drive(MANOEUVRES[name])
     assert [check for check in found.checks if not check.passed] == []
     assert found.warnings == 0
     judged = {check.subject for check in found.checks if check.band != "reported"}

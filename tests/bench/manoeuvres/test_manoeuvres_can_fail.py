@@ -5,6 +5,7 @@ import pytest
 
 from agrobot_mj.bench.manoeuvres import (
     antenna_lean,
+    base,
     coasting,
     convergence,
     cornering,
@@ -22,7 +23,7 @@ from agrobot_mj.bench.manoeuvres import (
     step_steer,
     tipping,
 )
-from agrobot_mj.bench.manoeuvres.base import LEVEL, STOCK, Machine, force_tyres, mujoco_plant
+from agrobot_mj.bench.manoeuvres.base import LEVEL, STOCK, Machine, Trial, force_tyres, mujoco_plant
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
@@ -45,23 +46,25 @@ def one_tyre(monkeypatch):
     monkeypatch.setattr(energy, "force_tyres", lambda: [Linear()])
 
 
-def swap(monkeypatch, module, change):
-    """Let `module` drive another plant: `change` takes its arguments and returns those to use."""
+def swap(monkeypatch, change):
+    """Drive another plant: `change` takes the arguments of `mujoco_plant` and returns those to use."""
     monkeypatch.setattr(
-        module, "mujoco_plant", lambda tyre, terrain=LEVEL, *a, **k: mujoco_plant(*change(tyre, terrain, *a), **k)
+        base, "mujoco_plant", lambda tyre, terrain=LEVEL, *a, **k: mujoco_plant(*change(tyre, terrain, *a), **k)
     )
 
 
-def failures(found):
-    return {check.quantity for check in found.checks if not check.passed}
+def failures(module):
+    """Quantities that leave their bands in the quick version."""
+    driven = Trial(module.__name__, quick=True).drive(module.run)
+    return {check.quantity for check in driven.checks if not check.passed}
 
 
 def test_sliding_sees_a_force_off_its_line_and_another_traction(monkeypatch):
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil(sliding_anisotropy=1.0)])
-    assert failures(sliding.run(True)) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
+    assert failures(sliding) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
     monkeypatch.setattr(sliding, "traction", lambda soil, s: traction(soil, 0.7 * s))
-    assert failures(sliding.run(True)) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
+    assert failures(sliding) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
 
 
 def test_parking_sees_contact_creep():
@@ -74,31 +77,31 @@ def test_parking_sees_contact_creep():
 
 
 def test_parking_fails_a_plant_that_creeps(monkeypatch):
-    swap(monkeypatch, parking, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
-    assert len(failures(parking.run(quick=True))) == 6
+    swap(monkeypatch, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
+    assert len(failures(parking)) == 6
 
 
 def test_loads_see_half_a_degree(monkeypatch):
-    swap(monkeypatch, loads, lambda tyre, t, *rest: (tyre, t.model_copy(update={"grade_deg": 15.5}), *rest))
-    assert {"front axle, uphill on 15 deg", "upper rear wheel, across on 15 deg"} <= failures(loads.run())
+    swap(monkeypatch, lambda tyre, t, *rest: (tyre, t.model_copy(update={"grade_deg": 15.5}), *rest))
+    assert {"front axle, uphill on 15 deg", "upper rear wheel, across on 15 deg"} <= failures(loads)
 
 
 def test_tipping_sees_a_higher_centre_of_gravity(monkeypatch):
     high = Machine(tractor=TractorParameters(cg_height_m=0.65))
-    swap(monkeypatch, tipping, lambda tyre, terrain, *rest: (tyre, terrain, high))
-    assert failures(tipping.run(quick=True))
+    swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, high))
+    assert failures(tipping)
 
 
 def test_coasting_sees_a_driveline_that_drags(monkeypatch):
     free = Machine(driveline=Driveline(connected=False), tractor=TractorParameters(rear_wheel_mass_kg=75))
-    swap(monkeypatch, coasting, lambda tyre, terrain, *rest: (tyre, terrain, free))
+    swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, free))
     monkeypatch.setattr(coasting, "spin_inertia", lambda plant: np.array([0.9, 0.9, 4.7, 4.7]))
-    assert failures(coasting.run())
+    assert failures(coasting)
 
 
 def test_side_slope_sees_a_softer_tyre(monkeypatch):
-    swap(monkeypatch, side_slope, lambda tyre, *rest: (SOFT, *rest))
-    assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope.run(quick=True))
+    swap(monkeypatch, lambda tyre, *rest: (SOFT, *rest))
+    assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope)
 
 
 def test_machine_size_sees_tyres_and_a_steering_of_another_machine(monkeypatch):
@@ -112,7 +115,7 @@ def test_machine_size_sees_tyres_and_a_steering_of_another_machine(monkeypatch):
     monkeypatch.setattr(size, "TYRE", small)
     weak = Cylinder(relief_pressure_bar=10.0)
     monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
-    assert failures(size.run(quick=True)) >= {
+    assert failures(size) >= {
         "mean crab, 5 deg, 2 t",
         "peak force over static load, front, 2 t",
         "peak force over static load, rear, 2 t",
@@ -121,25 +124,25 @@ def test_machine_size_sees_tyres_and_a_steering_of_another_machine(monkeypatch):
 
 
 def linear_alone(machine=STOCK, tyre=STANDARD):
-    return lambda *_, **__: [("linear", *mujoco_plant(tyre, machine=machine))]
+    return lambda m, **__: [("linear", *m.mujoco(tyre, machine=machine))]
 
 
 def test_constant_radius_sees_a_softer_front_tyre(monkeypatch):
     softer = Linear(front_cornering_stiffness_n_rad=7_000)
-    monkeypatch.setattr(cornering, "level_plants", linear_alone(tyre=softer))
-    assert failures(cornering.run(quick=True)) == {"understeer gradient"}
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=softer))
+    assert failures(cornering) == {"understeer gradient"}
 
 
 def test_step_steer_sees_a_shorter_relaxation(monkeypatch):
-    monkeypatch.setattr(step_steer, "level_plants", linear_alone(tyre=Linear(relaxation_radii=1.0)))
-    assert "overshoot" in failures(step_steer.run(quick=True))
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=Linear(relaxation_radii=1.0)))
+    assert "overshoot" in failures(step_steer)
 
 
 def test_steering_sees_another_valve(monkeypatch):
     monkeypatch.setattr(steering, "force_tyres", list)
     slow = Valve(delay_s=0.12, time_constant_s=0.11, dead_band_v=0.42, gain_left_l_min_v=3.3, pump_flow_l_min=11.5)
-    monkeypatch.setattr(steering, "level_plants", linear_alone(Machine(valve=slow)))
-    missed = failures(steering.run(quick=True))
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(Machine(valve=slow)))
+    missed = failures(steering)
     assert {"delay, left", "time constant, left", "dead band, right", "gain, left", "rate limit, right"} <= missed
     assert "gain, right" not in missed
 
@@ -150,8 +153,8 @@ def test_kingpins_see_other_kingpins_and_another_relief(monkeypatch):
         strong = machine.cylinder.model_copy(update={"relief_pressure_bar": 100.0})
         return mujoco_plant(tyre, machine=machine._replace(linkage=upright, cylinder=strong))
 
-    monkeypatch.setattr(kingpins, "mujoco_plant", other)
-    missed = failures(kingpins.run(quick=True))
+    monkeypatch.setattr(base, "mujoco_plant", other)
+    missed = failures(kingpins)
     assert missed == {"torque of the lifted weight at 20 deg", "steering rate under weak relief, parked"}
 
 
@@ -161,8 +164,8 @@ def test_energy_sees_work_from_nowhere(monkeypatch):
         plant.data.qfrc_applied[plant.model.joint("spin_rl").dofadr[0]] = 10.0
         return plant, truth
 
-    monkeypatch.setattr(energy, "mujoco_plant", pushed)
-    assert failures(energy.run(quick=True)) == {"left over, of the change of kinetic energy"}
+    monkeypatch.setattr(base, "mujoco_plant", pushed)
+    assert failures(energy) == {"left over, of the change of kinetic energy"}
 
 
 def test_energy_sees_a_wrong_rolling_radius(monkeypatch):
@@ -176,18 +179,18 @@ def test_energy_sees_a_wrong_rolling_radius(monkeypatch):
             return lost - self.plant.tyred.report[self.i, 3] * deflection * float(spin @ self.axle), damped, squeezed
 
     monkeypatch.setattr(energy, "Wheel", Wrong)
-    assert failures(energy.run(quick=True))
+    assert failures(energy)
 
 
 def test_convergence_sees_three_percent(monkeypatch):
     monkeypatch.setattr(convergence, "lateral_rms", lambda tyre, dt, duration_s: 1.03 if dt == 0.002 else 1.0)
-    assert failures(convergence.run(quick=True)) == {"change of lateral rms, 2 ms to 1 ms"}
+    assert failures(convergence) == {"change of lateral rms, 2 ms to 1 ms"}
 
 
 def test_soak_counts_broken_ticks():
     plant, _ = mujoco_plant(Linear())
     plant.data.qvel[0] = np.nan
-    broken, _, restarts = soak.soak(plant, 1.0)
+    broken, restarts = soak.soak(Trial("soak"), plant, 1.0)
     assert broken == 1
     assert restarts == 1
 
@@ -195,27 +198,27 @@ def test_soak_counts_broken_ticks():
 def test_antenna_lean_sees_a_mast_that_is_a_tenth_shorter(monkeypatch):
     monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
     monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
-    assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean.run(quick=True))
+    assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean)
 
 
 def test_ruts_see_another_soil_and_a_soil_that_does_not_remember(monkeypatch):
     monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
-    assert failures(ruts.run(True)) == {"second pass adds, of the first pass's sinkage, sandy loam"}
+    assert failures(ruts) == {"second pass adds, of the first pass's sinkage, sandy loam"}
     harder = ruts.load_cell
     monkeypatch.setattr(ruts, "load_cell", lambda soil, k, *rest: harder(soil, 1.05 * k, *rest))
-    assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts.run(True))
+    assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts)
 
 
 def test_implements_see_a_softer_tool_a_longer_drawbar_and_another_draught(monkeypatch):
     made = implements.Hauler.__init__
 
-    def other(self, implement, *rest):
+    def other(self, m, implement, *rest):
         stiffness, draught = 0.8 * implement.tool.cornering_stiffness_n_deg, 1.05 * implement.tool.draught_scale
         tool = implement.tool.model_copy(update={"cornering_stiffness_n_deg": stiffness, "draught_scale": draught})
         bar = {"axle_behind_m": 1.3 * implement.axle_behind_m} if implement.kind == "drawn" else {}
-        made(self, implement.model_copy(update={"tool": tool, **bar}), *rest)
+        made(self, m, implement.model_copy(update={"tool": tool, **bar}), *rest)
 
     monkeypatch.setattr(implements.Hauler, "__init__", other)
-    found = failures(implements.run(True))
+    found = failures(implements)
     for words in ("mounted tool, yaw gain", "trailer, angle at the pin", "radius of its axle", "draught of a chisel"):
         assert any(words in quantity for quantity in found), words

@@ -5,8 +5,8 @@ from math import inf, nan
 
 import pytest
 
-from agrobot_mj.bench.manoeuvres import cornering, side_slope, step_steer, suite
-from agrobot_mj.bench.manoeuvres.base import About, Findings, level_plants
+from agrobot_mj.bench.manoeuvres import side_slope, suite
+from agrobot_mj.bench.manoeuvres.base import About, Trial
 from agrobot_mj.bench.manoeuvres.tables import number, page, paragraphs, table
 from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.tyres import Linear
@@ -46,12 +46,16 @@ def written(tmp_path_factory):
     """The three manoeuvres that have a figure, on the linear tyre, and one that fails."""
     out = tmp_path_factory.mktemp("validation")
     names = ("side slope", "constant radius", "step steer")
-    broken = {"parking": lambda quick: Findings([ABOUT.below(5.0, 1.0)], 2)}
+    level_plants = Trial.level_plants
+
+    def broken(m):
+        m._warned = 2
+        yield ABOUT.below(5.0, 1.0)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(side_slope, "tyres", lambda: [Linear()])
-        for module in (cornering, step_steer):
-            patch.setattr(module, "level_plants", lambda: level_plants(only_linear=True))
-        patch.setattr(suite, "MANOEUVRES", {name: suite.MANOEUVRES[name] for name in names} | broken)
+        patch.setattr(Trial, "level_plants", lambda m: level_plants(m, only_linear=True))
+        patch.setattr(suite, "MANOEUVRES", {name: suite.MANOEUVRES[name] for name in names} | {"parking": broken})
         told = []
         checks = suite.validate(
             out, quick=True, on_finished=lambda name, checks, seconds: told.append((name, len(checks)))
