@@ -10,23 +10,17 @@ status 1.
 import argparse
 import random
 import time
-from collections.abc import Callable
 
-from commands import commands
-from data import earlier, files, parquet, sources
-from folders import folders, results
-from judge import LONGEST_S, judged
-from options import border, studies
+from commands import NEEDED, border, commands, folders, parquet, result, shards, strangers, studies
+from judge import LONGEST_S, Attack, judged
 from plugins import plugins
 from processes import kills
-from stages import injected
-from strangers import shards, strangers
-from texts import extremes, keys, limits, names, numbers, overrides, sweeps, toml
+from texts import extremes, files, injected, keys, limits, names, numbers, overrides, sweeps, toml
 from wire import datagrams, guide
 
 from agrobot_mj import load_scenario, run
 
-CLASSES: dict[str, tuple[Callable[[random.Random], str], float]] = {
+CLASSES: dict[str, tuple[Attack, float]] = {
     "overrides": (overrides, 0.12),
     "toml": (toml, 0.09),
     "sweeps": (sweeps, 0.12),
@@ -52,13 +46,12 @@ KILLS_S = 900.0
 
 def load(classes: list[str]) -> None:
     """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
-    keys(), names(), numbers(), sources(), earlier(), guide()
-    if {"folders", "shards"} & set(classes):
-        results()
-    short = {"duration_s": 0.2, "plant.settle_s": 0.0}
+    keys(), names(), numbers(), guide()
+    for kind in {kind for name in classes for kind in NEEDED.get(name, ())}:
+        result(kind)
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
     for kind in (*tyres, "magic_formula"):
-        run(load_scenario("circle", {**short, "plant.tyre.kind": kind}))
+        run(load_scenario("circle", {"duration_s": 0.2, "plant.settle_s": 0.0, "plant.tyre.kind": kind}))
     run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}))
 
 
@@ -74,11 +67,9 @@ def main() -> int:
     for name in given.only.split(","):
         attack, share = CLASSES[name]
         chosen = range(max(1, round(share * given.inputs))) if given.number is None else [given.number]
-        began, before = time.monotonic(), findings
+        began, before, limit = time.monotonic(), findings, KILLS_S if name == "kills" else LONGEST_S
         for k in chosen:
-            if found := judged(
-                attack, random.Random(f"{given.seed} {name} {k}"), KILLS_S if name == "kills" else LONGEST_S
-            ):
+            if found := judged(attack, random.Random(f"{given.seed} {name} {k}"), limit):
                 findings += 1
                 print(f"{name} {k}: {found}", flush=True)
         seconds = time.monotonic() - began

@@ -1,59 +1,53 @@
-"""Command lines: each command with odd values for its options, options left out, doubled, or of other commands."""
+"""Command lines: odd options and numbers, damaged results, folders with files or links of somebody else's."""
 
+import atexit
 import contextlib
+import json
 import os
 import random
 import shutil
 import stat
+import tempfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import get_args, get_type_hints
 
-from data import earlier
+from hostile import NUMBERS, VALUES, spoil, spoil_parquet
 from judge import call
+from typer.main import get_command
+
+from agrobot_mj import cli
+from agrobot_mj.simulation.ownership import HEAD, MARK
+from agrobot_mj.simulation.storage import RECORDING, SET
 
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 10]\n'
-BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
-COMMANDS: tuple[tuple[str, ...], ...] = (
-    ("run", "circle", "--no-rrd", "--out", "out", *BICYCLE),
-    ("compare", "circle", "--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--out", "out", *BICYCLE),
-    ("compare", "circle", "--variant", "other:path.radius_m=9", "--seeds", "1", "--no-rrd", "--out", "out", *BICYCLE),
-    ("explain", "plant.tyre.kind"),
-    ("export", "run", "--mcap", "--out", "out"),
-    ("identify", "run", "--vehicle", "--share", "0.6", "--from", "0", "--to", "15", "--fit", "front", "--out", "out"),
-    ("importance", "run", "--metric", "xte_rms"),
-    ("init", "mine"),
-    ("limit", "circle", "--key", "speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--seeds", "1", *BICYCLE),
-    ("link", "straight_line", "--wait", "0.1", "--duration", "0.2", "--pace", "fast", "--no-rrd", *BICYCLE),
-    ("list", "--kinds"),
-    ("replay", "run", "--by", "steer", "--from", "1", "--to", "3", "--out", "out"),
-    ("report", "run"),
-    ("rig", "linear", "--out", "out"),
-    ("schema",),
-    ("snapshot", "run/signals.parquet", "--at", "1", "--tab", "Drive", "--out", "out"),
-    ("sweep", "small.toml", "--jobs", "1", "--shard", "1/2", "--max-runs", "9", "--out", "out"),
-    ("tune", "circle", "--guidance", "kinematic", "--budget", "8", "--seeds", "1", "--out", "out", *BICYCLE),
-    ("view", "run/signals.parquet"),
-)
+BICYCLE = "--set plant.kind=bicycle --set duration_s=0.5"
+COMMANDS = [
+    line.split()
+    for line in f"""
+    run circle --no-rrd --out out {BICYCLE}
+    compare circle --controllers pd --plants bicycle --no-rrd --out out {BICYCLE}
+    compare circle --variant other:path.radius_m=9 --plants bicycle --seeds 1 --no-rrd --out out {BICYCLE}
+    explain plant.tyre.kind
+    export run --mcap --out out
+    identify run --vehicle --share 0.6 --from 0 --to 15 --fit front --out out
+    importance run --metric xte_rms
+    init mine
+    limit circle --key speed_m_s --range 1:3 --until xte_rms>1 --seeds 1 {BICYCLE}
+    link straight_line --wait 0.1 --duration 0.2 --pace fast --no-rrd {BICYCLE}
+    list --kinds
+    replay run --by steer --from 1 --to 3 --out out
+    report run
+    rig linear --out out
+    schema
+    snapshot run/signals.parquet --at 1 --tab Drive --out out
+    sweep small.toml --jobs 1 --shard 1/2 --max-runs 9 --out out
+    tune circle --guidance kinematic --budget 8 --seeds 1 --out out {BICYCLE}
+    view run/signals.parquet
+    """.strip().splitlines()
+]
 """Each command as it could be given, short; `ros2` and `validate` are not among them."""
-ODD = (
-    *("", " ", ".", "..", "-", "--", "nan", "inf", "-inf", "-1", "0", "1e999", "-0.0", "1e-320", "9" * 400, "0x10"),
-    *("no/such", "é", "x" * 5000, "x/" * 2000, "[bold]", "\x1b[31m", "a\nb", "%s", "{}", "\ud800", "None", "true"),
-    *("1:2", "2:1", ":", "nan:1", "1:1", "0:1e308", "1/0", "0/2", "3/2", "1/2/3", ",", "pd,", "pd,pd", "lqr,nope"),
-    *("a=b", "=", "a:", ":=", "a:b=c,d=[", "run", "small.toml", "pipe", "null", "mine.py", "tcp://", "*"),
-    *("xte_rms", "__class__", "outcome == 'x'", "1 < 2 <", "lambda: 0", "circle", "{x=1}", "[[[["),
-)
-"""What nobody means, or means in another place."""
-PLACES = (
-    "out/é b",
-    "out/[bold]",
-    "run/signals.parquet",
-    "null",
-    "null/x",
-    "/dev/full/x",
-    "x" * 5000,
-    "small.toml/x",
-    "",
-)
-"""Folders for `--out` that are none, or are inside those that a command may write into."""
 FLAGS = (
     "--quiet",
     "-q",
@@ -67,33 +61,74 @@ FLAGS = (
     "--help",
     "--x",
 )
-NEEDED = {"link": ("--wait", "--duration")}
-"""Options without which a command waits for long."""
+PLACES = (
+    "out/é b",
+    "out/[bold]",
+    "run/signals.parquet",
+    "null",
+    "null/x",
+    "/dev/full/x",
+    "small.toml/x",
+    "x" * 5000,
+    "",
+)
+"""Folders for `--out` that are none, or are inside those that a command may write into."""
+WAITS = {("link", "--wait"), ("link", "--duration")}
+"""Options without which a command waits for long, or as long as they say: they are given what is refused."""
+REFUSED = ("nan", "-1", "inf", "é", "")
+LIMIT = "--key path.speed_m_s --range 1:3 --until xte_rms>0.5"
+SWEEP_ON = "sweep small.toml --jobs 1 --out sweep"
+MADE = {
+    "run": "run figure_eight --no-rrd --out run --quiet --set plant.kind=bicycle --set duration_s=20",
+    "compare": f"compare circle --controllers pd --plants bicycle --no-rrd --out compare --quiet {BICYCLE}",
+    "sweep": f"{SWEEP_ON} --quiet",
+    "limit": f"limit circle {LIMIT} --seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
+}
+"""Commands that make a folder of earlier results of each kind."""
+NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "strangers": ("run",), "studies": ()}
+NEEDED |= {"folders": tuple(MADE), "shards": ("sweep",)}
+"""Kinds that a class of inputs needs."""
+READ = {
+    "run": ["report run", "export run --mcap", "identify run", "replay run --out out"],
+    "compare": ["report compare"],
+    "sweep": ["report sweep", "importance sweep", "sweep --merge sweep --out out", SWEEP_ON],
+    "limit": ["report limit"],
+}
+"""Commands that read such a folder, or go on in it."""
+READ["run"].append("run run/scenario.toml --no-rrd --out out")
+
+
+@cache
+def result(kind: str) -> Path:
+    """A folder with an earlier result of this kind."""
+    place = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    with contextlib.chdir(place):
+        Path("small.toml").write_text(SWEEP)
+        if found := call(MADE[kind].split()):
+            raise RuntimeError(found)
+    return place / kind
+
+
+def prepare(name: str) -> None:
+    """Put here what a class of inputs needs."""
+    Path("small.toml").write_text(SWEEP)
+    Path("mine.py").write_text("import agrobot_mj\n")
+    for kind in NEEDED[name]:
+        shutil.copytree(result(kind), kind)
 
 
 def commands(chance: random.Random) -> str:
-    """One command line, wrong in one to three ways."""
-    shutil.copytree(earlier(), "run")
-    Path("small.toml").write_text(SWEEP)
-    Path("mine.py").write_text("import agrobot_mj\n")
-    _special("pipe", "null")
-    words = list(chance.choice(COMMANDS))
+    """One command line, wrong in one to three ways, beside a pipe that nobody writes into and a device: both stay."""
+    prepare("commands")
+    os.mkfifo("pipe")
+    with contextlib.suppress(PermissionError):
+        os.mknod("null", stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    words, device = list(chance.choice(COMMANDS)), Path("null").exists()
     for _ in range(chance.randint(1, 3)):
         _bend(chance, words)
-    there = Path("null").exists()
     found = call(words)
-    if there and not Path("null").is_char_device():
-        return f"{words}: took the place of a device"
-    named = words[0] == "init" or any(repr(word) in found for word in words)
-    harmless = found.startswith("files outside") and named
-    return "" if not found or harmless else f"{[word[:80] for word in words]}: {found}"
-
-
-def _special(pipe: str, null: str) -> None:
-    """A pipe that nobody writes into, and a device that swallows, where the rights suffice: they must stay."""
-    os.mkfifo(pipe)
-    with contextlib.suppress(PermissionError):
-        os.mknod(null, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    return f"{words}: took the place of a device" if device and not Path("null").is_char_device() else found
 
 
 def _bend(chance: random.Random, words: list[str]) -> None:
@@ -101,13 +136,163 @@ def _bend(chance: random.Random, words: list[str]) -> None:
     at = chance.randrange(1, len(words)) if len(words) > 1 else 0
     before = words[at - 1] if at > 1 else ""
     if at == 0 or chance.random() < 0.15:
-        words.append(chance.choice(FLAGS if chance.random() < 0.5 else ODD))
+        words.append(chance.choice(FLAGS if chance.random() < 0.5 else VALUES))
     elif before == "--out":
         words[at] = chance.choice(PLACES)
-    elif before in NEEDED.get(words[0], ()):
-        words[at] = chance.choice(["nan", "-1", "inf", "é", ""])
+    elif (words[0], before) in WAITS:
+        words[at] = chance.choice(REFUSED)
     elif not words[at].startswith("--"):
-        words[at] = chance.choice(ODD)
+        words[at] = chance.choice(VALUES)
     elif words[at] not in ("--out", "--set", "--wait", "--duration"):
         doubled, taken = words[at : at + 2], chance.random() < 0.5
         words[at:] = words[at + 2 :] if taken else [*words[at:], *doubled]
+
+
+@cache
+def numeric() -> tuple[tuple[list[str], str], ...]:
+    """Each option that takes a number, of every command of `COMMANDS`."""
+    found = []
+    lines = {words[0]: words for words in COMMANDS}
+    for command in (each for each in cli.app.registered_commands if each.name in lines):
+        options = {option.name: option.opts[0] for option in get_command(cli.app).commands[str(command.name)].params}
+        for name, hint in get_type_hints(command.callback, include_extras=True).items():
+            taken, *_ = get_args(hint) or (hint,)
+            if {int, float} & {taken, *get_args(taken)}:
+                found.append((lines[str(command.name)], options[name]))
+    return tuple(found)
+
+
+def border(chance: random.Random) -> str:
+    """One option of one command with a number that no one means."""
+    prepare("border")
+    words, option = chance.choice(numeric())
+    return call([*words, f"{option}={chance.choice(REFUSED if (words[0], option) in WAITS else NUMBERS)}"])
+
+
+EXTRAS = {
+    "compare": [
+        "--variant <!--<script>:path.radius_m=9",
+        "--variant ../x:path.radius_m=9",
+        "--seeds 3",
+        "--max-runs 1",
+    ],
+    "sweep": ["--fresh", "--shard 2/3", "--shard 1/1", "--merge", "--max-runs 1", "--fresh --shard 1/2"],
+    "limit": ["--tolerance 1e-300", "--confidence 0.5", "--reliability 1e-9", "--range 1:1e308", "--seeds 2"],
+    "tune": ["--seeds 200000", "--budget 8 --seeds 99999", "--budget 999999", "--guidance nope", "--jobs 1000000"],
+}
+"""What is added to the studies."""
+EXTRAS["compare"] += ["--seeds 99999999", "--guidance lqr,stanley"]
+EXTRAS["limit"] += ["--range=-1e308:1e308", "--guidance lqr,stanley"]
+
+
+def studies(chance: random.Random) -> str:
+    """A study with up to three more options, and another one in its folder."""
+    prepare("studies")
+    for words in chance.sample([words for words in COMMANDS if words[0] in EXTRAS], 2):
+        extras = chance.sample(EXTRAS[words[0]], chance.randint(0, 3))
+        if found := call([*words, *" ".join(extras).split()]):
+            return found
+    return ""
+
+
+def folders(chance: random.Random) -> str:
+    """One file of a folder of results, wrong in some way, and a command that reads it."""
+    prepare("folders")
+    kind = chance.choice(list(READ))
+    file = chance.choice([file for file in sorted(Path(kind).rglob("*")) if file.is_file() and file.suffix != ".png"])
+    how = spoil(chance, file)
+    found = call(chance.choice(READ[kind]).split())
+    return f"{how} {file}, {found}" if found else ""
+
+
+def parquet(chance: random.Random) -> str:
+    """Signals of an earlier run, bent, for the commands that read them."""
+    prepare("parquet")
+    spoil_parquet(chance, Path("run") / "signals.parquet")
+    return call(chance.choice([*READ["run"][:4], "identify run --vehicle --out out"]).split())
+
+
+NAMES = [name for name in SET if name != "signals.parquet"] + [RECORDING, "plan.json", "sweep.toml", "base.toml"]
+NAMES += ["sweep.parquet", "way.csv", "report.html", "comparison.json", "limit.json", "limit.png", "tuning.json"]
+NAMES += ["curves.parquet", "replay.json", "vehicle.json", "notes.txt", ".notes.txt.1a2b3c4d.part", "lateral.png"]
+NAMES += ["bicycle-pd", "run.mcap"]
+INNER = ["rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png"]
+"""Names of files that a stranger may have where results go."""
+LINKS = ("runs", "runs/00000001", "runs/a", "rows", "rows/00000", "rows/00000/00000001.json", "plan.json", "base.toml")
+MARKS = ("", HEAD, f"{HEAD}\n../away/notes.txt\nrows\nruns\nplan.json")
+
+
+def strangers(chance: random.Random) -> str:
+    """A command into a folder that holds some of a stranger's files, or links, with a mark or without one."""
+    prepare("strangers")
+    away, out = Path("away"), Path("out")
+    _fill(away, [*NAMES, *INNER])
+    if linked := chance.random() < 0.3:
+        out.mkdir()
+        for name in chance.sample(sorted(path.name for path in away.iterdir()), chance.randint(1, 6)):
+            (out / name).symlink_to((away / name).resolve())
+    else:
+        _fill(out, chance.sample(NAMES, chance.randint(1, 8)) + chance.sample(INNER, chance.randint(0, 3)))
+    if mark := chance.choice(MARKS) if linked else HEAD:
+        (out / MARK).write_text(mark)
+    writing = [words for words in COMMANDS if words[0] in ("run", "compare", "identify", "replay", "sweep")]
+    words = [word for word in chance.choice(writing) if word not in ("--shard", "1/2")]
+    words += chance.choice([["--fresh"], ["--fresh", "--shard", "2/2"], []]) if words[0] == "sweep" else []
+    return _intact([away] if linked else [away, out], lambda: call(words))
+
+
+def shards(chance: random.Random) -> str:
+    """Shards of which the plan or a link leads out of them, for `--merge`, for a report, and to go on in."""
+    prepare("shards")
+    away, shard = Path("away"), Path("sweep")
+    _fill(away, [*NAMES, *INNER])
+    plan = json.loads((shard / "plan.json").read_text())
+    odd = ["../away/notes.txt", str(Path("away/notes.txt").resolve()), "..", "", ".", MARK, "way.csv", 3, None, "a\0"]
+    for _ in range(chance.randint(0, 2)):
+        values = [[chance.choice(odd)], chance.choice(odd), {}, [], {"base": []}]
+        plan[chance.choice(["files", "runs", "of"])] = chance.choice(values)
+    (shard / "plan.json").write_text(json.dumps(plan))
+    for name in chance.sample(LINKS, chance.randint(0, 2)):
+        _link(shard / name, chance)
+    lines = ["sweep --merge sweep --out out", "sweep --merge sweep", "report sweep", SWEEP_ON, f"{SWEEP_ON} --fresh"]
+    words = chance.choice(lines).split()
+
+    def merge() -> str:
+        (shard / MARK).write_text(chance.choice(MARKS))
+        return call(words)
+
+    return _intact([away], merge)
+
+
+def _intact(places: list[Path], act: Callable[[], str]) -> str:
+    """What is wrong with how an act ends, or with what it did to files of these places that are not ours."""
+    before = {path: content for place in places for path, content in _content(place).items()}
+    found, after = act(), _content(places[0])
+    changed = [str(path) for path, content in before.items() if _read(path) != content]
+    more = sorted(map(str, after.keys() - before.keys()))
+    return found or (f"changed {changed}, made {more}" if changed or more else "")
+
+
+def _link(path: Path, chance: random.Random) -> None:
+    """A link in the place of a file or folder: to the stranger's, or to the folder that it lies in."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    same = Path("away").resolve() / Path(*path.parts[1:])
+    path.symlink_to(chance.choice([".", str(same), str(Path("away").resolve())]))
+
+
+def _fill(folder: Path, names: list[str]) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(f"mine: {name}")
+
+
+def _content(folder: Path) -> dict[Path, bytes | None]:
+    files = (Path(top, name) for top, _, names in os.walk(folder) for name in names if name != MARK)
+    return {path: _read(path) for path in files}
+
+
+def _read(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None

@@ -9,13 +9,13 @@ import io
 import os
 import random
 import resource
-import select
 import signal
 import sys
 import tempfile
-import time
 import traceback
 from collections.abc import Callable
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +25,11 @@ from agrobot_mj import cli
 
 Attack = Callable[[random.Random], str]
 """Makes one input and says what is wrong with what follows; empty if nothing is."""
-LONGEST_S = 60.0
-"""An input that takes longer hangs [s]."""
-MOST_KB = 2_000_000
-"""Memory that no input may take [kB]."""
-LONGEST_TEXT = 10_000
-"""Characters of stderr that one input may cause."""
+FORK = get_context("fork")
+LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
+"""Time of an input [s], its memory [kB] and the characters on stderr: more of it is a finding."""
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
-CERTAIN = (*CERTAIN, "valve_voltage", "pedal_voltage", "e_lateral")
+CERTAIN += ("valve_voltage", "pedal_voltage", "e_lateral")
 """Columns that hold numbers in every row of a run that ended with status 0."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
 """Folders that commands may write into."""
@@ -41,53 +38,41 @@ KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
 def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> str:
     """Run one input in a process and a folder of its own, for `limit` [s]; what is wrong."""
     with tempfile.TemporaryDirectory() as folder:
-        reading, writing = os.pipe()
-        sys.stdout.flush()
-        child = os.fork()
-        if child == 0:
-            _attack(attack, chance, folder, reading, writing)
-        os.close(writing)
-        return _watched(child, reading, limit)
+        ours, theirs = FORK.Pipe(duplex=False)
+        child = FORK.Process(target=_attack, args=(attack, chance, folder, theirs))
+        child.start()
+        theirs.close()
+        try:
+            found, peak_kb = ours.recv() if ours.poll(limit) else (f"no end within {limit:g} s", 0)
+        except EOFError:
+            child.join()
+            number = -(child.exitcode or 0)
+            found, peak_kb = f"ended by {signal.Signals(number).name}" if number > 0 else "the attack itself ended", 0
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(child.pid or 0, signal.SIGKILL)  # with what it may have left behind
+        child.join()
+        most = max(MOST_KB, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+        return found or (f"took {peak_kb / 1e6:.1f} GB" if peak_kb > most else "")
 
 
-def _attack(attack: Attack, chance: random.Random, folder: str, reading: int, writing: int) -> None:
-    """In the child: the attack, its finding into the pipe, and out."""
-    found = "the attack itself ended"
+def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connection) -> None:
+    """In the child: the attack, its finding, and the memory that it took."""
     try:
-        os.close(reading)
         os.setpgid(0, 0)
         os.chdir(folder)
         found = attack(chance)
     except BaseException:
         found = traceback.format_exc(limit=-4)
-    finally:
-        os.write(writing, found.encode(errors="replace")[:60_000])
-        os._exit(0)
-
-
-def _watched(child: int, reading: int, limit: float) -> str:
-    """In the parent: the finding, or that there is none in time."""
-    found, end = b"", time.monotonic() + limit
-    with os.fdopen(reading, "rb", buffering=0) as pipe:
-        while select.select([pipe], [], [], max(end - time.monotonic(), 0.0))[0]:
-            if not (piece := pipe.read(65_536)):
-                break
-            found += piece
-        else:
-            os.killpg(child, signal.SIGKILL)
-            found = f"no end within {limit:g} s".encode()
-    _, status, usage = os.wait4(child, 0)
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child, signal.SIGKILL)  # what it may have left behind
-    if not found and os.WIFSIGNALED(status):
-        return f"ended by {signal.Signals(os.WTERMSIG(status)).name}"
-    if not found and usage.ru_maxrss > max(MOST_KB, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss):
-        return f"took {usage.ru_maxrss / 1e6:.1f} GB"
-    return found.decode(errors="replace")
+    theirs.send((found[:60_000].encode(errors="replace").decode(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
 
 
 def call(arguments: list[str], expected: tuple[int, ...] = (0, 1, 2)) -> str:
-    """What is wrong with how a command line ends; empty if nothing is."""
+    """What is wrong with how a command line ends, and the line; empty if nothing is."""
+    found = _ended(arguments, expected)
+    return f"{[word[:80] for word in arguments]}: {found}" if found else ""
+
+
+def _ended(arguments: list[str], expected: tuple[int, ...]) -> str:
     out, err, before = io.StringIO(), io.StringIO(), {path.name for path in Path().iterdir()}
     status: object = 0
     sys.argv = ["agrobot-mj", *arguments]
@@ -107,12 +92,13 @@ def call(arguments: list[str], expected: tuple[int, ...] = (0, 1, 2)) -> str:
         return f"{len(said)} characters on stderr: {said[:1000]}"
     if status == 2 and Path("out").exists() and "out" not in before:
         return "bad input, but a folder is there"
-    if stray := {path.name for path in Path().iterdir()} - before - KNOWN:
+    new = {path.name for path in Path().iterdir()} - before - KNOWN
+    if stray := [name for name in new if not any(word.startswith(Path(name).stem) for word in arguments)]:
         return f"files outside --out: {sorted(stray)}"
-    return silent() if status == 0 else ""
+    return _silent() if status == 0 else ""
 
 
-def silent() -> str:
+def _silent() -> str:
     """Whether signals of a run that ended well hold something that is no number."""
     file = Path("out") / "signals.parquet"
     if not file.is_file():

@@ -29,19 +29,19 @@ duration_s = 20
 "path.radius_m" = [8, 10]
 """
 COMMANDS = {
-    "run": ["run", "circle", "--set", "duration_s=60", "--set", "plant.kind=bicycle"],
-    "recorded": ["run", "circle", "--set", "duration_s=20"],
-    "compare": ["compare", "circle", "--controllers", "pd,pd_t2fnn", "--plants", "bicycle", "--set", "duration_s=30"],
-    "sweep": ["sweep", "sweep.toml", "--jobs", "2"],
+    "run circle --no-rrd --set duration_s=60 --set plant.kind=bicycle": "metrics.json",
+    "run circle --set duration_s=20": "run.rrd",
+    "compare circle --controllers pd,pd_t2fnn --plants bicycle --set duration_s=30": "comparison.json",
+    "sweep sweep.toml --jobs 2": "sweep.parquet",
 }
+"""Command lines, and what is there at their end."""
 
 
 def kills(chance: random.Random) -> str:
     """One command, told to end at some moment in some way, and the same again."""
     Path("sweep.toml").write_text(SWEEP)
-    kind, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-    rest = ["--quiet", "--out", "out", *(["--no-rrd"] if kind == "run" else [])]
-    command = [sys.executable, "-m", "agrobot_mj", *COMMANDS[kind], *rest]
+    line, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+    command = [sys.executable, "-m", "agrobot_mj", *line.split(), "--quiet", "--out", "out"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
     _wait(process, chance)
     process.send_signal(number)
@@ -52,9 +52,10 @@ def kills(chance: random.Random) -> str:
         words = process.communicate(timeout=LONGEST_S)[1].decode(errors="replace")
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
-        return f"{kind}: no end {LONGEST_S:g} s after {number.name}"
-    found = _left(kind, number, words, process.returncode) or _orphans(process.pid)
-    return found or _again(kind, command)
+        return f"{line}: no end {LONGEST_S:g} s after {number.name}"
+    found = _left(number, words, process.returncode) or _orphans(process.pid)
+    found = f"{number.name}: {found}" if found else _again(command, COMMANDS[line])
+    return f"{line}: {found}" if found else ""
 
 
 def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
@@ -68,54 +69,50 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
     time.sleep(chance.choice([0.0, 0.01, 0.05, 0.5, 2.0]) * chance.random())
 
 
-def _left(kind: str, number: signal.Signals, words: str, status: int) -> str:
+def _left(number: signal.Signals, words: str, status: int) -> str:
     """What is wrong with what the command said and left."""
     if "Traceback" in words:
-        return f"{kind}, {number.name}: {words[-2000:]}"
+        return words[-2000:]
     if number != signal.SIGKILL and status not in (0, 1, 130, -number):
-        return f"{kind}: status {status} after {number.name}: {words[-300:]}"
+        return f"status {status}: {words[-300:]}"
     for file in Path("out").rglob("metrics.json"):
         names = {path.name for path in file.parent.iterdir()}
         if not names >= FILES:
-            return f"{kind}: after {number.name} metrics without the rest: {sorted(names)}"
+            return f"metrics without the rest: {sorted(names)}"
         json.loads(file.read_text())
-    stale = [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
-    return f"{kind}: after {number.name} left {stale}" if stale and number != signal.SIGKILL else ""
+    return f"left {_stale()}" if _stale() and number != signal.SIGKILL else ""
+
+
+def _stale() -> list[str]:
+    return [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
 
 
 def _orphans(group: int) -> str:
-    """Processes of the command that go on without it."""
+    """Processes of the command that go on without it, zombies aside."""
     end = time.monotonic() + 20.0
-    while time.monotonic() < end:
-        try:
-            os.killpg(group, 0)
-        except (ProcessLookupError, PermissionError):
-            return ""
-        if not (alive := _group(group)):
-            return ""
+    while alive := [pid for pid, (of, state) in _processes().items() if of == group and state != "Z"]:
+        if time.monotonic() > end:
+            os.killpg(group, signal.SIGKILL)
+            return f"still running: {alive}"
         time.sleep(0.1)
-    os.killpg(group, signal.SIGKILL)
-    return f"still running: {alive}"
+    return ""
 
 
-def _group(group: int) -> list[str]:
-    """Processes of a group that are no zombies."""
-    found = []
+def _processes() -> dict[str, tuple[int, str]]:
+    """Group and state of every process."""
+    found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()
         except OSError:
             continue
-        if int(fields[2]) == group and fields[0] != "Z":
-            found.append(stat.parent.name)
+        found[stat.parent.name] = int(fields[2]), fields[0]
     return found
 
 
-def _again(kind: str, command: list[str]) -> str:
+def _again(command: list[str], last: str) -> str:
     """What is wrong with the same command in the same folder."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=4 * LONGEST_S)
-    left = [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
-    if done.returncode or left:
-        return f"{kind} again: status {done.returncode}, {done.stderr[-1000:]}, left {left}"
-    whole = {"sweep": "sweep.parquet", "compare": "comparison.json"}.get(kind, "metrics.json")
-    return "" if (Path("out") / whole).is_file() else f"{kind} again: no {whole}"
+    if done.returncode or _stale() or not (Path("out") / last).is_file():
+        return f"again: status {done.returncode}, {done.stderr[-1000:]}, left {_stale()}, of the last file {last}"
+    return ""

@@ -1,17 +1,21 @@
-"""Text: overrides, scenarios, sweeps, conditions of a limit, and numbers at the edge of what is accepted."""
+"""Scenarios, sweeps, conditions and files of terrain that nobody means, and numbers that are not finite in a tick."""
 
 import random
+import traceback
 import warnings
 from functools import cache
-from math import inf, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+from hostile import VALUES, bent, odd_array, odd_lines, terrain_files
 from judge import LONGEST_TEXT, call
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import metric_names
@@ -19,43 +23,22 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
 SHORT = ("--no-rrd", "--quiet", "--set", "duration_s=0.5", "--set", "plant.kind=bicycle", "--out", "out")
-VALUES = (
-    *("nan", "inf", "-inf", "0", "-1", "1e308", "5e-324", "-0.0", "1e9", "9" * 5000, "0x" + "f" * 5000, "true", '""'),
-    *("[]", "{}", "[" * 3000, '"\\u001b[31m"', '"' + "x" * 50_000 + '"', "1979-05-27", "[1, 2, 3]", "{ kind = 1 }"),
-    *(
-        "é",
-        '"[/bold]"',
-        '"../../etc/passwd"',
-        "'\\\\'",
-        "{ from = 0, to = 1, count = 3 }",
-        "[nan]",
-        "[[0]]",
-        "1_0",
-        "0b1",
-    ),
-)
-"""Values that no key is meant to have."""
 WORDS = ("lateral_rms", "outcome", "xte_rms", "nope", "per_turn", "__class__", "wall_s", "completed", "1e999", "nan")
-WORDS = (*WORDS, "None", "'x'", "().__class__", "[1]", "lambda: 0", "-0.3", "0.3", "9" * 400, "é", "\x00", "outcome.x")
+WORDS += ("None", "'x'", "().__class__", "[1]", "lambda: 0", "-0.3", "0.3", "9" * 400, "é", "\x00", "outcome.x")
 SIGNS = ("<", ">", "==", "!=", " and ", " or ", "+", "**", "not ", "(", ")", ",", " in ", " if ", ":=", "", " ", "\n")
 
 
 @cache
-def keys() -> tuple[str, ...]:
-    """Dotted keys of the default scenario that hold a value."""
-    return tuple(_below(load_scenario("figure_eight").model_dump(mode="json"), ""))
+def keys() -> dict[str, Any]:
+    """Dotted keys of the default scenario that hold a value, with it."""
+    return dict(_flat(load_scenario("figure_eight").model_dump(mode="json"), ""))
 
 
 @cache
-def numbers() -> tuple[tuple[str, float], ...]:
+def numbers() -> list[tuple[str, float]]:
     """Keys that hold a number other than zero, with that number, but for those that make a run long."""
-    flat = _flat(load_scenario("figure_eight").model_dump(mode="json"), "")
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
-    return tuple((k, v) for k, v in flat if isinstance(v, float) and v and not any(part in k for part in short))
-
-
-def _below(table: dict[str, Any], prefix: str) -> list[str]:
-    return [key for key, _ in _flat(table, prefix)]
+    return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
 
 
 def _flat(table: dict[str, Any], prefix: str) -> list[tuple[str, Any]]:
@@ -72,68 +55,47 @@ def sets(*texts: str) -> list[str]:
 
 def overrides(chance: random.Random) -> str:
     """One to three keys with odd values."""
-    texts = [f"{chance.choice(keys())}={chance.choice(VALUES)}" for _ in range(chance.randint(1, 3))]
+    texts = [f"{chance.choice(list(keys()))}={chance.choice(VALUES)}" for _ in range(chance.randint(1, 3))]
     return call(["run", "circle", *SHORT, *sets(*texts)])
 
 
 def toml(chance: random.Random) -> str:
     """A scenario of the library with bytes and lines changed."""
-    Path("mine.toml").write_bytes(_changed(chance, chance.choice(list(scenario_files().values()))))
+    Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(scenario_files().values()))))
     return call(["run", "mine.toml", *SHORT])
-
-
-def _changed(chance: random.Random, file: Path) -> bytes:
-    lines = file.read_bytes().split(b"\n")
-    for _ in range(chance.randint(1, 4)):
-        at = chance.randrange(len(lines))
-        line, odd = lines[at], chance.choice(VALUES).encode()
-        changed = [line[: len(line) // 2], line + line, chance.randbytes(5), line.partition(b"=")[0] + b"= " + odd, b""]
-        lines[at] = chance.choice(changed)
-    return b"\n".join(lines)
 
 
 def sweeps(chance: random.Random) -> str:
     """A sweep with hostile axes, draws and counts: refused in words, or one of its runs, chosen by chance, runs."""
     if chance.random() < 0.3:
-        Path("mine.toml").write_bytes(_changed(chance, chance.choice(list(sweep_files().values()))))
+        Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(sweep_files().values()))))
     else:
-        Path("mine.toml").write_text(_sweep(chance), encoding="utf-8")
+        Path("mine.toml").write_text(_sweep(chance), encoding="utf-8", errors="surrogatepass")
     try:
         plan = SweepPlan(read_sweep(Path("mine.toml")))
         plan.check_size(200)
         plan.check()
     except ScenarioError as error:
         return "" if 0 < len(str(error)) < 10 * LONGEST_TEXT else f"a message of {len(str(error))} characters"
-    planned = plan.run(chance.randrange(plan.total))
-    short = {"duration_s": 0.2, "plant.settle_limit_s": 3.0, "plant.settle_s": 0.1}
-    scenario = plan.sweep.base.changed(planned.overrides)
-    if scenario.plant.kind == "bicycle":
-        short = {"duration_s": 0.2}
-    if scenario.guidance.kind == "nmpc":
-        return ""
-    run(scenario.changed(short))  # a refusal here should have been one of the plan
+    scenario = plan.sweep.base.changed(plan.run(chance.randrange(plan.total)).overrides)
+    settling = {"plant.settle_limit_s": 3.0, "plant.settle_s": 0.1} if scenario.plant.kind == "mujoco" else {}
+    if scenario.guidance.kind != "nmpc":
+        run(scenario.changed({"duration_s": 0.2, **settling}))  # a refusal here should have been one of the plan
     return ""
 
 
 def _sweep(chance: random.Random) -> str:
     """The text of a sweep."""
     (key, value), (other, base) = chance.sample(numbers(), 2)
-    span = chance.choice([0.5, 1.5, 3.0, 100.0, -1.0, 0.0])
-    odd = chance.choice(VALUES)
-    axis = chance.choice([f"[{value}, {value * span}]", f"[{odd}, {value}]", odd, "{ from = 0, to = nan, count = 3 }"])
-    axis = chance.choice(
-        [axis, f"{{ from = {value}, to = {value * span}, count = {chance.choice([2, 5, 0, 10**9])} }}"]
-    )
-    draw = chance.choice(
-        [f"{{ uniform = [{base}, {base * span}] }}", f"{{ normal = [{base}, {odd}] }}", "{ choice = [] }", odd]
-    )
-    counts = (
-        f"seeds = {chance.choice(['2', '0', '[1, 1]', '10**3', '999999999', odd])}\n" if chance.random() < 0.4 else ""
-    )
-    drawn = f'[draws]\n"{other}" = {draw}\n' if chance.random() < 0.5 else ""
-    plant = chance.choice(["mujoco", "bicycle"])
-    start = f'base = "{chance.choice(["circle", "side_slope_5", "nope"])}"\n{counts}[set]\n"plant.kind" = "{plant}"\n'
-    return f'{start}[axes]\n"{key}" = {axis}\n{drawn}'
+    span, odd = chance.choice([0.5, 1.5, 3.0, 100.0, -1.0, 0.0]), chance.choice(VALUES)
+    axes = [f"[{value}, {value * span}]", f"[{odd}, {value}]", odd, "{ from = 0, to = nan, count = 3 }"]
+    axes += [f"{{ from = {value}, to = {value * span}, count = {count} }}" for count in (2, 5, 0, 10**9)]
+    draws = [f"{{ uniform = [{base}, {base * span}] }}", f"{{ normal = [{base}, {odd}] }}", "{ choice = [] }", odd]
+    seeds = chance.choice(["", "", "", *(f"seeds = {n}\n" for n in ("2", "0", "[1, 1]", "10**3", "999999999", odd))])
+    drawn = f'[draws]\n"{other}" = {chance.choice(draws)}\n' if chance.random() < 0.5 else ""
+    start = f'base = "{chance.choice(["circle", "side_slope_5", "nope"])}"\n{seeds}[set]\n'
+    plant = f'"plant.kind" = "{chance.choice(["mujoco", "bicycle"])}"\n'
+    return f'{start}{plant}[axes]\n"{key}" = {chance.choice(axes)}\n{drawn}'
 
 
 @cache
@@ -161,10 +123,65 @@ def limits(chance: random.Random) -> str:
 
 def extremes(chance: random.Random) -> str:
     """Numbers far off, on MuJoCo: refused with a limit, or run to an honest end."""
+    factors = [1e-9, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e9, -1.0]
     chosen = chance.sample(numbers(), chance.randint(1, 3))
-    factors = [chance.choice([1e-9, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e9, -1.0]) for _ in chosen]
-    texts = [f"{key}={value * factor!r}" for (key, value), factor in zip(chosen, factors, strict=True)]
+    texts = [f"{key}={value * chance.choice(factors)!r}" for key, value in chosen]
     kind = chance.choice(["linear", "magic_formula", "soil", "contact", "ruts"])
     path = chance.choice(["circle", "side_slope_5", "figure_eight"])
     short = sets("duration_s=0.5", "plant.settle_s=0.2", "plant.settle_limit_s=2", f"plant.tyre.kind={kind}", *texts)
     return call(["run", path, "--no-rrd", "--quiet", "--out", "out", *short])
+
+
+def files(chance: random.Random) -> str:
+    """Heights or waypoints, bent."""
+    name, content = chance.choice(list(terrain_files().items()))
+    file = Path(f"bent{Path(name).suffix}")
+    odd = file.suffix == ".npy" and chance.random() < 0.5
+    file.write_bytes(odd_array(chance) if odd else bent(chance, content))
+    if file.suffix == ".csv":
+        words = ["path.kind=waypoints", f"path.file={file.name}"]
+    else:
+        words = ["terrain.kind=heightmap", f"terrain.file={file.name}", "plant.kind=mujoco", "duration_s=0.2"]
+        words += ["plant.settle_s=0.1", "plant.settle_limit_s=1"]
+    return call(["run", "straight_line", *SHORT, *sets(*words)])
+
+
+UNUSED = ("wheel_speed", "nis", "steer_bias", "fix_age", "position_sigma", "nis_mean")
+"""Fields that may be NaN, or that only diagnostics use."""
+
+
+def injected(chance: random.Random) -> str:
+    """One number of one message of one tick that is not finite: it is named, or counts as missing."""
+    kind, value, at = chance.choice(["bicycle", "mujoco"]), chance.choice([nan, inf, -inf]), chance.randrange(1, 10)
+    s, calls = load_scenario("figure_eight", {"duration_s": 1.0, "plant.kind": kind}), [0]
+    stage, owner, method = chance.choice(
+        [
+            ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advance"),
+            ("sensors", type(s.sensors), "measure"),
+            ("estimator", type(s.estimator), "update"),
+            ("guidance", type(s.guidance.using(s.controller)), "update"),
+        ]
+    )
+    whole, changed = getattr(owner, method), ""
+
+    def spoilt(*arguments: Any) -> Any:
+        nonlocal changed
+        calls[0] += 1
+        found = whole(*arguments)
+        if calls[0] != at:
+            return found
+        message = found if stage == "plant" else found[1]
+        given = {name: getattr(message, name) for name in message._fields if name != "t"}
+        changed = chance.choice([name for name, v in given.items() if isinstance(v, float) and isfinite(v)])
+        message = message._replace(**{changed: value})
+        return message if stage == "plant" else (found[0], message)
+
+    try:
+        with patch.object(owner, method, spoilt):
+            log = run(s)
+    except Exception:
+        return f"{stage}.{changed}: {traceback.format_exc(limit=-3)}"
+    reason = log.metrics.get("stop_reason")
+    named = log.outcome == "diverged" and stage[:5] in reason
+    healed = log.outcome == "completed" and (stage == "sensors" or changed in UNUSED)
+    return "" if changed and (named or healed) else f"{stage}.{changed} = {value}: {log.outcome}, {reason}"

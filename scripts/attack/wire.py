@@ -1,7 +1,8 @@
 """Datagrams: hostile bytes for the boards, for the host, and for a session between both, without sockets."""
 
 import random
-from functools import cache
+from functools import cache, reduce
+from operator import xor
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.agopengps import AgOpenGps
@@ -15,6 +16,8 @@ from agrobot_mj.links.agopengps.wire import decode, frame
 
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
 PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")
+NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)
+"""Numbers of messages, most of them of the protocol."""
 
 
 class Hostile:
@@ -29,14 +32,17 @@ class Hostile:
     def begin(self, turn: int):
         """Shouts before a turn."""
         self.turn = turn
-        return (Incoming(turn * 0.05, "127.0.0.1:9999", hostile(self.chance)) for _ in range(self.chance.randrange(4)))
+        return self._incoming(hostile(self.chance) for _ in range(self.chance.randrange(4)))
 
     def rest(self, turn: int, answered):
         """Answers of the host, in between shouts, doubled and swapped."""
         answers, self.answers = [*self.answers, hostile(self.chance)], []
         answers += answers[: self.chance.randrange(2)]
         self.chance.shuffle(answers)
-        return (Incoming(turn * 0.05, "127.0.0.1:9999", answer) for answer in answers)
+        return self._incoming(answers)
+
+    def _incoming(self, messages):
+        return (Incoming(self.turn * 0.05, "127.0.0.1:9999", message) for message in messages)
 
     def send(self, data: bytes, target=None):
         """To the host; sometimes bent on the way."""
@@ -47,16 +53,12 @@ class Hostile:
 
 
 def hostile(chance: random.Random) -> bytes:
-    """Bytes that look like a message, or do not."""
+    """Bytes that look like a message, or do not: noise, frames with a right or a wrong sum, sentences with either."""
     kind = chance.randrange(5)
     if kind == 0:
         return chance.randbytes(chance.choice([0, 1, 5, 20, 70, 1500]))
-    if kind == 1:  # a frame with a right sum, of any number and length
-        return frame(
-            chance.randrange(256),
-            chance.choice([254, 252, 251, 200, 202, 253, 100, 0]),
-            chance.randbytes(chance.randrange(20)),
-        )
+    if kind == 1:
+        return frame(chance.randrange(256), chance.choice(NUMBERS), chance.randbytes(chance.randrange(20)))
     if kind == 2:
         message = bytearray(frame(127, 254, chance.randbytes(8)))
         message[chance.randrange(len(message))] ^= 1 << chance.randrange(8)
@@ -66,10 +68,7 @@ def hostile(chance: random.Random) -> bytes:
         words[chance.randrange(len(words))] = chance.choice(PIECES)
     text = b",".join(words)
     body = text[1:].partition(b"*")[0]
-    total = 0
-    for byte in body:
-        total ^= byte
-    return text if kind == 3 else b"$" + body + b"*%02X\r\n" % total
+    return text if kind == 3 else b"$%b*%02X\r\n" % (body, reduce(xor, body, 0))
 
 
 @cache
