@@ -12,6 +12,9 @@ DOCS_STAMP := $(VENV)/.docs
 THIRD_VENV := .venv-third-party
 THIRD_STAMP := $(THIRD_VENV)/.installed
 THIRD_PARTY := avlite==0.6.6 rox-control==0.4.0
+MUTATE_VENV := .venv-mutate
+MUTATE_STAMP := $(MUTATE_VENV)/.installed
+COSMIC_RAY := cosmic-ray==8.7.0
 DEMO := runs/demo
 PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
@@ -53,18 +56,18 @@ test: $(STAMP) ## Run the tests
 plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
 
-coverage: $(STAMP) ## Count the lines that tests execute, kernels as plain Python, and print them by package (ten minutes)
+coverage: $(STAMP) ## Count the lines that tests execute, kernels as plain Python, and name the others (ten minutes)
 	@rm -f .coverage .coverage.*
 	@$(PY) -m coverage run -m pytest -m "not slow" -n 2
 	@NUMBA_DISABLE_JIT=1 $(PY) -m coverage run -m pytest -q $(KERNELS)
 	@$(PY) -m coverage combine -q
-	@$(PY) scripts/covered.py
+	@$(PY) -m coverage report
 
 explore: $(STAMP) ## Run the property tests with examples that nobody has drawn before
 	@$(PY) -m pytest -m "hypothesis and not slow" -n 2 --dist worksteal --hypothesis-profile=explore
 
-mutate: $(STAMP) ## Change the source in one place at a time, and see whether a test fails (an hour)
-	@$(PY) scripts/mutate.py
+mutate: $(STAMP) $(MUTATE_STAMP) ## Change the source in one place at a time, and see whether a test fails (hours)
+	@$(MUTATE_VENV)/bin/python scripts/mutate.py
 
 slow: $(STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2
@@ -185,4 +188,10 @@ $(THIRD_STAMP): requirements.lock pyproject.toml
 	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off $(THIRD_PARTY) || echo FAILED; } | $(TELL)
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(THIRD_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(MUTATE_STAMP):
+	@echo "Making $(MUTATE_VENV) with $(COSMIC_RAY)."
+	@$(PYTHON) -m venv --clear $(MUTATE_VENV)
+	@$(MUTATE_VENV)/bin/python -m pip install --quiet --progress-bar off $(COSMIC_RAY)
 	@touch $@
