@@ -15,10 +15,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from copy import copy
-from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 from unittest.mock import patch
 
 import mujoco
@@ -26,8 +25,9 @@ import numpy as np
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
-from agrobot_mj.core.signals import Drive
-from agrobot_mj.core.spec import every, members
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import TICK_S, Drive
+from agrobot_mj.core.spec import every
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.implements import Drawn, Implement, ImplementBase, NoImplement
 from agrobot_mj.plants import Mujoco, MujocoPlant
@@ -56,6 +56,8 @@ UNDISTURBED = 10
 """Percentile of the ticks, and of as many bare steps, that counts as undisturbed by other work on the machine [%]."""
 HELD_STEPS = 500
 """Number of steps after which the bare model restarts: held tyre forces balance it only for a while."""
+NO_IMPLEMENT, ROUNDS = NoImplement(), 15
+"""How often alternatives are timed in turn [-]."""
 MOVING_S = 12.0
 """Simulated time after which the tractor moves at its speed [s]."""
 
@@ -67,7 +69,7 @@ class BareModel:
         loop = simulate.Loop(scenario)
         if not isinstance(loop.plant, MujocoPlant):
             raise TypeError("the bare step is that of a MuJoCo plant")
-        for _ in range(round(MOVING_S / simulate.TICK_S)):
+        for _ in range(round(MOVING_S / TICK_S)):
             loop.advance(loop.tick().drive)
         self.scenario, self.model, self.data = scenario, loop.plant.model, loop.plant.data
         self.kind = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -85,19 +87,16 @@ class BareModel:
         whole.data = mujoco.MjData(whole.model)
         return whole
 
-    def seconds(self, steps: int, batched: bool = False) -> float:
-        """Time of `steps` steps, in one call per step or in a single call [s]."""
+    def seconds(self, steps: int) -> float:
+        """Time of `steps` steps, in one call per step [s]."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
             count = min(steps, HELD_STEPS)
             mujoco.mj_setState(model, data, self.start, self.kind)
             began = time.process_time()
-            if batched:
-                step(model, data, nstep=count)
-            else:
-                for _ in range(count):
-                    step(model, data)
+            for _ in range(count):
+                step(model, data)
             spent += time.process_time() - began
             steps -= count
         return spent
@@ -106,33 +105,6 @@ class BareModel:
         """Tenth percentile of the time of `steps` steps: those that nothing interrupts [s]."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
-
-
-class Cost(NamedTuple):
-    """Medians over the repetitions."""
-
-    run_over_bare: float
-    """A run without recording over as many calls of mj_step [-]."""
-    run_over_drawn: float
-    """A run over as many bare steps of a model that has all that is drawn [-]."""
-    tick_over_bare: float
-    """An undisturbed tick over as many undisturbed calls of mj_step [-]."""
-    tick_over_drawn: float
-    """An undisturbed tick over bare steps of the model that has all that is drawn [-]."""
-    tick_s: float
-    """An undisturbed tick [s]."""
-    run_over_batched: float
-    """Cost of a run without recording over that of mj_step(nstep=...) [-]."""
-    recording_share: float
-    """What recording adds to a run, in the run's own thread [-]."""
-    recording_threads: float
-    """What it adds in all threads [-]."""
-    run_s: float
-    """Fastest run without recording [s]."""
-    bare_s: float
-    """Fastest bare stepping, one call per step [s]."""
-    drawn_s: float
-    """Fastest bare stepping of the drawn model [s]."""
 
 
 def steps_of(scenario: Scenario) -> int:
@@ -148,42 +120,54 @@ def seconds_of(work: Callable[[], Any]) -> float:
     return time.process_time() - began
 
 
-def waited(work: Callable[[], Any]) -> float:
-    """Wall time of `work` [s]."""
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began
+def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
+    """Median processor time of each, all timed in turn; the first round warms up [s]."""
+    rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
+    return tuple(median(column) for column in zip(*rounds, strict=True))
 
 
-def compare_costs(scenario: Scenario, repeats: int) -> Cost:
-    """Alternate bare steps, a run, and a recorded run; the first round warms up and does not count."""
-    bare, steps = BareModel(scenario), steps_of(scenario)
+def run_costs(scenario: Scenario, repeats: int) -> str:
+    """Cost of a run and of recording it beside bare steps, as a table with the project's aims.
+
+    Bare steps, a run, and a recorded run alternate; the first round warms up and does not count.
+    """
+    bare, steps, in_a_tick = BareModel(scenario), steps_of(scenario), scenario.steps_per_tick
     drawn, rounds = bare.as_drawn(), []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.rrd"
         for _ in range(repeats + 1):
-            one_by_one, batched, whole = bare.seconds(steps), bare.seconds(steps, batched=True), drawn.seconds(steps)
+            one_by_one, whole = bare.seconds(steps), drawn.seconds(steps)
             began = time.thread_time()
             plain = seconds_of(lambda: run(scenario))
             middle = time.thread_time()
             recorded = seconds_of(lambda: run(scenario, (Recording(file),)))
             thread = (time.thread_time() - middle) / (middle - began)
-            rounds.append((one_by_one, batched, whole, plain, recorded, thread))
+            rounds.append((one_by_one, whole, plain, recorded, thread))
             file.unlink()
-    kept, tick, in_a_tick = rounds[1:], undisturbed_tick(scenario), scenario.steps_per_tick
-    return Cost(
-        tick_over_bare=tick / bare.undisturbed(in_a_tick),
-        tick_over_drawn=tick / drawn.undisturbed(in_a_tick),
-        tick_s=tick,
-        run_over_bare=median(plain / one for one, _, _, plain, _, _ in kept),
-        run_over_drawn=median(plain / whole for _, _, whole, plain, _, _ in kept),
-        run_over_batched=median(plain / batched for _, batched, _, plain, _, _ in kept),
-        recording_share=median(thread - 1 for *_, thread in kept),
-        recording_threads=median(recorded / plain - 1 for _, _, _, plain, recorded, _ in kept),
-        run_s=min(plain for _, _, _, plain, _, _ in kept),
-        bare_s=min(one for one, *_ in kept),
-        drawn_s=min(whole for _, _, whole, *_ in kept),
-    )
+    bares, wholes, plains, recordings, threads = (np.array(column) for column in zip(*rounds[1:], strict=True))
+    tick, fastest, us = undisturbed_tick(scenario), plains.min(), 1e6 / steps
+    own, all_of = "bare `mj_step` of the same model", "of the model with all that is drawn"
+    rows = [
+        (f"closed loop without recording over {own}", f"{np.median(plains / bares):.2f}", f"at most {AIM_RATIO}"),
+        (f"the same over that {all_of}", f"{np.median(plains / wholes):.2f}"),
+        (
+            f"an undisturbed tick over as many undisturbed steps, {own}",
+            f"{tick / bare.undisturbed(in_a_tick):.2f}",
+        ),
+        (f"the same over that {all_of}, undisturbed", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
+        ("recording adds, in the run's own thread", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),
+        ("recording adds, in all threads", f"{np.median(recordings / plains) - 1:.0%}"),
+        (
+            "simulated over processor time, the fastest run",
+            f"{scenario.ticks * TICK_S / fastest:.0f}",
+            f"at least {AIM_REAL_TIME:.0f}",
+        ),
+        ("simulated over processor time, undisturbed ticks", f"{TICK_S / tick:.0f}"),
+        ("a physics step in the run, all included", f"{fastest * us:.1f} us"),
+        (own, f"{bares.min() * us:.1f} us"),
+        (f"the same {all_of}", f"{wholes.min() * us:.1f} us"),
+    ]
+    return markdown_table(("what", "measured", "aim"), [(*row, "")[:3] for row in rows])
 
 
 def undisturbed_tick(scenario: Scenario) -> float:
@@ -232,8 +216,8 @@ def stopwatches(scenario: Scenario) -> Iterator[dict[str, float]]:
         yield spent
 
 
-def tick_parts(scenario: Scenario) -> dict[str, float]:
-    """Processor time of each part of an undisturbed tick, and of the rest of it [s]."""
+def tick_parts(scenario: Scenario) -> str:
+    """What an undisturbed tick consists of, as a table: processor time of each part, and of the rest."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
     with stopwatches(scenario) as spent:
@@ -244,7 +228,10 @@ def tick_parts(scenario: Scenario) -> dict[str, float]:
             total = time.thread_time() - began
             ticks.append({**spent, "the rest": total - sum(spent.values())})
     order = ("plant", "sensors", "estimator", "guidance and control", "log", "the rest")
-    return {part: float(np.percentile([each.get(part, 0.0) for each in ticks], UNDISTURBED)) for part in order}
+    found = {part: 1e6 * np.percentile([each.get(part, 0.0) for each in ticks], UNDISTURBED) for part in order}
+    whole = sum(found.values())
+    rows = [(part, f"{us:.0f}", f"{us / whole:.0%}") for part, us in found.items()]
+    return markdown_table(("part of a tick", "us", "share"), [*rows, ("sum", f"{whole:.0f}", "")])
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
@@ -253,37 +240,42 @@ def rough_ground(nodes: int = GRID) -> Ground:
     return Ground(-0.05 * nodes, -0.05 * nodes, 0.1, heights)
 
 
-def tyre_costs(repeats: int) -> dict[str, float]:
-    """Physics steps with each tyre's kernel over as many bare steps of the same model, on a 200 x 200 grid [-]."""
-    tyres = [tyre() for tyre in every(Tyre)]
-    return {tyre.kind: physics_over_bare(tyre, NoImplement(), repeats) for tyre in tyres if not tyre.native}
+def moving(
+    tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
+) -> MujocoPlant:
+    """A tractor at a slow walk, which stays on its `ground`, by default a rough one, for the second that is timed."""
+    s = load_scenario("straight_line")
+    machine = s.machine._replace(implement=implement)
+    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
+    plant.reset(s.path.at(0.0))
+    for _ in range(20):
+        plant.advance(Drive(NEUTRAL_V, 8.0))
+    return plant
 
 
-def implement_costs(repeats: int) -> dict[str, float]:
-    """Physics steps with each kind of implement, tool in the soil, over as many bare steps of the same model [-]."""
-    kinds: list[Any] = [kind() for kind in every(Implement) if kind is not NoImplement]
-    return {
-        **{f"{kind.kind} implement": physics_over_bare(Mujoco().tyre, kind, repeats) for kind in kinds},
-        "drawn implement with a tool": physics_over_bare(Mujoco().tyre, Drawn(lowered=True), repeats),
-    }
+def drive_on(plant: MujocoPlant, ticks: int) -> None:
+    """So many ticks of physics in neutral."""
+    for _ in range(ticks):
+        plant.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+
+
+def physics_costs(repeats: int) -> str:
+    """Physics with each tyre's kernel, and with each kind of implement, over bare steps of the same model: a table."""
+    tyres = [tyre() for tyre in every(Tyre) if not tyre().native]
+    aims = {tyre.kind: AIM_TYRE if tyre.structure().bearing == FIRM else AIM_SINKING for tyre in tyres}
+    found = {tyre.kind: physics_over_bare(tyre, NO_IMPLEMENT, repeats) for tyre in tyres}
+    kinds = {f"{kind().kind} implement": kind() for kind in every(Implement) if kind is not NoImplement}
+    for name, implement in {**kinds, "drawn implement with a tool": Drawn(lowered=True)}.items():
+        found[name] = physics_over_bare(Mujoco().tyre, implement, repeats)
+    rows = [(f"`{name}`", f"{ratio:.2f}", aims.get(name, AIM_TYRE)) for name, ratio in found.items()]
+    return markdown_table(("tyre, or implement on the default tyre", "over bare `mj_step`", "aim: at most"), rows)
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
     """Physics steps of a tractor over as many bare steps of its model, on a 200 x 200 grid [-]."""
-    s = load_scenario("straight_line")
-    machine = s.machine._replace(implement=implement)
-    plant = MujocoPlant(Mujoco(tyre=tyre), machine, rough_ground())
-    plant.reset(s.path.at(0.0))
-    for _ in range(20):
-        plant.advance(Drive(NEUTRAL_V, 8.0))  # a slow start: it stays on the grid
+    plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
-
-
-def aim_of(kind: str) -> float:
-    """Aim for the physics with a kind of tyre, or of implement, over a bare step [-]."""
-    tyre = members(Tyre).get(kind)
-    return AIM_TYRE if tyre is None or tyre().structure().bearing == FIRM else AIM_SINKING
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
@@ -306,58 +298,19 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
     return tyred / bare
 
 
-def start_up_times(repeats: int) -> dict[str, float]:
-    """Least wall time of short command lines, each in its own process; the first one warms up [s]."""
+def start_up_times(repeats: int) -> str:
+    """Least wall time of short command lines, each in its own process, as a table; the first one warms up."""
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        found = {}
-        for line in START_UP:
-            where = ["--out", folder] if line.startswith("run") else []
-            command = [sys.executable, "-m", "agrobot_mj", *line.split(), *where]
-            call = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
-            found[line] = min([waited(call) for _ in range(repeats + 1)][1:])
-    return found
-
-
-def start_up_report(times: dict[str, float]) -> str:
-    """The start-up times as text."""
-    return "\n".join(
-        [
-            "",
-            "start-up [s], best of several",
-            *(f"  {line:32}{times[line]:6.2f} s aim: {START_UP[line]} s" for line in times),
-        ]
-    )
-
-
-def report(scenario: Scenario, cost: Cost, parts: dict[str, float], tyres: dict[str, float]) -> str:
-    """The measurements as text."""
-    steps, simulated = steps_of(scenario), scenario.ticks * simulate.TICK_S
-    total = sum(parts.values())
-    return "\n".join(
-        [
-            f"{scenario.name}, {scenario.controller.kind} on {scenario.plant.kind}: "
-            f"{simulated:.0f} s simulated in {steps} steps of {scenario.step_s * 1e3:g} ms",
-            "",
-            f"{'closed-loop run / bare mj_step':34}{cost.run_over_bare:6.2f}   aim: at most {AIM_RATIO}",
-            f"{'  or over mj_step(nstep=...)':34}{cost.run_over_batched:6.2f}",
-            f"{'  or over that of the drawn model':34}{cost.run_over_drawn:6.2f}",
-            f"{'  undisturbed ticks':34}{cost.tick_over_bare:6.2f}",
-            f"{'  and over that of the drawn model':34}{cost.tick_over_drawn:6.2f}",
-            f"{'recording adds':34}{cost.recording_share:6.1%}   aim: at most {AIM_RECORDING:.0%}",
-            f"{'  in all threads':34}{cost.recording_threads:6.1%}",
-            "",
-            f"physics with valves and tyres on a {GRID} x {GRID} grid / bare mj_step",
-            *(f"  {kind:32}{ratio:6.2f}   aim: at most {aim_of(kind)}" for kind, ratio in tyres.items()),
-            "",
-            f"a run takes {cost.run_s:.2f} s ({simulated / cost.run_s:.0f} times real time, aim: {AIM_REAL_TIME:.0f})",
-            f"a step takes {cost.run_s / steps * 1e6:.1f} us, bare {cost.bare_s / steps * 1e6:.1f} us, "
-            f"bare with all that is drawn {cost.drawn_s / steps * 1e6:.1f} us",
-            "",
-            "one tick of 50 ms                    us   share",
-            *(f"  {part:30}{time_s * 1e6:7.0f} {time_s / total:7.1%}" for part, time_s in parts.items()),
-            f"  {'sum':30}{total * 1e6:7.0f}",
-        ]
-    )
+        for line, aim in START_UP.items():
+            where, waits = ["--out", folder] if line.startswith("run") else [], []
+            for _ in range(repeats + 1):
+                began = time.perf_counter()
+                command = [sys.executable, "-m", "agrobot_mj", *line.split(), *where]
+                subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+                waits.append(time.perf_counter() - began)
+            rows.append((f"`{line}`", f"{min(waits[1:]):.2f}", aim))
+    return markdown_table(("command", "least time [s]", "aim: at most"), rows)
 
 
 def main() -> None:
@@ -366,17 +319,11 @@ def main() -> None:
     parser.add_argument("--duration", type=float, help="simulated time [s]; the scenario's own when left out")
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--start-up", action="store_true", help="measure start-up times only")
-    arguments = parser.parse_args()
-    overrides = {} if arguments.duration is None else {"duration_s": arguments.duration}
-    scenario = load_scenario(arguments.scenario, overrides)
-    if arguments.start_up:
-        print(start_up_report(start_up_times(arguments.repeats)))
-        return
-    cost = compare_costs(scenario, arguments.repeats)
-    parts = tick_parts(scenario)
-    physics = tyre_costs(arguments.repeats) | implement_costs(arguments.repeats)
-    print(report(scenario, cost, parts, physics))
-    print(start_up_report(start_up_times(arguments.repeats)))
+    given = parser.parse_args()
+    scenario = load_scenario(given.scenario, {} if given.duration is None else {"duration_s": given.duration})
+    if not given.start_up:
+        print(run_costs(scenario, given.repeats), tick_parts(scenario), physics_costs(given.repeats), sep="\n\n")
+    print("", start_up_times(given.repeats), sep="\n")
 
 
 if __name__ == "__main__":

@@ -13,18 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from estimates import estimate
-from recorded_drives import (
-    BEGIN_S,
-    FULL,
-    TILT,
-    Day,
-    ErrorTrace,
-    RecordedDrive,
-    follow,
-    nominal,
-    record,
-    rms,
-)
+from recorded_drives import BEGIN_S, FULL, TILT, Day, ErrorTrace, RecordedDrive, follow, nominal, record, rms
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import NOMINAL, Array, Quality
@@ -40,30 +29,26 @@ LOSS_STARTS_S = ((22.0, 46.0), (66.0, 90.0))
 """Between which times [s] each of the two losses of a replay begins."""
 SPACING_M, HALF_WIDTH_M = 0.5, 75.0
 """Spacing of the height maps [m], and half of their width [m]."""
+AXIS = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + SPACING_M / 2, SPACING_M)
 
 Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """A ground or load on which the filter is judged."""
+    """A ground or load on which the filter is judged.
+
+    `overrides` of the scenario follow from the seed of the drive and the folder into which height maps are written.
+    """
 
     name: str
-    """Its name in the table."""
     scenario: str
-    """Scenario that is driven."""
     overrides: Callable[[int, Path], Keys]
-    """What differs from the scenario in the drive of a seed; height maps are written into the folder."""
     estimator: Keys
-    """Estimator that drives and is judged."""
 
 
-def _rising(axis: Array, begin: float, end: float, low_deg: float, high_deg: float) -> Array:
-    """Tangent of a slope that rises from one angle to another between two places of an axis [-]."""
-    return np.asarray(np.tan(np.radians(np.interp(axis, (begin, end), (low_deg, high_deg)))))
-
-
-def _axis() -> Array:
-    return np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + SPACING_M / 2, SPACING_M)
+def _rising(places: tuple[float, float], angles_deg: tuple[float, float]) -> Array:
+    """Tangent along `AXIS` of a slope that rises from one angle to another between two places [-]."""
+    return np.asarray(np.tan(np.radians(np.interp(AXIS, places, angles_deg))))
 
 
 def _heights(heights: Array, folder: Path, name: str) -> Keys:
@@ -74,18 +59,16 @@ def _heights(heights: Array, folder: Path, name: str) -> Keys:
 
 def contour(seed: int, folder: Path) -> Keys:
     """Along a contour line whose side slope rises from 12 to 28 deg; at 31 deg the tractor slides off."""
-    axis = _axis()
-    heights = axis[:, None] * _rising(axis, -38.0, 40.0, 12.0, 28.0)[None, :]
+    heights = AXIS[:, None] * _rising((-38.0, 40.0), (12.0, 28.0))[None, :]
     path = {"kind": "line", "length_m": 140.0, "start_x_m": -68.0}
     return {"terrain": _heights(heights, folder, "contour.npy"), "path": path}
 
 
 def bowl(seed: int, folder: Path) -> Keys:
     """A figure eight across a slope that rises from 12 to 20 deg; from 25 deg on its wheels slide."""
-    axis = _axis()
-    grade = _rising(axis, -10.0, 10.0, 12.0, 20.0)
+    grade = _rising((-10.0, 10.0), (12.0, 20.0))
     profile = np.concatenate([[0.0], np.cumsum((grade[1:] + grade[:-1]) / 2 * SPACING_M)])
-    return {"terrain": _heights(np.repeat(profile[:, None], len(axis), 1), folder, "bowl.npy")}
+    return {"terrain": _heights(np.repeat(profile[:, None], len(AXIS), 1), folder, "bowl.npy")}
 
 
 def pulled(seed: int, folder: Path) -> Keys:
@@ -125,58 +108,42 @@ def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
 
 
 class Whole(NamedTuple):
-    """A replay without a loss, after `BEGIN_S`."""
+    """A replay without a loss, after `BEGIN_S`: rms of position [cm] and heading [deg], means of NEES and NIS [-]."""
 
     position: float
-    """Error of R, RMS [cm]."""
     heading: float
-    """Error of the heading, RMS [deg]."""
     nees: float
-    """Mean NEES of the position [-]."""
     heading_nees: float
-    """Mean NEES of the heading [-]."""
     nis: float
-    """Mean NIS of the position [-]."""
 
 
 class End(NamedTuple):
-    """The last tick of a loss."""
+    """The last tick of a loss: error of R and its stated standard deviation, both axes together [cm], and NEES [-]."""
 
     position: float
-    """Error of R [cm]."""
     stated: float
-    """Its stated standard deviation, both axes together [cm]."""
     nees: float
-    """NEES of the position [-]."""
     heading_nees: float
-    """NEES of the heading [-]."""
 
 
 def whole(trace: ErrorTrace) -> Whole:
     """What a replay without a loss comes to."""
     counts = trace.t > BEGIN_S
-    return Whole(
-        100 * rms(trace.position[counts]),
-        degrees(rms(trace.heading[counts])),
-        float(np.mean(trace.nees[counts])),
-        float(np.mean(trace.heading_nees[counts])),
-        float(np.nanmean(trace.nis[counts])),
-    )
+    nees, heading_nees = (float(np.mean(values[counts])) for values in (trace.nees, trace.heading_nees))
+    off = 100 * rms(trace.position[counts]), degrees(rms(trace.heading[counts]))
+    return Whole(*off, nees, heading_nees, float(np.nanmean(trace.nis[counts])))
 
 
-def ends(trace: ErrorTrace, times: Sequence[float]) -> Iterator[End]:
-    """The last ticks of losses that end at these times [s]."""
-    for time in times:
-        k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
-        numbers = (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])
-        yield End(*(float(number) for number in numbers))
+def end(trace: ErrorTrace, time: float) -> End:
+    """The last tick of a loss that ends at a time [s]."""
+    k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
+    return End(*map(float, (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])))
 
 
 class CaseErrors(NamedTuple):
     """A case over all seeds."""
 
     wholes: list[Whole]
-    """Replays without a loss, one for each seed."""
     losses: dict[float, list[list[End]]]
     """Ends of the losses of each length [s], those of a seed together."""
 
@@ -189,7 +156,8 @@ def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int
         found.wholes.append(whole(follow(one, estimator, seed, nominal)))
         for seconds in LOSSES_S:
             day, times = losses(seed, seconds)
-            found.losses[seconds].append(list(ends(follow(one, estimator, seed, day), times)))
+            trace = follow(one, estimator, seed, day)
+            found.losses[seconds].append([end(trace, time) for time in times])
     return found
 
 

@@ -118,18 +118,3 @@ def api_page() -> str:
 def _documented(name: str, heading: str) -> str:
     """What mkdocstrings replaces by the documentation of a name of the package."""
     return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'
-
-
-def scenario_keys() -> set[str]:
-    """Names of all keys that hold a value, in any table."""
-
-    def below(owner: type[Spec], above: tuple[type[Spec], ...]) -> set[str]:
-        found: set[str] = set()
-        for name, field in owner.model_fields.items():
-            parts = members(field.annotation)
-            found |= {name} if not parts and name != "kind" else set()
-            for part in parts.values():
-                found |= below(part, (*above, part)) if part not in above else set()
-        return found
-
-    return below(Scenario, ())

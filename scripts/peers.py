@@ -5,17 +5,15 @@ Each peer is one function that returns rows of the table; one whose package is n
 
 from collections.abc import Callable
 from math import isfinite
-from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from bench import rough_ground, seconds_of
+from bench import drive_on, in_turn, moving
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.t2fnn import T2Fnn
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
-from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.terrain import Ground
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.tyres import MagicFormula
 from agrobot_mj.tyres.contact import Contact
 
@@ -23,25 +21,10 @@ STEPS_MS = (10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5)
 """Steps tried, the largest stable one counts [ms]."""
 SPEED, STEERING, MANOEUVRE_S = 10.0, 0.05, 3.0
 """Speed [m/s], steering angle [rad] and length [s] of the drive that has to be stable."""
-ROUNDS = 15
-"""How often the alternatives are timed in turn."""
 
 
-class Row(NamedTuple):
-    """A line of the table of peers."""
-
-    what: str
-    """What is computed."""
-    ours: str
-    theirs: str
-    ratio: str
-    """Theirs over ours."""
-
-
-def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
-    """Median processor time of each, all timed in turn; the first round warms up [s]."""
-    rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
-    return tuple(median(column) for column in zip(*rounds, strict=True))
+Row = tuple[str, str, str, str]
+"""What is computed, ours, theirs, and theirs over ours."""
 
 
 def multi_body() -> list[Row]:
@@ -80,7 +63,7 @@ def multi_body() -> list[Row]:
     theirs *= 10
     model = "CommonRoad's multi-body model (29 states, Python), RK4 at its largest stable step"
     mine, yours = f"{1e3 * ours:.1f} ms (2 ms steps)", f"{1e3 * theirs:.0f} ms ({step:g} ms steps)"
-    return [Row(f"one second of vehicle motion; {model}", mine, yours, f"{theirs / ours:.0f}")]
+    return [(f"one second of vehicle motion; {model}", mine, yours, f"{theirs / ours:.0f}")]
 
 
 def fuzzy() -> list[Row]:
@@ -117,7 +100,7 @@ def fuzzy() -> list[Row]:
     )
     what = "one inference of 9 interval type-2 rules; PyIT2FLS (`IT2TSK`, EIASC), ours in closed form"
     ours = f"{infer / 200 * 1e6:.1f} us, {tick / 200 * 1e6:.1f} us with learning"
-    return [Row(what, ours, f"{theirs / 200 * 1e6:.0f} us", f"{theirs / infer:.0f}")]
+    return [(what, ours, f"{theirs / 200 * 1e6:.0f} us", f"{theirs / infer:.0f}")]
 
 
 def native_contact() -> list[Row]:
@@ -132,23 +115,7 @@ def native_contact() -> list[Row]:
     mine, theirs = in_turn(lambda: drive(ours), lambda: drive(native))
     steps = 20 * ours.samples.shape[1] / 1e6
     what = "one physics step of 2 ms on a height field of 200 x 200 nodes; MuJoCo's own contact of its cylinders"
-    return [Row(what, f"{mine / steps:.1f} us", f"{theirs / steps:.1f} us", f"{theirs / mine:.1f}")]
-
-
-def moving(tyre: Any, ground: Ground | None = None) -> MujocoPlant:
-    """A tractor at a slow walk, which stays on its `ground`, by default a rough one, for the second that is timed."""
-    s = load_scenario("straight_line")
-    plant = MujocoPlant(Mujoco(tyre=tyre), s.machine, ground or rough_ground())
-    plant.reset(s.path.at(0.0))
-    for _ in range(20):
-        plant.advance(Drive(NEUTRAL_V, 8.0))
-    return plant
-
-
-def drive_on(plant: MujocoPlant, ticks: int) -> None:
-    """So many ticks of physics in neutral."""
-    for _ in range(ticks):
-        plant.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
+    return [(what, f"{mine / steps:.1f} us", f"{theirs / steps:.1f} us", f"{theirs / mine:.1f}")]
 
 
 PEERS: dict[str, Callable[[], list[Row]]] = {

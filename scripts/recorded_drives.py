@@ -33,43 +33,28 @@ Day = Callable[[float], Conditions]
 
 
 class RecordedDrive(NamedTuple):
-    """What a tractor did, and the scenario that says how it is measured."""
+    """The truth at each tick of a run, and its scenario, of which sensors and tractor count."""
 
     scenario: Scenario
-    """Scenario of the run; sensors and tractor count."""
     truths: list[Truth]
-    """Truth at each tick."""
 
 
 class ErrorTrace(NamedTuple):
-    """Errors of an estimator along a drive, one value per tick."""
+    """An estimator along a drive, one value per tick: its errors, estimate less truth, and what it says of them."""
 
     t: Array
-    """Time [s]."""
-    east: Array
-    """Estimated less true R, east [m]."""
+    east: Array  # of R [m]
     north: Array
-    """Estimated less true R, north [m]."""
-    heading: Array
-    """Estimated less true heading [rad]."""
-    course: Array
-    """Estimated course less true direction of motion of R [rad]."""
-    yaw_rate: Array
-    """Estimated less true yaw rate [rad/s]."""
-    nees: Array
-    """Normalised squared error of the position [-]."""
+    heading: Array  # [rad]
+    course: Array  # less the direction of motion of R [rad]
+    yaw_rate: Array  # [rad/s]
+    nees: Array  # of the position [-]
     heading_nees: Array
-    """Squared error of the heading over its stated variance [-]."""
-    sigma: Array
-    """Stated standard deviation of R, both axes together [m]."""
-    nis: Array
-    """NIS of the position, NaN without a fix [-]."""
-    aligned: Array
-    """1 where the yaw has been found."""
-    travelled: Array
-    """Distance since the start [m]."""
-    cost: float
-    """Median time of an update [s]."""
+    sigma: Array  # stated standard deviation of R, both axes together [m]
+    nis: Array  # of the position, NaN without a fix [-]
+    aligned: Array  # 1 where the yaw has been found
+    travelled: Array  # since the start [m]
+    cost: float  # median time of an update [s]
 
     @property
     def position(self) -> Array:
@@ -105,25 +90,27 @@ def follow(
 
 
 def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> ErrorTrace:
-    x, y = (np.array([getattr(t, name) for t in truths]) for name in ("rear_x", "rear_y"))
-    v_x, v_y = np.gradient(x), np.gradient(y)
-    error = np.array([(e.rear_x - t.rear_x, e.rear_y - t.rear_y) for t, e in zip(truths, estimates, strict=True)])
-    squares = [d @ np.linalg.solve(e.covariance[:2, :2], d) for d, e in zip(error, estimates, strict=True)]
-    yaw = np.array([e.yaw for e in estimates])
-    sideslip = np.array([e.sideslip for e in estimates])
-    heading = wrapped(yaw - sideslip - np.array([t.yaw for t in truths]))
+    def true(name: str) -> Array:
+        return np.array([getattr(t, name) for t in truths])
+
+    def believed(name: str) -> Array:
+        return np.array([getattr(e, name) for e in estimates])
+
+    v_x, v_y = np.gradient(true("rear_x")), np.gradient(true("rear_y"))
+    error = np.stack([believed(name) - true(name) for name in ("rear_x", "rear_y")], axis=1)
+    P, heading = believed("covariance"), wrapped(believed("yaw") - believed("sideslip") - true("yaw"))
     return ErrorTrace(
-        t=np.array([t.t for t in truths]),
+        t=true("t"),
         east=error[:, 0],
         north=error[:, 1],
         heading=heading,
-        course=wrapped(yaw - np.arctan2(v_y, v_x)),
-        yaw_rate=np.array([e.yaw_rate - t.yaw_rate for t, e in zip(truths, estimates, strict=True)]),
-        nees=np.array(squares),
-        heading_nees=heading**2 / np.array([e.covariance[2, 2] for e in estimates]),
-        sigma=np.sqrt([np.trace(e.covariance[:2, :2]) for e in estimates]),
-        nis=np.array([e.nis for e in estimates]),
-        aligned=np.array([float(e.aligned) for e in estimates]),
+        course=wrapped(believed("yaw") - np.arctan2(v_y, v_x)),
+        yaw_rate=believed("yaw_rate") - true("yaw_rate"),
+        nees=np.array([d @ np.linalg.solve(p, d) for d, p in zip(error, P[:, :2, :2], strict=True)]),
+        heading_nees=heading**2 / P[:, 2, 2],
+        sigma=np.sqrt(P[:, 0, 0] + P[:, 1, 1]),
+        nis=believed("nis"),
+        aligned=believed("aligned").astype(float),
         travelled=np.cumsum(np.hypot(v_x, v_y)),
         cost=cost,
     )

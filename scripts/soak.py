@@ -16,7 +16,6 @@ import argparse
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from demo_link import free_ports
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pd_fnn import PdT2fnn
@@ -47,20 +47,14 @@ SAMPLE_S = 5.0
 """Wall time between two looks at the memory [s]."""
 
 
-def resident_mb(process: int) -> float:
-    """Memory that a process has in RAM [MB]; 0 once it has ended."""
+def memory_mb(process: int | str = "self", peak: bool = False) -> float:
+    """Memory that a process has in RAM [MB], or its peak since `forget_peak`; 0 once it has ended."""
     try:
         text = Path(f"/proc/{process}/status").read_text()
     except OSError:
         return 0.0
-    return next((float(line.split()[1]) / 1e3 for line in text.splitlines() if line.startswith("VmRSS")), 0.0)
-
-
-def own_mb(peak: bool = False) -> float:
-    """Memory of this process [MB]; its peak since `forget_peak`."""
     name = "VmHWM" if peak else "VmRSS"
-    text = Path("/proc/self/status").read_text()
-    return next(float(line.split()[1]) / 1e3 for line in text.splitlines() if line.startswith(name))
+    return next((float(line.split()[1]) / 1e3 for line in text.splitlines() if line.startswith(name)), 0.0)
 
 
 def forget_peak() -> None:
@@ -89,16 +83,14 @@ def learning(ticks: int) -> bool:
             state, command = law.update(state, t, error, TICK_S, radians(45))
             yaw_rate += TICK_S / 0.3 * (1.2 / 1.4 * tan(command.steer) - yaw_rate)
         assert state.network is not None
-        bound, early = max(bound, largest(state.network)), early or own_mb()
-        widths = [state.network.d1_lower, state.network.d1_upper, state.network.d2_lower, state.network.d2_upper]
+        bound, early = max(bound, largest(state.network)), early or memory_mb()
         print(
-            f"  {first + tenth:.2g} ticks: q {state.network.q:.3f}, f up to {np.abs(state.network.f).max():.3f} rad, "
-            f"widths {min(map(np.min, widths)):.3f} to {max(map(np.max, widths)):.3f}, {own_mb():.0f} MB",
+            f"  {first + tenth:.2g} ticks: q {state.network.q:.3f}, largest {bound:.3g}, {memory_mb():.0f} MB",
             flush=True,
         )
-    grown = own_mb() - early
+    grown, seconds = memory_mb() - early, time.monotonic() - began
     print(
-        f"learning: {ticks:.0e} ticks in {time.monotonic() - began:.0f} s, no parameter beyond {bound:.3g}, "
+        f"learning: {ticks:.0e} ticks in {seconds:.0f} s, no parameter beyond {bound:.3g}, "
         f"memory {grown:+.1f} MB since the first tenth"
     )
     return bound < BOUND and grown < FLAT_MB
@@ -117,11 +109,11 @@ class Memory:
     def advance(self, first: int) -> None:
         """A piece of the run is done."""
         before, now = first * TICK_S, self.rows.filled * TICK_S
-        self.samples.append((now, own_mb()))
+        self.samples.append((now, memory_mb()))
         if before < SETTLED_S <= now:
             forget_peak()
         if now // 3600 > before // 3600:
-            print(f"  {now / 3600:.0f} h: {own_mb():.0f} MB", flush=True)
+            print(f"  {now / 3600:.0f} h: {memory_mb():.0f} MB", flush=True)
 
     def finish(self, log: Log) -> None:
         """Metrics are there."""
@@ -143,12 +135,12 @@ def work(hours: float, recorded: bool) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         recording = (Recording(Path(folder) / "run.rrd"),) if recorded else ()
         log = run(load_scenario("figure_eight", {**keys, **rough}), (memory, *recording), lambda: bool(stopped))
-        metered = own_mb(peak=True)
+        metered = memory_mb(peak=True)
         forget_peak()
         write_log(log, Path(folder), recorded=recorded)
-        written = own_mb(peak=True)
+        written = memory_mb(peak=True)
         size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
-    later = [mb for t, mb in memory.samples if t >= SETTLED_S] or [own_mb()]
+    later = [mb for t, mb in memory.samples if t >= SETTLED_S] or [memory_mb()]
     driving, making, writing = (mb - later[0] for mb in (max(later), metered, written))
     print(
         f"work: {log.outcome} after {log.rows.filled * TICK_S / 3600:.2f} h, {log.metrics['real_time_factor']:.0f} x "
@@ -162,24 +154,6 @@ def work(hours: float, recorded: bool) -> bool:
     return log.outcome in ("completed", "aborted") and max(driving, making, writing) < FLAT_MB
 
 
-def free_ports() -> tuple[int, int]:
-    """Two ports of UDP that nothing listens on."""
-    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
-        for each in (a, b):
-            each.bind(("127.0.0.1", 0))
-        return a.getsockname()[1], b.getsockname()[1]
-
-
-def followed(command: list[str]) -> tuple[int, list[tuple[float, float]]]:
-    """Run a command; its status, and time [s] and memory [MB] as it went."""
-    began, samples = time.monotonic(), []
-    with subprocess.Popen(command) as process:
-        while process.poll() is None:
-            samples.append((time.monotonic() - began, resident_mb(process.pid)))
-            time.sleep(SAMPLE_S)
-        return process.returncode, samples
-
-
 def link(seconds: float) -> bool:
     """Drive over the link at real time; True if the host steered throughout and no outage was counted."""
     board, host = free_ports()
@@ -187,24 +161,25 @@ def link(seconds: float) -> bool:
     serving = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={host}", f"--board-port={board}"]
     driving = [sys.executable, "-m", "agrobot_mj", "link", "straight_line", "--set", "guidance.position=paogi"]
     driving += ["--set", "sensors.gnss.dual_antenna.enabled=true", "--set", "terrain.half_size_m=10000"]
-    ports = ["--port", str(board), "--host-port", str(host)]
+    driving += ["--port", str(board), "--host-port", str(host), "--duration", str(seconds), "--start", "engaged"]
+    samples = []
     with tempfile.TemporaryDirectory() as folder, subprocess.Popen([*serving, *lasting]) as server:
         try:
-            rest = ["--duration", str(seconds), "--start", "engaged", "--no-rrd", "--out", folder, *ports]
-            status, samples = followed([*driving, *rest])
+            with subprocess.Popen([*driving, "--no-rrd", "--out", folder]) as process:
+                while process.poll() is None:
+                    samples.append(memory_mb(process.pid))
+                    time.sleep(SAMPLE_S)
         finally:
             server.terminate()
         found: dict[str, Any] = json.loads((Path(folder) / "metrics.json").read_text())
-    load = os.getloadavg()[2]
     keys = ("turns", "late_turns", "worst_lateness_ms", "slipped_s", "latency_ms_median", "latency_ms_p95")
     keys = (*keys, "latency_ms_worst", "positions", "steer_messages", "outages", "engaged_fraction")
-    words = [f"{key} {found['link'][key]:.6g}" for key in keys]
+    words = ", ".join(f"{key} {found['link'][key]:.6g}" for key in keys)
     print(
-        f"link: {found['outcome']}, status {status}, {', '.join(words)}, load {load:.1f}, "
-        f"memory {samples[-2:][0][1]:.0f} MB at the end, {max(m for _, m in samples):.0f} MB at most"
+        f"link: {found['outcome']}, status {process.returncode}, {words}, load {os.getloadavg()[2]:.1f}, "
+        f"memory {samples[-2:][0]:.0f} MB at the end, {max(samples):.0f} MB at most"
     )
-    print(json.dumps([(round(t), round(m)) for t, m in samples[:: max(1, len(samples) // 60)]]))
-    return status == 0 and found["link"]["outages"] == 0
+    return process.returncode == 0 and found["link"]["outages"] == 0
 
 
 def main() -> int:

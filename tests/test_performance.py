@@ -5,15 +5,12 @@ import bench
 import make_performance
 import mujoco
 import numpy as np
-import peers
 import pytest
 
 from agrobot_mj import load_scenario
-from agrobot_mj.core.signals import NEUTRAL_V, Drive
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import Implement
-from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.terrain import Flat, Rough
@@ -30,15 +27,6 @@ the end
 """
 
 
-def moving(tyre, nodes=100):
-    s = load_scenario("straight_line")
-    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5, settle_limit_s=0.5), Machine(), bench.rough_ground(nodes))
-    plant.reset(s.path.at(0.0))
-    for _ in range(10):
-        plant.advance(Drive(NEUTRAL_V, 8.0))
-    return plant
-
-
 def left_behind(plant):
     """All that the next round begins with."""
     state = plant.save()
@@ -49,7 +37,7 @@ def left_behind(plant):
 @pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
 def test_every_round_of_the_benchmark_begins_and_ends_alike(tyre):
     """Soil that is not restored becomes a hole, and each round dearer than the one before."""
-    plant = moving(tyre)
+    plant = bench.moving(tyre, bench.rough_ground(100), settle_s=0.5)
     start = plant.save()
     bench.tyred_over_bare(plant, start)
     first = left_behind(plant)
@@ -59,7 +47,7 @@ def test_every_round_of_the_benchmark_begins_and_ends_alike(tyre):
 
 
 def test_a_ratio_is_one_of_costs():
-    plant = moving(MagicFormula())
+    plant = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5)
     assert 1.0 < bench.tyred_over_bare(plant, plant.save()) < 20.0
 
 
@@ -115,7 +103,7 @@ def test_a_peer_that_is_not_installed_keeps_its_row(monkeypatch, capsys):
     def absent():
         raise ImportError("No module named 'absent'")
 
-    row = peers.Row("a step", "1 us", "2 us", "2.0")
+    row = ("a step", "1 us", "2 us", "2.0")
     monkeypatch.setattr(make_performance, "PEERS", {"absent": absent, "present": lambda: [row]})
     text = make_performance.put(PAGE, "peers", make_performance.peers(PAGE))
     assert "| absent | measured last year |" in text
@@ -127,5 +115,5 @@ def test_a_peer_that_is_not_installed_keeps_its_row(monkeypatch, capsys):
 
 def test_the_page_has_all_its_blocks():
     text = make_performance.PAGE.read_text(encoding="utf-8")
-    for name in ("aims", "tick", "physics", "peers", "growth"):
+    for name in make_performance.BLOCKS:
         assert make_performance.block(text, name).startswith("|")

@@ -40,7 +40,7 @@ def test_half_a_minute_of_work_leaves_its_row(soak, monkeypatch, capsys):
 def test_memory_that_grows_fails(soak, monkeypatch):
     grown = iter(range(100, 10_000, 60))
     monkeypatch.setattr(soak, "SETTLED_S", 5.0)
-    monkeypatch.setattr(soak, "own_mb", lambda peak=False: float(next(grown)))
+    monkeypatch.setattr(soak, "memory_mb", lambda peak=False: float(next(grown)))
     assert not soak.work(30 / 3600, recorded=False)
 
 

@@ -1,33 +1,38 @@
 """The documentation as a site: pages from the code are complete, and the build finds no fault and needs no network."""
 
-import importlib.util
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import docs_pages
 import pytest
 import typer.main
 
 from agrobot_mj.cli import app
+from agrobot_mj.core.spec import members
 from agrobot_mj.scenario.reference import families
+from agrobot_mj.scenario.schema import Scenario
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "scripts"
 
 
-@pytest.fixture(scope="module")
-def pages():
-    spec = importlib.util.spec_from_file_location("docs_pages", SCRIPTS / "docs_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def keys_below(owner, above):
+    """Names of all keys that hold a value, in any table."""
+    found = set()
+    for name, field in owner.model_fields.items():
+        parts = members(field.annotation)
+        found |= {name} if not parts and name != "kind" else set()
+        for part in parts.values():
+            found |= keys_below(part, (*above, part)) if part not in above else set()
+    return found
 
 
-def test_every_key_and_every_kind_is_in_the_reference(pages):
-    text = pages.keys_page()
-    assert set(re.findall(r"^\| `(\w+)` \|", text, re.M)) == pages.scenario_keys()
+def test_every_key_and_every_kind_is_in_the_reference():
+    text = docs_pages.keys_page()
+    assert set(re.findall(r"^\| `(\w+)` \|", text, re.M)) == keys_below(Scenario, ())
     for table, kinds in families().items():
         for kind in kinds:
             assert f'## `[{table}]` `kind = "{kind}"`' in text, (table, kind)
@@ -36,15 +41,15 @@ def test_every_key_and_every_kind_is_in_the_reference(pages):
     assert "| `wheelbase_m` | `1.4` | number, above 0" in text
 
 
-def test_every_row_of_the_references_has_the_cells_of_its_head(pages):
-    for text in (pages.keys_page(), pages.commands_page()):
+def test_every_row_of_the_references_has_the_cells_of_its_head():
+    for text in (docs_pages.keys_page(), docs_pages.commands_page()):
         for block in re.findall(r"(?:^\|.*\n?)+", text, re.M):
             counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
             assert len(counts) == 1, block[:200]
 
 
-def test_every_command_and_option_is_in_the_reference(pages):
-    text = pages.commands_page()
+def test_every_command_and_option_is_in_the_reference():
+    text = docs_pages.commands_page()
     for name, command in typer.main.get_command(app).commands.items():
         section = text.partition(f"\n## `{name}`\n")[2].partition("\n## ")[0]
         assert f"agrobot-mj {name}" in section
@@ -53,10 +58,10 @@ def test_every_command_and_option_is_in_the_reference(pages):
                 assert option in section, (name, option)
 
 
-def test_what_the_package_offers_is_in_the_reference(pages):
+def test_what_the_package_offers_is_in_the_reference():
     import agrobot_mj
 
-    text = pages.api_page()
+    text = docs_pages.api_page()
     for name in set(agrobot_mj.__all__) - {"__version__"}:
         assert re.search(rf"^::: agrobot_mj\.[\w.]+\.{name}$", text, re.M), name
     for path in re.findall(r"^::: (\S+)$", text, re.M):
