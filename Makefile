@@ -31,7 +31,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore figures gains help install learning library lock mutate performance plain reference results ros safety slow snapshots soak test third-party validate verdict
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock mutate performance plain reference ros safety slow snapshots soak test third-party validate
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -95,17 +95,8 @@ soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive ov
 	@$(PY) scripts/soak.py work
 	@$(PY) scripts/soak.py link
 
-figures: $(STAMP) ## Run the paper's experiment and write its table and figure in docs/results.md
-	@$(PY) scripts/make_figures.py
-
-results: $(STAMP) ## Compare the guidance laws over surfaces and seeds and write docs/results.md (two hours)
-	@$(PY) scripts/make_results.py
-
-verdict: $(STAMP) ## Run what docs/verdict.md lacks (an hour or two), and write its tables and figures
-	@$(PY) scripts/make_verdict.py
-
-learning: $(STAMP) ## Run the study of docs/learning.md, which takes hours, and write its tables and figures
-	@$(PY) scripts/make_learning.py
+findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
+	@$(PY) scripts/make_findings.py $(STUDY)
 
 estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
 	@$(PY) scripts/make_estimators.py
@@ -119,7 +110,7 @@ acquisition: $(STAMP) ## Let the path followers come onto a line from beside it,
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour), and write the tables of docs/safety.md
 	@$(PY) scripts/make_safety.py
 
-library: $(STAMP) ## Run every scenario and write docs/scenarios.md's pages again
+library: $(STAMP) ## Run every scenario and write the gallery, docs/library.md, again
 	@$(PY) scripts/make_library.py
 
 snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again

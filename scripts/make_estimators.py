@@ -1,11 +1,11 @@
 """docs/estimators.md: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
 
-Parts: both sweeps; `recorded`, estimators on drives of the paper's stack; `consistency`, `ekf_full` where the ground
-changes. `--seeds` reduces the sensors' seeds of the last two as well.
+Parts: `loop`, both sweeps; `recorded`, estimators on drives of the paper's stack; `consistency`, `ekf_full` where the
+ground changes. `--seeds` reduces the sensors' seeds of the last two as well.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 from math import degrees, radians
 from typing import Any
@@ -34,7 +34,7 @@ from recorded_drives import (
     settled,
     wrapped,
 )
-from sweeps import KeptRun, Row, Study
+from sweeps import Blocks, KeptRun, Row, Study, publish
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
@@ -42,14 +42,7 @@ from agrobot_mj.core.signals import TICK_S
 KINDS = (PAPER, BIAS, FULL)
 RECORDED, SEEDS_FULL, SEEDS_OTHER = 4, 20, 4
 """Recorded drives, and seeds of the sensors over them for `ekf_full` and for the others."""
-LOOP_HEADS = (
-    *("case", "estimator", "position [cm]", "heading [deg]", "course [deg]", "NEES", "NIS"),
-    *("coast [cm]", "speed [cm/s]", "lateral [cm]"),
-)
-HEADS = (
-    *("case", "estimator", "position [cm]", "heading [deg]", "course [deg]", "yaw rate [deg/s]"),
-    *("NEES", "NIS", "time [us]"),
-)
+COMMON = ("case", "estimator", "position [cm]", "heading [deg]", "course [deg]")
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "level": ({}, {}, nominal),
     "level, fixes 0.2 s late": ({}, {}, late(0.2)),
@@ -64,8 +57,22 @@ HEADINGS_DEG = (0, 45, 90, 135, 180, -90)
 """Errors of the start heading [deg]."""
 
 
+def loop(study: Study) -> Blocks:
+    """Whole loops: a row per case and estimator, means over the seeds."""
+    lines = []
+    for name in ("estimators", "estimator_settings"):
+        for (case, estimator), runs in groupby(study.rows(name), lambda row: (row["variant"], row["estimator"])):
+            keys = json.loads(estimator)
+            if of_interest(case, keys):
+                numbers = np.mean([loop_numbers(study.kept(name, run)) for run in runs], axis=0)
+                texts = ("" if np.isnan(v) else f"{v:.3g}" if v < 1000 else f"{v:.0f}" for v in numbers)
+                lines.append((case, ", ".join([keys.pop("kind"), *(f"{k} {v}" for k, v in keys.items())]), *texts))
+    heads = (*COMMON, "NEES", "NIS", "coast [cm]", "speed [cm/s]", "lateral [cm]")
+    return {"loop": markdown_table(heads, lines, 2) if lines else ""}
+
+
 def loop_numbers(run: KeptRun) -> list[float]:
-    """The numbers of `LOOP_HEADS` of one run, after `BEGIN_S`; the coast is NaN without a loss."""
+    """Errors of one run after `BEGIN_S`, in the order of the table; the coast is NaN without a loss."""
     c, counts = run.column, run.column("t") > BEGIN_S
     error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
@@ -78,19 +85,6 @@ def loop_numbers(run: KeptRun) -> list[float]:
         100 * float(error[lost[-1]]) if lost.size else np.nan,
         *(100 * rms(values[counts]) for values in (c("speed_hat") - c("speed"), c("e_lateral"))),
     ]
-
-
-def loop_table(study: Study) -> str:
-    """Whole loops: a row per case and estimator, means over the seeds."""
-    lines = []
-    for name in ("estimators", "estimator_settings"):
-        for (case, estimator), runs in groupby(study.rows(name), lambda row: (row["variant"], row["estimator"])):
-            keys = json.loads(estimator)
-            if of_interest(case, keys):
-                numbers = np.mean([loop_numbers(study.kept(name, run)) for run in runs], axis=0)
-                texts = ("" if np.isnan(v) else f"{v:.3g}" if v < 1000 else f"{v:.0f}" for v in numbers)
-                lines.append((case, ", ".join([keys.pop("kind"), *(f"{k} {v}" for k, v in keys.items())]), *texts))
-    return markdown_table(LOOP_HEADS, lines, 2) if lines else ""
 
 
 def of_interest(case: str, keys: Row) -> bool:
@@ -126,7 +120,7 @@ class Recorded:
                 runs = self.runs(kind, ground=ground or None)
                 numbers = [settled(follow(drive, {**kind, **keys}, seed, day)) for drive, seed in runs]
                 lines.append((case, kind["kind"], *(f"{v:.3g}" for v in np.mean(numbers, axis=0))))
-        return markdown_table(HEADS, lines, 2)
+        return markdown_table((*COMMON, "yaw rate [deg/s]", "NEES", "NIS", "time [us]"), lines, 2)
 
     def losses_table(self, starts: Iterable[float] = LOSS_STARTS_S) -> str:
         """Errors at the end of a loss in an arc."""
@@ -164,19 +158,23 @@ class Recorded:
         return markdown_table(heads, lines, 0)
 
 
-def main(arguments: list[str] | None = None) -> None:
-    study = Study("estimators", __doc__, arguments)
-    blocks = {"loop": loop_table(study)}
-    if study.runs_part("recorded"):
-        recorded = Recorded(study.seeds or SEEDS_FULL)
-        tables: tuple[Callable[[], str], ...]
-        tables = (recorded.settled_table, recorded.losses_table, recorded.outliers_table, recorded.alignments_table)
-        blocks |= {table.__name__.removesuffix("_table"): table() for table in tables}
-    if study.runs_part("consistency"):
-        tables_of = consistency_tables(DRIVES[: study.seeds], SEEDS[: study.seeds])
-        blocks |= dict(zip(("consistency", "consistency_losses"), tables_of, strict=True))
-    study.write(blocks)
+def recorded(study: Study) -> Blocks:
+    """The four tables of recorded drives."""
+    if study.only_draw:
+        return {}
+    drives = Recorded(study.seeds or SEEDS_FULL)
+    tables = {"settled": drives.settled_table, "losses": drives.losses_table}
+    tables |= {"outliers": drives.outliers_table, "alignments": drives.alignments_table}
+    return {name: table() for name, table in tables.items()}
+
+
+def consistency(study: Study) -> Blocks:
+    """Whether `ekf_full` states its own errors."""
+    if study.only_draw:
+        return {}
+    tables = consistency_tables(DRIVES[: study.seeds], SEEDS[: study.seeds])
+    return dict(zip(("consistency", "consistency_losses"), tables, strict=True))
 
 
 if __name__ == "__main__":
-    main()
+    publish(["estimators"], {part.__name__: part for part in (loop, recorded, consistency)}, __doc__)

@@ -4,11 +4,10 @@ The searches that are there already are not repeated: an interrupted run goes on
 into `control/gains.py` and into the defaults of the laws by hand; a test compares.
 """
 
-import argparse
 import json
 from pathlib import Path
 
-from blocks import put
+from sweeps import Blocks, Part, Study, publish
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
@@ -16,8 +15,17 @@ from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.tune import tune
 from agrobot_mj.studies.tuning_cases import TuningFile, read_tuning
 
-DOCS = Path(__file__).parent.parent / "docs"
-FOLDER, PAGE = DOCS / "tuning", DOCS / "guidance.md"
+FILE = read_tuning("gains")
+
+
+def searched(study: Study, name: str) -> Blocks:
+    """Search the gains of a law unless they are there; the table once those of all laws are."""
+    folder = study.images.parent / "tuning"
+    folder.mkdir(exist_ok=True)
+    files = {law: folder / f"{law}.json" for law in FILE.laws}
+    if not (files[name].exists() or study.only_draw):
+        write(files[name], name, FILE, study.jobs)
+    return {"gains": table(list(files.values()))} if all(map(Path.exists, files.values())) else {}
 
 
 def write(path: Path, name: str, file: TuningFile, jobs: int) -> None:
@@ -35,11 +43,10 @@ def write(path: Path, name: str, file: TuningFile, jobs: int) -> None:
     path.write_text(f'{text[:-2]},\n  "trace": [\n    {trace}\n  ]\n}}\n', encoding="utf-8")
 
 
-def table(names: list[str]) -> str:
+def table(files: list[Path]) -> str:
     """What was found, a law a row."""
     lines = []
-    for name in names:
-        found = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    for found in (json.loads(file.read_text(encoding="utf-8")) for file in files):
         gains = ", ".join(f"`{key.split('.', 1)[1]}` {value:g}" for key, value in found["gains"].items())
         scores = [
             " / ".join(_score(found[part][k]) for k in ("score_before", "score")) for part in ("training", "test")
@@ -53,22 +60,6 @@ def _score(score: dict) -> str:
     return f"{score['mean']:.2f}" + (f" ({failed})" if failed else "")
 
 
-def main() -> None:
-    """Search what is missing."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("laws", nargs="*", help="names of `laws`; all of them if left out")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=FOLDER)
-    given, file = parser.parse_args(), read_tuning("gains")
-    given.out.mkdir(parents=True, exist_ok=True)
-    for name in given.laws or file.laws:
-        path = given.out / f"{name}.json"
-        if not path.exists():
-            write(path, name, file, given.jobs)
-    if given.out == FOLDER:
-        text = put(PAGE.read_text(encoding="utf-8"), "gains", table(list(file.laws)))
-        PAGE.write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    parts: dict[str, Part] = {law: lambda study, law=law: searched(study, law) for law in FILE.laws}
+    publish(["guidance"], parts, __doc__)

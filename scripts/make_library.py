@@ -1,13 +1,12 @@
-"""The library's pages: run every scenario with PD and with the network, and write docs/scenarios.md's list of them.
+"""The gallery: run every scenario with PD and with the network, and write docs/library.md.
 
-Each scenario gets its picture (map and lateral error), what its file says that it shows, and its metrics. A scenario
-without one of these controllers (open loop, say) is shown with its own.
+Each scenario gets its picture (map and lateral error) and what its file says that it shows. One without these
+controllers (open loop, say) is shown with its own.
 """
 
 import argparse
 import itertools
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -32,17 +31,14 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 
 ROOT = Path(__file__).parent.parent
-PAGE, IMAGES = ROOT / "docs" / "scenarios.md", ROOT / "docs" / "images" / "scenarios"
+PAGE, IMAGES = ROOT / "docs" / "library.md", ROOT / "docs" / "images" / "scenarios"
 INDEX, PAGES = "index", "pages"
 """Names of the blocks of the page, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
-HEADS = (
-    *("controller", "outcome", "time [s]", "lateral rms [m]", "lateral p95 [m]", "cross-track p95 [m]"),
-    "yaw rate error rms [deg/s]",
-)
+INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")
 PASS_HEADS = (LABEL, "pass to pass, p95 [m]", "on the passes, p95 [m]")
 IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull [kN]", "hitch angle, p95 [deg]")
 
@@ -142,7 +138,6 @@ def section(name: str, logs: dict[str, Log]) -> str:
         [
             *(f"### `{name}`", "", shows(name), ""),
             *(f"![Map and lateral error of {name}](images/scenarios/{name}.png)", ""),
-            *with_heads(HEADS, [row(kind, log) for kind, log in logs.items()])[1:],
             *passes(logs),
             *implements(logs),
             "",
@@ -182,17 +177,9 @@ def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]:
     """The scenario's cells in the table at the head."""
-    found = [logs[kind].metrics["lateral_abs_p95"] if kind in logs else None for kind in CONTROLLERS]
-    cells = ("-" if n is None else f"{n:.2f}" for n in found)
-    return f"`{name}`", scenario.title, scenario.expected_outcome.replace("_", " "), *cells
-
-
-def row(kind: str, log: Log) -> tuple[str, ...]:
-    """One row of a scenario's table."""
-    m: dict[str, Any] = log.metrics
-    numbers = [m["lateral_rms"], m["lateral_abs_p95"], m["xte_abs_p95"]]
-    cells = [f"{log.column('t')[-1]:.0f}", *("-" if n is None else f"{n:.3f}" for n in numbers)]
-    return kind, log.outcome, *cells, f"{np.degrees(m['yaw_rate_error_rms'] or 0):.2f}"
+    found = [(name_of(kind), log.metrics["lateral_abs_p95"]) for kind, log in logs.items()]
+    errors = ", ".join(f"{law} {p95:.2f}" for law, p95 in found if p95 is not None)
+    return f"[`{name}`](#{name})", scenario.title, scenario.expected_outcome.replace("_", " "), errors or "-"
 
 
 def main() -> None:
@@ -214,8 +201,7 @@ def main() -> None:
         print("\n".join(sections))
         return
     text = PAGE.read_text(encoding="utf-8")
-    heads = ("name", "what it is", "ends", "lateral p95 [m]: PD", "PD + T2FNN")
-    for name, content in ((INDEX, markdown_table(heads, index)), (PAGES, "\n".join(sections).rstrip())):
+    for name, content in ((INDEX, markdown_table(INDEX_HEADS, index)), (PAGES, "\n".join(sections).rstrip())):
         text = put(text, name, f"\n{content}\n")
     PAGE.write_text(text, encoding="utf-8")
 

@@ -1,6 +1,6 @@
-"""Grids of runs behind the pages: sweeps of the package, changed in places, of which only what is missing is run.
+"""The engine behind the pages: sweeps of the package, of which only what is missing is run, and blocks made of them.
 
-All lie under `runs/pages`, a folder for each sweep, so that pages share them; what was broken off goes on.
+All runs lie under `runs/pages`, a folder for each sweep, so that pages share them; what was broken off goes on.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import tomli_w
 from blocks import put
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.sources import source_digest
 from agrobot_mj.core.version import __version__
@@ -31,6 +32,8 @@ from agrobot_mj.studies.sweep.store import read_rows
 
 ROOT = Path(__file__).parent.parent
 Row = dict[str, Any]
+Blocks = dict[str, str]
+"""Content of a page's blocks by name; empty where its runs are not there."""
 
 
 def shipped(name: str) -> dict[str, Any]:
@@ -44,45 +47,43 @@ def variants(name: str) -> dict[str, dict[str, Any]]:
 
 
 class Study:
-    """A page and its runs, with the options of the command line."""
+    """Pages, the runs behind them, and the options of the command line."""
 
-    def __init__(self, page: str, doc: str | None, arguments: list[str] | None = None) -> None:
+    def __init__(self, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str] | None):
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; all of them if left out")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
-        parser.add_argument("--part", action="append", help="run this sweep or part only; may be given again")
-        parser.add_argument("--only-draw", action="store_true", help="run nothing, write page and figures")
-        parser.add_argument("--seeds", type=int, help="first seeds of each sweep, for a trial")
+        parser.add_argument("--only-draw", action="store_true", help="run nothing, write pages and figures")
+        parser.add_argument("--seeds", type=int, help="first seeds of each sweep, first pieces of other work: a trial")
+        parser.add_argument("--ends", action="store_true", help="first and last value of each axis only, for a trial")
         parser.add_argument("--variant", action="append", help="this variant of each sweep only, for a trial")
         parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, for a trial")
         parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
-        parser.add_argument("--docs", type=Path, default=ROOT / "docs", help="folder of the page")
+        parser.add_argument("--docs", type=Path, default=ROOT / "docs", help="folder of the pages")
         given = parser.parse_args(arguments)
-        self.jobs, self.seeds, self.trial, self.runs = given.jobs, given.seeds, dict(given.set), given.runs
-        self.page, self.images = given.docs / f"{page}.md", given.docs / "images"
-        self.parts, self.only_draw, self.variants = given.part, given.only_draw, given.variant
-
-    def runs_part(self, name: str) -> bool:
-        """Whether a part is to be run."""
-        return not self.only_draw and (not self.parts or name in self.parts)
+        if unknown := set(given.part) - set(parts):
+            parser.error(f"{', '.join(sorted(unknown))}: no such part; known: {', '.join(parts)}")
+        self.parts, self.jobs, self.seeds, self.trial = given.part or parts, given.jobs, given.seeds, dict(given.set)
+        self.only_draw, self.variants, self.ends = given.only_draw, given.variant, given.ends
+        self.pages = [given.docs / f"{page}.md" for page in pages]
+        self.images, self.runs = given.docs / "images", given.runs
 
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
-        """The rows of a sweep, by default that of this name; `changes` replace keys of its file."""
-        if self.runs_part(name):
-            file = self._file(name, source or name, changes)
-            found = sweep(file, self.runs / name, SweepOptions(jobs=self.jobs))
-            print(f"{name}: {found.total} runs, {found.errors} with an error", file=sys.stderr)
-        return self.there(name)
+        """The rows of a sweep, by default that of this name; `changes` replace keys of its file.
 
-    def there(self, name: str) -> list[Row]:
-        """The rows of a sweep that is there as a whole. Ends the program where its runs are of other sources."""
+        None where it is not to be run and not there as a whole. Ends the program where its runs are of other sources.
+        """
         folder = self.runs / name
+        if not self.only_draw:
+            found = sweep(self._file(name, source or name, changes), folder, SweepOptions(jobs=self.jobs))
+            print(f"{name}: {found.total} runs, {found.errors} with an error", file=sys.stderr)
         plan = folder / "plan.json"
         content = json.loads(plan.read_text("utf-8")) if plan.exists() else None
-        if content is None or len(found := read_rows(folder)) < content["runs"]:
+        if content is None or len(rows := read_rows(folder)) < content["runs"]:
             return []
         if content["of"]["program"] != source_digest():
             raise SystemExit(f"{folder}: was run with other sources; remove it, and run it again")
-        return found
+        return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
         """The results of work that is no sweep, a file each; none where it is not to be done and not there as a whole.
@@ -90,8 +91,8 @@ class Study:
         Those of other sources of the package are in another folder.
         """
         folder = self.runs / name / source_digest()
-        files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs}
-        if self.runs_part(name):
+        files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
+        if not self.only_draw:
             folder.mkdir(parents=True, exist_ok=True)
             todo = [file for file in files if not file.exists()]
             with task(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
@@ -104,22 +105,30 @@ class Study:
         """A run of a sweep that keeps signals."""
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
-    def write(self, blocks: dict[str, str]) -> None:
-        """Write blocks of the page that have content, and under `standing` what they were made with."""
-        text = self.page.read_text(encoding="utf-8")
-        for name, content in blocks.items():
-            text = put(text, name, content) if content else text
-        self.page.write_text(put(text, "standing", standing()), encoding="utf-8")
+    def write(self, part: str, blocks: Blocks) -> None:
+        """Write blocks that have content wherever they are on the pages, and what the part was made with."""
+        made = {name: content for name, content in blocks.items() if content}
+        stands = f"{standing()[:-1]}; again: `make findings STUDY={part}`."
+        made |= {f"standing {part}": stands, "standing": standing()} if made else {}
+        for page in self.pages:
+            text = page.read_text(encoding="utf-8")
+            for name in [name for name in made if f"<!-- {name} -->" in text]:
+                text = put(text, name, made.pop(name))
+            page.write_text(text, encoding="utf-8")
+        if lost := [name for name in made if not name.startswith("standing")]:
+            raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
         """The file of a sweep: that of the package, or a changed copy."""
-        if not (changes or self.trial or self.seeds or self.variants):
+        if not (changes or self.trial or self.seeds or self.variants or self.ends):
             return source
         content = shipped(source) | changes
         content["set"] = content.get("set", {}) | self.trial
         if self.variants:
             every = content.get("variant", [])
             content["variant"] = [each for each in every if each["name"] in self.variants] or every
+        if self.ends:
+            content["axes"] = {key: [axis[0], axis[-1]] for key, axis in content.get("axes", {}).items()}
         if self.seeds:
             seeds = content.get("seeds", 1)
             content["seeds"] = seeds[: self.seeds] if isinstance(seeds, list) else min(seeds, self.seeds)
@@ -127,6 +136,22 @@ class Study:
         file = self.runs / f"{name}.toml"
         file.write_text(tomli_w.dumps(content), encoding="utf-8")
         return file
+
+
+Part = Callable[[Study], Blocks]
+"""Runs what is missing of one part of a page, draws its figures, and returns its blocks."""
+
+
+def publish(
+    pages: Sequence[str], parts: Mapping[str, Part], doc: str | None, arguments: list[str] | None = None
+) -> None:
+    """The command line of a script: write the parts of pages that are asked for, each as soon as it is there."""
+    study = Study(pages, list(parts), doc, arguments)
+    try:
+        for name in study.parts:
+            study.write(name, parts[name](study))
+    except ScenarioError as error:
+        raise SystemExit(str(error)) from None
 
 
 class KeptRun:

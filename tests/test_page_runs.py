@@ -2,10 +2,10 @@
 
 import json
 
-import make_results
 import numpy as np
 import pytest
 import sweeps
+from findings import laws
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -14,9 +14,11 @@ TRIAL = ("--variant", "pd", "--seeds", "1", "--set", "duration_s=0.5")
 
 
 def study(folder, *options):
-    blocks = "".join(f"<!-- {name} -->\nold\n<!-- end of {name} -->\n" for name in ("standing", "a"))
-    (folder / "results.md").write_text(blocks)
-    return sweeps.Study("results", None, ["--runs", str(folder / "runs"), "--docs", str(folder), *options])
+    for page, names in {"one": ("standing", "a"), "other": ("standing part", "b")}.items():
+        blocks = "".join(f"<!-- {name} -->\nold\n<!-- end of {name} -->\n" for name in names)
+        (folder / f"{page}.md").write_text(blocks)
+    given = ["--runs", str(folder / "runs"), "--docs", str(folder), *options]
+    return sweeps.Study(["one", "other"], ["part"], None, given)
 
 
 def test_a_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
@@ -39,7 +41,7 @@ def test_runs_of_other_sources_are_not_drawn(tmp_path):
     content["of"]["program"] = "0" * 16
     plan.write_text(json.dumps(content))
     with pytest.raises(SystemExit, match="other sources"):
-        pages.there("printed")
+        study(tmp_path, "--only-draw").rows("printed")
 
 
 def test_work_that_is_no_sweep_is_done_once(tmp_path):
@@ -57,15 +59,27 @@ def test_work_that_is_no_sweep_is_done_once(tmp_path):
 
 def test_a_page_states_what_it_was_made_with(tmp_path):
     pages = study(tmp_path)
-    pages.write({"a": ""})
-    assert "<!-- a -->\nold\n" in pages.page.read_text()
-    pages.write({"a": "new"})
-    assert "<!-- a -->\nnew\n" in pages.page.read_text()
-    assert "\nVersion " in pages.page.read_text()
+    one, other = pages.pages
+    pages.write("part", {"a": ""})
+    assert "<!-- a -->\nold\n" in one.read_text()
+    assert "Version" not in one.read_text() + other.read_text()
+    pages.write("part", {"a": "new", "b": "newer"})
+    assert "<!-- a -->\nnew\n" in one.read_text()
+    assert "\nVersion " in one.read_text()
+    assert "<!-- b -->\nnewer\n" in other.read_text()
+    assert "; again: `make findings STUDY=part`." in other.read_text()
+    with pytest.raises(SystemExit, match="gone: c"):
+        pages.write("part", {"c": "new"})
+
+
+def test_a_part_that_is_not_there_is_named(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        study(tmp_path, "parts")
+    assert "parts: no such part; known: part" in capsys.readouterr().err
 
 
 def test_the_papers_filter_does_not_hear_the_sensors_of_the_other():
     """So that one grid has both estimators with the same sensors."""
     keys = {"plant.kind": "bicycle", "duration_s": 2.0}
-    ours, papers = (run(load_scenario("figure_eight", {**keys, **more})) for more in (make_results.GRID["set"], {}))
+    ours, papers = (run(load_scenario("figure_eight", {**keys, **more})) for more in (laws.GRID["set"], {}))
     assert np.array_equal(ours.column("rear_x_hat"), papers.column("rear_x_hat"), equal_nan=True)

@@ -1,4 +1,4 @@
-"""docs/scenarios.md: its example loads, and its tables name what there is."""
+"""docs/scenarios.md: its example loads, and its tables name what there is; docs/library.md has every scenario."""
 
 import re
 import tomllib
@@ -12,7 +12,8 @@ from agrobot_mj.faults import Fault, Scripted
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.scenario.schema import Scenario, resolve
 
-TEXT = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT = (DOCS / "scenarios.md").read_text(encoding="utf-8")
 
 
 def section(heading: str) -> str:
@@ -26,8 +27,11 @@ def test_the_example_is_a_scenario():
     assert [fault.kind for fault in resolve(tomllib.loads(faults), "example").fault] == ["gnss_loss", "valve_wear"]
 
 
-def test_the_library_is_complete():
-    assert sorted(re.findall(r"^\| `(\w+)` \|", section("The library"), re.M)) == sorted(scenario_files())
+def test_the_gallery_is_complete():
+    text = (DOCS / "library.md").read_text(encoding="utf-8")
+    named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^### `(\w+)`$", r"^!\[.*\]\(images/scenarios/(\w+)\.png\)$")
+    for pattern in named:
+        assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 
 
 def test_the_faults_have_their_keys():

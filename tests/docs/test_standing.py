@@ -10,10 +10,11 @@ from blocks import block
 from agrobot_mj.core.version import __version__
 
 ROOT = Path(__file__).parents[2]
-PAGES = {
-    page.stem: text for page in (ROOT / "docs").glob("*.md") if "<!-- standing -->" in (text := page.read_text("utf-8"))
-}
-OUT_OF_DATE = "> **Out of date.**"
+PAGES = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "docs").glob("*.md"))}
+STANDING = [
+    (page, name) for page, text in PAGES.items() for name in re.findall(r"^<!-- (standing(?: \w+)?) -->$", text, re.M)
+]
+OUT_OF_DATE = "> **Out of date"
 
 
 def show(commit, path):
@@ -25,16 +26,16 @@ def show(commit, path):
 
 
 def test_pages_of_results_say_what_they_were_made_with():
-    assert {"results", "verdict", "learning", "estimators", "safety"} <= set(PAGES)
+    assert {page for page, _ in STANDING} >= {"findings", "findings_tables", "estimators", "safety"}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_states_todays_version_unless_it_is_out_of_date(page):
-    version = re.match(r"Version ([\d.]+)[,;]", block(PAGES[page], "standing"))[1]
+@pytest.mark.parametrize(("page", "name"), STANDING)
+def test_states_todays_version_unless_it_is_out_of_date(page, name):
+    version = re.match(r"Version ([\d.]+)[,;]", block(PAGES[page], name))[1]
     assert OUT_OF_DATE in PAGES[page] or version == __version__, f"make the page again, or begin it with {OUT_OF_DATE}"
 
 
-@pytest.mark.parametrize("page", sorted(set(PAGES) - {"safety"}))
-def test_states_a_commit_of_that_version(page):
-    version, commit = re.match(r"Version ([\d.]+), commit ([0-9a-f]{9})[.;]", block(PAGES[page], "standing")).groups()
+@pytest.mark.parametrize(("page", "name"), [each for each in STANDING if each[0] != "safety"])
+def test_states_a_commit_of_that_version(page, name):
+    version, commit = re.match(r"Version ([\d.]+), commit ([0-9a-f]{9})[.;]", block(PAGES[page], name)).groups()
     assert f'__version__ = "{version}"' in show(commit, "agrobot_mj/core/version.py")

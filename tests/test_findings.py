@@ -1,19 +1,20 @@
-"""The verdict: its runs are valid, its rules say what the numbers say, its page shows what it draws."""
+"""What was found: its runs are valid, its rules say what the numbers say, its pages show what it draws."""
 
 import json
 import re
 from math import nan, radians
 from pathlib import Path
 
+import make_findings
 import numpy as np
 import pytest
-from estimates import estimate, ratio, select
-from verdict import claims, figures, judgement, ranking, survival, validity
+from blocks import block
+from estimates import by_seed, compared_tables, estimate, ratio, select
+from findings import claims, figures, ranking, survival, validity
 
 from agrobot_mj import load_scenario
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
-from agrobot_mj.studies.style import save
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.tasks import Done
@@ -39,11 +40,11 @@ def test_a_mean_of_survivors_is_marked_and_proves_nothing():
 def test_a_ratio_pairs_seeds_and_counts_runs_that_failed():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
-    found = ratio(one, other, lambda r: r["v"])
+    found = ratio(by_seed(one, lambda r: r["v"]), by_seed(other, lambda r: r["v"]))
     assert (found.n, found.failed) == (2, 1)
     assert found.mean == pytest.approx(1.0)  # geometric mean of 1/2 and 2
     assert found.text().endswith(", 1 of 3 failed")
-    assert ratio([], other, lambda r: r["v"]).n == 0
+    assert ratio({}, by_seed(other, lambda r: r["v"])).n == 0
 
 
 def plan_of(sweep):
@@ -92,17 +93,17 @@ def world(errors=BETTER, later=0.8, share=(0.3, 0.7), noise=lambda law, s: 1.0, 
             of = {"study": study, "law": law, **claims.plant_and_x(study, run)}
             network = law == claims.T2
             error = errors[law] * (1 + 0.01 * seed) * (noise(law, of["x"]) if study == "noise" else 1.0)
-            turns = [error, error * (later if network else 1.0)]
+            turns = [{"lateral_mse": error}, {"lateral_mse": error * (later if network else 1.0)}]
             shares = share if network else (0.3, 0.3)
             travel = [*q_travel[:2], *[q_travel[2] * (1 + 0.01 * seed)] * 6]
-            values = {"lateral_mse": error, "xte_rms": error, "lateral_mse_turns": turns, "q_travel": travel}
-            values |= {"share_turns": [*shares, *[shares[1]] * 6], "q_rests": [0.5] * 8}
+            values = {"lateral_mse": error, "xte_rms": error, "per_turn": turns, "q_travel": travel}
+            values |= {"nn_share": [*shares, *[shares[1]] * 6], "q_rests": [0.5] * 8}
             rows.append({**of, "seed": seed, "outcome": "completed", **values})
     return rows
 
 
 def verdicts(rows):
-    return [found.verdict for found in judgement.judged(rows)]
+    return [found.verdict for found in claims.judged(claims.Claims(rows))]
 
 
 def test_claims_are_confirmed_where_the_network_alone_does_what_the_paper_says():
@@ -137,12 +138,13 @@ def test_claims_are_refuted_where_nothing_of_them_holds():
 
 def test_the_figures_of_the_claims_have_every_law_and_the_table_every_claim(tmp_path):
     rows = world()
-    assert judgement.claims_table(judgement.judged(rows)).count("\n| ") == 6
-    drawn = figures.better(rows)
-    left, right = drawn.axes[:2]
+    assert claims.claims_table(rows).count("\n| ") == 6
+    left, right = figures.drawn(figures.panels(claims.Claims(rows))["better"]).axes[:2]
     assert len(right.lines) >= 3 * 2
-    assert {line.get_color() for line in left.lines} >= {figures.LAW_COLOURS[law] for law in ("pd", "pd_isgn", "pi")}
-    assert save(figures.soil(rows), tmp_path / "soil.png").stat().st_size > 10_000
+    assert {line.get_color() for line in left.lines} >= {figures.COLOURS[law] for law in ("pd_t2fnn", "pd_isgn", "pi")}
+    for file in figures.write_claim_figures(rows, tmp_path):
+        assert file.stat().st_size > 10_000
+        assert (ROOT / "docs" / "images" / file.name).exists()
 
 
 def searched(law, hardship, values):
@@ -152,7 +154,7 @@ def searched(law, hardship, values):
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
 
 
-def test_the_table_of_survival_says_what_was_found(tmp_path):
+def test_the_table_of_survival_says_what_was_found():
     law, other, third = list(survival.SURVIVORS)[:3]
     slope = survival.HARDSHIPS[0].name
     rows = [
@@ -169,7 +171,6 @@ def test_the_table_of_survival_says_what_was_found(tmp_path):
     table = survival.survival_table([{**speed, "sound": level}])
     assert "| 2.5, not 2.7; without: 2.7, not 2.9* |" in table
     assert survival.survived(rows[0]) == (14.0, False)
-    assert save(survival.survival_figure(rows), tmp_path / "survival.png").stat().st_size > 10_000
 
 
 def test_a_search_finds_where_a_law_ends(monkeypatch):
@@ -182,16 +183,14 @@ def test_a_search_finds_where_a_law_ends(monkeypatch):
 
     monkeypatch.setattr(survival, "perform", performed)
     hard = survival.HARDSHIPS[4]._replace(overrides={"plant.kind": "bicycle"})
-    found = survival.survival_search(("P + feed-forward", hard), seeds=8)
+    found = survival.search(("P + feed-forward", hard), seeds=8)
     value, whole = survival.survived(found)
     assert not whole
     assert value == pytest.approx(3.0, abs=hard.tolerance)
     assert found["verdict"] == "limit"
     assert found["sound"]["verdict"] == "fixed"
-    assert (
-        "with steering.valve.dead_band_v=0.4: 10 of 10 runs succeed, median xte_abs_p95 0.1"
-        in (found["sound"]["statement"])
-    )
+    said = "with steering.valve.dead_band_v=0.4: 10 of 10 runs succeed, median xte_abs_p95 0.1"
+    assert said in found["sound"]["statement"]
     assert json.loads(json.dumps(found)) == found
 
 
@@ -208,12 +207,12 @@ def test_the_predicted_bend_is_kinematic_when_slow_and_understeers_when_fast():
 def test_the_linear_tyre_leaves_the_bicycle_by_the_tangent_alone(monkeypatch):
     """In a bend of 35 deg the tractor turns tan(delta) / delta, 14.6 %, more than the bicycle, less a little slip."""
     monkeypatch.setattr(validity, "SPEEDS_M_S", (0.5,))
-    small, large = (validity.validity_drive(("linear", steer))["bends"][0] for steer in (10.0, 35.0))
+    small, large = (validity.drive(("linear", steer))["bends"][0] for steer in (10.0, 35.0))
     assert abs(small["yaw_rate_error"]) < 0.02
     assert large["yaw_rate_error"] == pytest.approx(np.tan(radians(35)) / radians(35) - 1, abs=0.02)
 
 
-def test_the_boundary_of_validity_is_a_table_and_a_figure(tmp_path):
+def test_the_boundary_of_validity_is_a_table():
     rows = [
         {"tyre": tyre, "steer_deg": steer, "bends": [
             {"speed": speed, "yaw_rate_error": 0.05 * speed, "sideslip_error": 0.0} for speed in validity.SPEEDS_M_S
@@ -221,18 +220,32 @@ def test_the_boundary_of_validity_is_a_table_and_a_figure(tmp_path):
         for tyre in validity.TYRES for steer in validity.STEERS_DEG
     ]  # fmt: skip
     assert validity.validity_table(rows).splitlines()[2].split(" | ")[1] == "0.5-2"
-    assert save(validity.validity_figure(rows), tmp_path / "validity.png").stat().st_size > 10_000
 
 
-def test_the_page_shows_its_figures_and_has_its_blocks():
-    text = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", make_findings.PAGES)
+def test_a_page_shows_its_figures_and_has_its_blocks(page):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     for image in re.findall(r"\((images/[^)]+)\)", text):
         assert (ROOT / "docs" / image).stat().st_size > 10_000
-    for name in re.findall(r"<!-- end of (\w+) -->", text):
-        assert len(re.search(rf"<!-- {name} -->\n(.*?)\n<!-- end", text, re.S)[1]) > 40, name
-    for page in ("README.md", "docs/results.md", "docs/studies.md"):
-        assert "verdict.md" in (ROOT / page).read_text(encoding="utf-8")
-    assert len(select([{"a": 1}, {"a": 2}], a=1)) == 1
+    for name in re.findall(r"<!-- end of (.+) -->", text):
+        assert len(block(text, name)) > 40, name
+
+
+def test_every_part_says_with_what_it_was_made():
+    text = "".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in make_findings.PAGES)
+    assert set(re.findall(r"<!-- standing (\w+) -->", text)) == set(make_findings.PARTS)
+    assert set(re.findall(r"STUDY=(\w+)", text)) == set(make_findings.PARTS)
+
+
+def test_laws_are_compared_by_means_and_seed_by_seed():
+    values = {"a": {1: 2.0, 2: 2.2, 3: nan}, "b": {1: 1.0, 2: 1.0, 3: 1.0}}
+    columns, pairs = {"level": values, "soil": {"b": {1: 3.0}}}, [("a", "b"), ("a", "c")]
+    means, differences = compared_tables(columns, pairs).split("\n\n")
+    assert means.splitlines()[2].startswith("| a | 2.1 (0.8 to 3.4), 1 of 3 failed | - |")
+    assert means.splitlines()[3] == "| b | 1.0 (1.0 to 1.0) | 3.0 |"
+    assert differences.splitlines()[2].startswith("| a less b | +1.1 (")
+    assert len(differences.splitlines()) == 3
+    assert select([{"a": 1}, {"a": 2}], a=1) == [{"a": 1}]
 
 
 def controllers(seeds, **offsets):
@@ -249,20 +262,20 @@ def controllers(seeds, **offsets):
 
 def test_ranks_follow_paired_differences_and_ties_share_one():
     first = ranking.by_ground(controllers(range(1, 21), good=0.0, fair=0.002, bad=0.03))
-    assert list(first) == [("soil", "slope 10")]
-    assert ranking.ranks(first["soil", "slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
+    assert list(first) == ["soil, slope 10"]
+    assert ranking.ranks(first["soil, slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
     same = {"a": {1: 0.1, 2: 0.2, 3: 0.15}, "b": {1: 0.2, 2: 0.1, 3: 0.16}, "c": {1: 0.9, 2: 0.9, 3: 0.91}}
     assert ranking.ranks(same) == {"a": 1, "b": 1, "c": 3}
 
 
 def test_who_fails_less_often_ranks_first_whatever_the_error():
     laws = {
-        "sure": {1: 0.3, 2: 0.3, 3: 0.3},
-        "risky": {1: 0.01, 2: 0.01, 3: nan},
+        "sure": {1: 30.0, 2: 30.0, 3: 30.0},
+        "risky": {1: 1.0, 2: 1.0, 3: nan},
         "lost": dict.fromkeys((1, 2, 3), nan),
     }
     assert ranking.ranks(laws) == {"sure": 1, "risky": 2, "lost": 3}
-    table = ranking.ranking_table({("soil",): laws}, {("soil",): laws})
+    table = ranking.ranking_table({"soil": laws}, {"soil": laws})
     assert "1.0, 1 of 3 failed (2)" in table
     assert "failed (3)" in table
 
@@ -271,7 +284,7 @@ def test_claims_that_rest_on_survivors_are_not_confirmed():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     one = next(row for row in rows if row["study"] == "paper" and row["law"] == claims.T2)
     one |= {"outcome": "stopped"}
-    found = judgement.judged(rows)[0]
+    found = claims.judged(claims.Claims(rows))[0]
     assert found.verdict == "qualified"
     assert "1 of 10 failed" in found.network
 
@@ -279,10 +292,10 @@ def test_claims_that_rest_on_survivors_are_not_confirmed():
 def test_a_second_set_of_seeds_confirms_contradicts_or_leaves_open():
     first = ranking.by_ground(controllers(range(1, 21), a=0.0, b=0.01, c=0.02))
     again = ranking.by_ground(controllers(range(21, 41), a=0.0, b=0.01, c=0.005))
-    assert ranking.compare_sets(first, first) == (3, 3, 0, 0)
+    assert ranking.compare_sets(first, first) == {ranking.SAME: 3}
     found = ranking.compare_sets(first, again)
-    assert (found.pairs, found.confirmed, found.contradicted) == (3, 2, 1)
+    assert found == {ranking.SAME: 2, ranking.OPPOSITE: 1}
     few = ranking.by_ground(controllers(range(50, 51), a=0.0, b=0.01, c=0.02))
-    assert ranking.compare_sets(first, few).undecided == 3
+    assert ranking.compare_sets(first, few) == {ranking.OPEN: 3}
     assert "| b | 11." in ranking.ranking_table(first, again)
     assert "1 in the opposite" in ranking.compared_text(found)

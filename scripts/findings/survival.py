@@ -7,20 +7,16 @@ counterpart, the same drive without the hardship, so that what the hardship take
 """
 
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 from estimates import select
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from sweeps import Row, variants
+from sweeps import Blocks, Row, Study, variants
 
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.palette import BLUE, GREEN, LIGHT_GREY, VERMILION
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE
 from agrobot_mj.studies.sweep.tasks import perform
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
@@ -33,14 +29,12 @@ FITTED = {
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
 """Gyro, wheel speed, inertial unit, and the filter that uses them."""
-PAPER = "the paper's stack"
 DRIVEN = (
     *("network as printed", "network tuned", "PI", "P + feed-forward", "PI + feed-forward"),
     *("pure pursuit", "Stanley", "LQR"),
 )
-"""Laws beside it."""
 SURVIVORS: dict[str, dict[str, Any]] = {
-    PAPER: variants("results")["network as printed"],
+    "the paper's stack": variants("results")["network as printed"],
     **{law: {**FITTED, **variants("results")[law]} for law in DRIVEN},
 }
 """Overrides by law; all but the paper's stack drive with the same sensors and filter."""
@@ -65,76 +59,45 @@ class Hardship(NamedTuple):
     """What is taken from the key's value for the table, in its unit."""
 
 
-LOSS_AT_S = 15.0
-LEVEL: dict[str, Any] = {"terrain": {"kind": "flat"}}
-FIRM: dict[str, Any] = {"plant.tyre.kind": "magic_formula"}
+LOSS_S, LOSS = 15.0, {"kind": "gnss_loss", "start_s": 15.0, "end_s": 20.0}
+LEVEL, FIRM, TIGHT = {"terrain": {"kind": "flat"}}, {"plant.tyre.kind": "magic_formula"}, 0.4
 HARDSHIPS = (
     Hardship("steepest slope", "deg", "terrain.grade_deg", 0, 28, 1, {"terrain": {"kind": "slope"}}, LEVEL),
     Hardship("softest soil", "kPa", "plant.tyre.cone_index_kpa", 900, 100, 25, {"plant.tyre.kind": "soil"}, FIRM),
     Hardship("deepest furrows", "m", "terrain.depth_m", 0.02, 0.22, 0.0125, {"terrain": {"kind": "ridges"}}, LEVEL),
-    Hardship(
-        "fastest on class E",
-        "m/s",
-        "path.speed_m_s",
-        1,
-        4,
-        0.2,
-        {"terrain": {"kind": "rough", "iso_class": "E"}},
-        LEVEL,
-    ),
-    Hardship(
-        "widest dead band", "V", "steering.valve.dead_band_v", 0.4, 5.6, 0.2, {}, {"steering.valve.dead_band_v": 0.4}
-    ),
-    Hardship(
-        "longest GNSS loss",
-        "s",
-        "fault.0.end_s",
-        LOSS_AT_S + 5,
-        LOSS_AT_S + 125,
-        7,
-        {"fault": [{"kind": "gnss_loss", "start_s": LOSS_AT_S, "end_s": LOSS_AT_S + 5}]},
-        {"fault": []},
-        145,
-        LOSS_AT_S,
-    ),
-)
-
-
+    Hardship("fastest on class E", "m/s", "path.speed_m_s", 1, 4, 0.2,
+             {"terrain": {"kind": "rough", "iso_class": "E"}}, LEVEL),
+    Hardship("widest dead band", "V", "steering.valve.dead_band_v", TIGHT, 5.6, 0.2, {},
+             {"steering.valve.dead_band_v": TIGHT}),
+    Hardship("longest GNSS loss", "s", "fault.0.end_s", LOSS_S + 5, LOSS_S + 125, 7, {"fault": [LOSS]}, {"fault": []},
+             145, LOSS_S),
+)  # fmt: skip
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
 """All searches, a law and a hardship each."""
 
 
-def survival_search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
+def survival(study: Study) -> Blocks:
+    """The worst value of each hardship that each law survives."""
+    rows = study.done("survival", search, JOBS)
+    return {"survival": survival_table(rows) if rows else ""}
+
+
+def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     """The row of one search."""
     law, hard = job
     overrides = {**COMMON, "duration_s": hard.duration_s, **hard.overrides, **SURVIVORS[law]}
     scenario = load_scenario("figure_eight", overrides)
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
-    found = find_limit(law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), _quiet, hard.sound)
-    about = {"law": law, "hardship": hard.name, "seeds": seeds}
-    interval = None if found.interval is None else [value - hard.offset for value in found.interval]
-    sound = found.beside and {
-        "verdict": found.beside.verdict,
-        "statement": found.beside.statement,
-        "tried": _written(found.beside.tried, hard),
-    }
-    return {
-        **about,
-        "verdict": found.verdict,
-        "interval": interval,
-        "tried": _written(found.tried, hard),
-        "sound": sound,
-    }
+    found = find_limit(
+        law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), lambda tried: None, hard.sound
+    )
+    sound = found.beside and {**found.beside._asdict(), "tried": _written(found.beside.tried)}
+    return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": _written(found.tried), "sound": sound}
 
 
-def _written(tried: Sequence[Tried], hard: Hardship) -> list[dict[str, Any]]:
-    """Values tried as plain data, in the unit of the table."""
-    return [{**each.written, "value": each.value - hard.offset} for each in tried]
-
-
-def _quiet(tried: object) -> None:
-    """Nothing is told of a value tried."""
+def _written(tried: Sequence[Tried]) -> list[dict[str, Any]]:
+    return [each.written for each in tried]
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
@@ -142,12 +105,8 @@ def survived(row: Row) -> tuple[float | None, bool]:
 
     None where it fails at the start already.
     """
-    value = None
-    for tried in row["tried"]:
-        if not tried["holds"]:
-            return value, False
-        value = tried["value"]
-    return value, True
+    held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
+    return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
 
 def survival_table(rows: Sequence[Row]) -> str:
@@ -185,41 +144,9 @@ def _cell(row: Row, hard: Hardship) -> str:
     if value is None:
         return f"not {hard.start - hard.offset:g}"
     if whole:
-        return f"all, to {value:g}"
+        return f"all, to {value - hard.offset:g}"
     fails = next(tried for tried in row["tried"] if not tried["holds"])
     last = next(tried for tried in row["tried"] if tried["value"] == value)
     star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
     again = "!" if row["verdict"] == "not_monotone" else ""
-    return f"{value:.3g}, not {fails['value']:.3g}{star}{again}"
-
-
-def survival_figure(rows: Sequence[Row]) -> Figure:
-    """A panel per hardship: for each law what it survives in green, what it does not in red, between both grey."""
-    with mpl.rc_context(STYLE):
-        figure = Figure((2 * PANEL_WIDTH_IN, 4.4), layout="constrained")
-        grid = figure.subplots(2, 3, sharey=True)
-        for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
-            for k, law in enumerate(SURVIVORS):
-                for row in select(rows, law=law, hardship=hard.name):
-                    _bar(axes, len(SURVIVORS) - 1 - k, row, hard)
-            ends = sorted((hard.start - hard.offset, hard.stop - hard.offset))
-            axes.set(title=f"{hard.name} [{hard.unit}]", xlim=ends if hard.stop > hard.start else ends[::-1])
-            axes.set_yticks(range(len(SURVIVORS)), list(SURVIVORS)[::-1])
-            axes.grid(visible=False, axis="y")
-        return figure
-
-
-def _bar(axes: Axes, y: int, row: Row, hard: Hardship) -> None:
-    """One law in a panel, a mark for every value tried."""
-    begin, end = hard.start - hard.offset, hard.stop - hard.offset
-    value, whole = survived(row)
-    good = end if whole else begin if value is None else value
-    bad = end if whole else next(tried["value"] for tried in row["tried"] if not tried["holds"])
-    for left, right, colour in ((begin, good, GREEN), (good, bad, LIGHT_GREY)):
-        axes.barh(y, right - left, left=left, height=0.55, color=colour, linewidth=0, zorder=1)
-    for tried in row["tried"]:
-        colour = BLUE if tried["holds"] else VERMILION
-        face = colour if tried["failed"] in (0, tried["runs"]) else "white"
-        axes.plot(
-            tried["value"], y, "o" if tried["holds"] else "X", color=colour, ms=3, markerfacecolor=face, clip_on=False
-        )
+    return f"{value - hard.offset:.3g}, not {fails['value'] - hard.offset:g}{star}{again}"

@@ -1,0 +1,230 @@
+"""The paper's claims, judged by rule: its figure eight, varied one thing at a time (sweeps `claims` and `claims_*`).
+
+A claim is *confirmed* if the interval of what it says lies on its side on both plants and the null models do not do
+the same; *qualified* if they do, or if it holds in some of the cases only; *refuted* if it does not hold in any.
+
+A run is a row with its study (the sweep's name behind `claims`, `paper` without), plant, law and `x`, the value of what
+the study varies. Laws are the paper's, its null models and a PI controller, all inside the paper's kinematic law and
+with its filter.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from estimates import Estimate, Value, by_seed, field, mean, ratio, select
+from sweeps import Row, Study, shipped, variants
+
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.metrics.base import RowChoice, RunView
+from agrobot_mj.plants import Bicycle
+
+PLANTS = ("bicycle", "mujoco")
+PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
+FASTER = "pd_t1fnn, faster"
+"""Type 1 at about the rate that type 2 comes to."""
+STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
+"""Sweeps of the studies."""
+SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
+"""Standard deviations of the position [m]; the receiver has 0.02."""
+TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
+"""Turns of the study of q."""
+CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
+PAPER_RATIO, ROBUST = 0.70, 1.5
+"""Error with the network over that of PD alone, of the real tractor; error on the softest soil over that on the firmest
+up to which a law counts as robust [-]."""
+
+
+def path_name(path: dict[str, Any]) -> str:
+    """A figure eight by radius and speed."""
+    return f"{path['radius_m']:g} m, {path['speed_m_s']:g} m/s"
+
+
+PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
+PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
+"""Study and `x` by figure eight, the paper's first."""
+
+
+def claim_rows(study: Study) -> list[Row]:
+    """The rows of all studies; none unless all are there."""
+    found = {name: study.rows(sweep) for name, sweep in STUDIES.items()}
+    if not all(found.values()):
+        return []
+    return [claim_row(study, name, row) for name, rows in found.items() for row in rows]
+
+
+def claim_row(study: Study, name: str, row: Row) -> Row:
+    """A row with its place among the studies, and how much q moves."""
+    found = {**row, "study": name, "law": row["variant"], **plant_and_x(name, row)}
+    if row["variant"] == T2 and name in ("paper", "settling"):
+        run = study.kept(STUDIES[name], row)
+        found |= q_numbers(run.column("q"), RunView(run).turns)
+    return found
+
+
+def plant_and_x(name: str, row: Row) -> Row:
+    """The plant, and the value of what the study varies."""
+    if name == "soil":
+        plant = json.loads(row["plant"])
+        stiffness = plant.get("front_cornering_stiffness_n_rad", 0) / Bicycle().front_cornering_stiffness_n_rad
+        return {"plant": plant["kind"], "x": plant["tyre"]["cone_index_kpa"] if "tyre" in plant else stiffness}
+    axis = {"gain": "controller.kp", "noise": "sensors.gnss.sigma_m"}.get(name)
+    x: Any = path_name(json.loads(row["path"])) if name == "paths" else row[axis] if axis else 0.0
+    return {"plant": row["plant.kind"], "x": x}
+
+
+def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
+    """For each turn, its ticks: how far q travels, and the share of ticks at rest."""
+    steps = np.abs(np.diff(q, prepend=q[0]))
+    return {
+        "q_travel": [float(steps[rows].sum()) for rows in turns],
+        "q_rests": [float(np.mean(steps[rows] == 0.0)) for rows in turns],
+    }
+
+
+MSE, XTE = field("lateral_mse"), field("xte_rms")
+
+
+def turn(name: str, number: int, factor: float = 1.0) -> Value:
+    """The value of `name` in turn `number`, from 1; of the turns' mean square error for `lateral_mse`."""
+    if name == "lateral_mse":
+        return lambda row: float(row["per_turn"][number - 1][name])
+    return lambda row: factor * float(row[name][number - 1])
+
+
+class Claims:
+    """The runs of all studies, and the estimates of which claims and figures are made."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self.rows = rows
+
+    def mean(self, value: Value, plant: str, law: str, study: str = "paper", x: Any = 0.0) -> Estimate:
+        """A value over the seeds."""
+        return mean(self._runs(plant, law, study, x), value)
+
+    def over(
+        self, other: str, plant: str, law: str, study: str = "paper", x: Any = 0.0, value: Value = MSE
+    ) -> Estimate:
+        """A value, by default the lateral mean square error, over that of another law."""
+        return ratio(*(by_seed(self._runs(plant, each, study, x), value) for each in (law, other)))
+
+    def second_turn(
+        self, plant: str, law: str, study: str = "paper", x: Any = 0.0, name: str = "lateral_mse"
+    ) -> Estimate:
+        """The second turn over the first."""
+        runs = self._runs(plant, law, study, x)
+        return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
+
+    def soils(self, plant: str) -> list[float]:
+        """Cone indices [kPa], or stiffnesses over the model's [-]; the softest first."""
+        return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
+
+    def softest(self, plant: str, law: str) -> Estimate:
+        """Cross-track rms on the softest soil over that on the firmest."""
+        soils = self.soils(plant)
+        return ratio(*(by_seed(self._runs(plant, law, "soil", x), XTE) for x in (soils[0], soils[-1])))
+
+    def _runs(self, plant: str, law: str, study: str, x: Any) -> list[Row]:
+        return select(self.rows, study=study, plant=plant, law=law, x=x)
+
+
+class Judged(NamedTuple):
+    """One claim."""
+
+    claim: str
+    verdict: str
+    network: str
+    """What the paper's network does, on the bicycle and on MuJoCo."""
+    null: str
+    """What the models that it has to beat do."""
+
+
+def claims_table(rows: Sequence[Row]) -> str:
+    """Markdown table of the claims."""
+    lines = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in judged(Claims(rows))]
+    return markdown_table(("claim", "verdict", "the paper's network", "what it has to beat"), lines)
+
+
+def judged(claims: Claims) -> list[Judged]:
+    """All claims, in the order of the page."""
+    return [judge(claims) for judge in (_better, _takes_over, _second_turn, _settles, _type_2, _soil)]
+
+
+def both(function: Callable[[str], Estimate]) -> str:
+    """An estimate on both plants, as text."""
+    return "; ".join(f"{plant} {function(plant).text()}" for plant in PLANTS)
+
+
+def _verdict(holds: Sequence[bool], null_too: bool) -> str:
+    if not any(holds):
+        return REFUTED
+    return CONFIRMED if all(holds) and not null_too else QUALIFIED
+
+
+def _better(claims: Claims) -> Judged:
+    holds, null = ([claims.over(PD, plant, law).below(PAPER_RATIO) for plant in PLANTS] for law in (T2, ISGN))
+    network = f"MSE over that of PD: {both(lambda p: claims.over(PD, p, T2))}"
+    others = ", ".join(f"{law} {claims.over(PD, PLANTS[1], law).text()}" for law in (ISGN, T1, PI))
+    return Judged("30 % better than PD", _verdict(holds, all(null)), network, f"MuJoCo: {others}")
+
+
+def _takes_over(claims: Claims) -> Judged:
+    """The paper: PD dominates in the first turn, the network leads after it."""
+
+    def share(plant: str, law: str, number: int) -> Estimate:
+        return claims.mean(turn("nn_share", number), plant, law)
+
+    def text(law: str) -> str:
+        return "; ".join(f"{p} {share(p, law, 1).short(3)}, then {share(p, law, 2).short(3)}" for p in PLANTS)
+
+    holds = [share(plant, T2, 2).above(0.5) for plant in PLANTS] + [share(plant, T2, 1).below(0.5) for plant in PLANTS]
+    verdict = _verdict(holds, all(share(plant, ISGN, 2).above(0.5) for plant in PLANTS))
+    network = f"share of the command in turns 1 and 2: {text(T2)}"
+    return Judged("the network takes over after the first turn", verdict, network, f"{ISGN}: {text(ISGN)}")
+
+
+def _second_turn(claims: Claims) -> Judged:
+    cases = [claims.second_turn(plant, T2, *case) for plant, case in product(PLANTS, PATHS.values())]
+    null = all(claims.second_turn(plant, ISGN).below(1.0) for plant in PLANTS)
+    text = f"MSE of turn 2 over turn 1: {both(lambda p: claims.second_turn(p, T2))}"
+    text += f"; above 1 in {sum(case.mean > 1.0 for case in cases)} of {len(cases)} cases"
+    verdict = _verdict([case.below(1.0) for case in cases], null)
+    return Judged("better in the second turn", verdict, text, f"{ISGN}: {both(lambda p: claims.second_turn(p, ISGN))}")
+
+
+def _settles(claims: Claims) -> Judged:
+    travel = [claims.second_turn(plant, T2, name="q_travel") for plant in PLANTS]
+    last = [claims.mean(turn("q_travel", TURNS[-1]), plant, T2, "settling") for plant in PLANTS]
+    verdict = _verdict([each.below(0.5) for each in travel] + [all(each.below(1.0) for each in last)], False)
+    text = f"travel of q, turn 2 over turn 1: {both(lambda p: claims.second_turn(p, T2, name='q_travel'))}"
+    text += f"; in turn {TURNS[-1]} still " + ", ".join(each.short(1) for each in last)
+    return Judged("q settles", verdict, text, "from limit to limit is 1; f rises meanwhile like a ratchet")
+
+
+def _type_2(claims: Claims) -> Judged:
+    """Cases are the weakest and the strongest noise on both plants; the null model is type 1 with a larger alpha."""
+
+    def over(other: str, law: str, plant: str, sigma: float) -> Estimate:
+        return claims.over(other, plant, law, "noise", sigma)
+
+    cases, high = list(product(PLANTS, (SIGMAS[0], SIGMAS[-1]))), SIGMAS[-1]
+    verdict = _verdict(
+        [over(T1, T2, *case).below(1.0) for case in cases], all(over(T1, FASTER, *case).below(1.0) for case in cases)
+    )
+    text = "; ".join(f"{p} {over(T1, T2, p, s).text()} at {s:g} m" for p, s in cases)
+    alone, above = (both(lambda p, pair=pair: over(*pair, p, high)) for pair in ((T1, FASTER), (FASTER, T2)))
+    alpha = variants("claims_noise")[FASTER]["controller.network.alpha"]
+    null = f"type 1 at alpha {alpha:g} over that at 0.02, at {high:g} m: {alone}; type 2 over it: {above}"
+    network = f"MSE of type 2 over type 1 at equal alpha: {text}"
+    return Judged("type 2 is better than type 1 under noise", verdict, network, null)
+
+
+def _soil(claims: Claims) -> Judged:
+    """Robust if the softest soil costs less than half as much again as the firmest; the null models are asked, too."""
+    holds = [claims.softest(plant, T2).below(ROBUST) for plant in PLANTS]
+    null_too = all(claims.softest(*case).below(ROBUST) for case in product(PLANTS, (PD, ISGN)))
+    null = ", ".join(f"{law} {claims.softest(PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))
+    text = f"cross-track rms, softest over firmest: {both(lambda p: claims.softest(p, T2))}"
+    return Judged("robust without knowing the soil", _verdict(holds, null_too), text, f"MuJoCo: {null}")

@@ -1,0 +1,119 @@
+"""What the printed law learns (sweep `learning_printed`), and learners beside laws that do not learn (`learning`)."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from estimates import by_law, compared_tables, field
+from sweeps import Blocks, KeptRun, Row, Study, shipped
+
+from agrobot_mj.control.t2fnn_laws import sgn
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.metrics.base import RunView
+from agrobot_mj.metrics.success import has_errors
+
+LEARNERS = ("learner + P", "learner + LQR")
+PAIRS = [*product(LEARNERS, ("PI + feed-forward", "LQR", "nmpc")), (LEARNERS[0], "learner + P, type 1")]
+"""Laws that are compared seed by seed: learners with the best laws that do not learn."""
+MUJOCO = {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}
+HEADING = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+# The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
+SWATHS = {**shipped("learning")["set"], "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}
+SURFACES: dict[str, dict[str, Any]] = {
+    "figure eight": {},
+    "swaths": {"base": "one_hectare", "set": SWATHS},
+    "figure eight on MuJoCo": {"set": MUJOCO},
+    "figure eight on MuJoCo with a heading": {"set": {**MUJOCO, **HEADING}},
+}
+"""What differs from the sweep, by the name of the block."""
+
+
+def learning(study: Study) -> Blocks:
+    """Errors and travel of the steering by law, and what learners are worse by than others, for each surface."""
+    blocks = {}
+    for surface, changes in SURFACES.items():
+        name = surface.replace(" ", "_")
+        rows = study.rows(name, "learning", **changes)
+        if rows:
+            numbers = [compared_numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
+            blocks[surface] = compared_tables(columns(numbers), PAIRS, 2)
+    return blocks
+
+
+def compared_numbers(row: Row, run: KeptRun) -> Row:
+    """A run's row with its errors per turn, or on passes and headlands [cm], and the travel of the steering [deg]."""
+    found = {"steering travel [deg]": float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))}
+    if hasattr(run.scenario.path, "passes_s"):
+        t, offset = run.column("t"), RunView(run).beside.offset
+        on_pass = np.any([(t > start) & (t <= end) for start, end in run.scenario.path.passes_s], axis=0)
+        places = {"passes [cm]": on_pass, "headlands [cm]": ~on_pass}
+        errors = {name: float(np.sqrt(np.mean(offset[there] ** 2))) for name, there in places.items()}
+    else:
+        errors = {f"turn {turn['turn']} [cm]": turn["xte_rms"] for turn in row["per_turn"]}
+    return {**row, **{name: 100 * error for name, error in errors.items()}, **found}
+
+
+def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
+    """The numbers of a surface by measure, law and seed."""
+    measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
+    return {name: by_law(rows, field(name)) for name in measures}
+
+
+def printed(study: Study) -> Blocks:
+    """What the printed law does: turn 1 and 2 of every run, and turn by turn over the longest."""
+    lines, turns = [], ""
+    for row in study.rows("learning_printed"):
+        own = printed_numbers(study.kept("learning_printed", row))
+        first, second, *more = (turn["lateral_mse"] for turn in row["per_turn"])
+        if more:
+            turns = turns_table([first, second, *more], own)
+            continue
+        cells = ["-"] * 4
+        if own and "pd_t1fnn" not in row["variant"]:
+            texts = (("eff", ".2f", ""), ("den", ".4f", ""), ("q_rests", ".0f", " %"), ("alpha_broken", ".0f", " %"))
+            cells = [f"{own[key][0]:{digits}}, {own[key][1]:{digits}}{unit}" for key, digits, unit in texts]
+        lines.append((row["variant"], f"{first:.4f}", f"{second:.4f}", f"{second / first:.2f}", *cells))
+    heads = ("run", "turn 1 [m2]", "turn 2 [m2]", "turn 2 / 1", "rate / alpha", "denominator [rad]", "q rests")
+    return {"printed": markdown_table((*heads, "condition broken"), lines, 1) if lines else "", "turns": turns}
+
+
+def turns_table(errors: Sequence[float], own: dict[str, list[Any]]) -> str:
+    """Turn by turn: the network's denominator, resting q and rate, and its error."""
+    numbers = zip(own["den"], own["q_rests"], own["eff"], errors, strict=True)
+    lines = [(k, f"{d:.3f}", f"{q:.0f}", f"{rate:.2f}", f"{mse:.4f}") for k, (d, q, rate, mse) in enumerate(numbers, 1)]
+    heads = ("turn", "denominator, median [rad]", "q rests [%]", "rate / alpha", "lateral MSE [m2]")
+    return markdown_table(heads, lines, 1)
+
+
+def printed_numbers(run: KeptRun) -> dict[str, list[Any]]:
+    """A network by turn: its denominator's median, rate, resting q, and how often its condition is broken."""
+    if "fnn" not in run.scenario.controller.kind:
+        return {}
+    q, size, network = run.column("q"), np.abs(denominator(run)), run.scenario.controller.network
+    tau_rate = np.abs(np.diff(run.column("tau_c") - run.column("tau_n"))) / TICK_S
+    ticks = np.arange(len(q))
+    turns = [((ticks >= rows.start) & (ticks < rows.stop))[:-1] for rows in RunView(run).turns]
+    return {
+        "den": [float(np.median(size[:-1][rows])) for rows in turns],
+        "eff": [effective_rate(run, rows) for rows in turns],
+        "q_rests": [100 * float(np.mean(np.diff(q)[rows] == 0)) for rows in turns],
+        "alpha_broken": [100 * float(np.mean(tau_rate[rows] >= network.alpha)) for rows in turns],
+    }
+
+
+def denominator(run: KeptRun) -> np.ndarray:
+    """f (W_lower - W_upper), the denominator of q's law, at every tick [rad]."""
+    network = run.scenario.controller.network
+    rules = [f"{i}_{j}" for i in range(network.rules_1) for j in range(network.rules_2)]
+    parts = [run.column(f"f_{k}") * (run.column(f"w_lower_{k}") - run.column(f"w_upper_{k}")) for k in rules]
+    return np.sum(parts, axis=0)
+
+
+def effective_rate(run: KeptRun, steps: np.ndarray) -> float:
+    """Least-squares rate of tau_n over -alpha sgn(tau_c) in these steps from tick to tick [-]."""
+    network = run.scenario.controller.network
+    sign = np.array([sgn(x, network.delta_s) for x in run.column("tau_c")])[:-1][steps]
+    rate = -np.diff(run.column("tau_n"))[steps] / TICK_S
+    return float((rate * sign).sum() / (sign**2).sum() / network.alpha)

@@ -1,0 +1,90 @@
+"""Rank of each law on each ground, from two sets of seeds: what a second set confirms, and what it does not.
+
+A law ranks behind those that fail less often, and of as many failures behind those that are better by more than chance:
+the 95 % interval of the paired difference of the cross-track rms, seed by seed, excludes 0. So laws that no number of
+these runs tells apart share a rank. Two sets of seeds contradict each other on a pair of laws if each tells them apart,
+the other way round.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from math import isfinite
+
+from estimates import BySeed, Columns, by_law, difference, estimate, field
+from sweeps import Blocks, Row, Study
+
+from agrobot_mj.core.markdown import markdown_table
+
+AGAIN = list(range(21, 41))
+"""Seeds of the second set of `controllers`."""
+SAME, OPPOSITE, OPEN = 1, -1, 0
+"""What two sets of seeds say of a pair of laws: both tell it apart, or one or both leave it open."""
+
+
+def ranking(study: Study) -> Blocks:
+    """Ranks of the sweep `controllers`, by two sets of seeds."""
+    sets = [study.rows("controllers"), study.rows("controllers_again", "controllers", seeds=AGAIN)]
+    if not all(sets):
+        return {}
+    first, again = map(by_ground, sets)
+    return {"ranking": ranking_table(first, again), "ranked": compared_text(compare_sets(first, again))}
+
+
+def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
+    """Cross-track rms [cm] of the runs of `controllers` by ground (tyre, terrain), law and seed."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
+        found.setdefault(f"{row['plant.tyre.kind']}, {terrain}", []).append(row)
+    return {ground: by_law(runs, field("xte_rms", 100)) for ground, runs in found.items()}
+
+
+def better(one: BySeed, other: BySeed) -> bool:
+    """Whether `one` fails less often than `other`, or as often and is less by more than chance, on common seeds."""
+    seeds = one.keys() & other.keys()
+    failed, others = (sum(not isfinite(values[seed]) for seed in seeds) for values in (one, other))
+    if failed != others:
+        return failed < others
+    return difference(one, other).high < 0.0
+
+
+def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
+    """1 and the number of laws that are better, of each law."""
+    return {law: 1 + sum(better(laws[rival], laws[law]) for rival in laws if rival != law) for law in laws}
+
+
+def compare_sets(first: Columns, again: Columns) -> Counter[int]:
+    """How many pairs of laws, all grounds together, two sets of seeds put in the `SAME` order, `OPPOSITE` or `OPEN`."""
+    return Counter(
+        _sign(first[ground], *pair) * _sign(again[ground], *pair)
+        for ground in first.keys() & again.keys()
+        for pair in combinations(first[ground].keys() & again[ground].keys(), 2)
+    )
+
+
+def compared_text(found: Counter[int]) -> str:
+    """What a second set of seeds says, in a sentence."""
+    return (
+        f"Of {found.total()} pairs of laws (all grounds together) both sets tell {found[SAME]} apart in the same "
+        f"order and {found[OPPOSITE]} in the opposite one; {found[OPEN]} are left open by one or both."
+    )
+
+
+def ranking_table(first: Columns, again: Columns) -> str:
+    """Markdown table: a law per row, a ground per column; mean cross-track rms [cm] and rank in both sets of seeds."""
+    ranked = {ground: [(found[ground], ranks(found[ground])) for found in (first, again)] for ground in first}
+    laws = dict.fromkeys(law for found in first.values() for law in found)
+    rows = [(law, *(" / ".join(_cell(*each, law) for each in sets) for sets in ranked.values())) for law in laws]
+    return markdown_table(("law", *first), rows)
+
+
+def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
+    """Mean error [cm] and rank of a law."""
+    return f"{estimate(laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
+
+
+def _sign(laws: Mapping[str, BySeed], a: str, b: str) -> int:
+    """1 if `a` is better than `b`, -1 if it is worse, 0 if they are not told apart."""
+    return better(laws[a], laws[b]) - better(laws[b], laws[a])

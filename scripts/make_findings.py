@@ -1,0 +1,88 @@
+"""docs/findings.md and its tables: the paper's claims, the laws, their limits, what matters, what is learnt.
+
+What is missing of the runs is done, so that it can be broken off at any time. All of it takes a day on two cores.
+"""
+
+import shutil
+from collections.abc import Sequence
+
+import matplotlib as mpl
+from estimates import by_seed, field, mean, ratio, select
+from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
+from findings.figures import write_claim_figures
+from findings.laws import laws
+from findings.learning import learning, printed
+from findings.ranking import ranking
+from findings.survival import survival
+from findings.validity import validity
+from sweeps import Blocks, Part, Row, Study, publish
+
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.studies.report import ReportedRun, lateral_error
+from agrobot_mj.studies.style import STYLE, save
+from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
+
+PAGES = ("findings", "findings_tables")
+PRINTED = "as printed"
+"""Variant of the sweep `ablation` with which the others are compared."""
+
+
+def claims(study: Study) -> Blocks:
+    """The judged claims; draws their figures, and the lateral error of the first seed."""
+    rows = claim_rows(study)
+    if not rows:
+        return {}
+    write_claim_figures(rows, study.images)
+    first = select(rows, study="paper", seed=rows[0]["seed"])
+    runs = [ReportedRun(row["plant"], row["law"], study.kept(STUDIES["paper"], row)) for row in first]
+    with mpl.rc_context(STYLE):
+        save(lateral_error(runs), study.images / "lateral_error.png")
+    return {"claims": claims_table(rows)}
+
+
+def ablation(study: Study) -> Blocks:
+    """Lateral mean square error of both turns, and of the whole over that of the network as printed."""
+    rows = study.rows("ablation")
+    lines = [
+        (variant, *(cell for plant in PLANTS for cell in _ablated(select(rows, **{"plant.kind": plant}), variant)))
+        for variant in dict.fromkeys(row["variant"] for row in rows)
+    ]
+    names = ("turn 1 [m2]", "turn 2 [m2]", "over as printed")
+    heads = ("variant", *(f"{plant}: {name}" for plant in PLANTS for name in names))
+    return {"ablation": markdown_table(heads, lines, 1) if lines else ""}
+
+
+def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
+    """Both turns and the ratio of a variant on one plant."""
+    runs, printed = select(rows, variant=variant), select(rows, variant=PRINTED)
+    turns = [mean(runs, turn("lateral_mse", number)).short(4) for number in (1, 2)]
+    over = ratio(*(by_seed(some, field("lateral_mse")) for some in (runs, printed))).text()
+    return [*turns, over if variant != PRINTED else "1"]
+
+
+def shares(study: Study) -> Blocks:
+    """Which uncertain numbers matter; copies the figures."""
+    found = {}
+    for name in ("importance", "importance_sobol"):
+        if study.rows(name):
+            shares = importance(study.runs / name)
+            told = importance_text(shares, "xte_rms").replace("\n", " ")
+            found[name] = f"{importance_table(shares)}\n\n{told}"
+            shutil.copyfile(study.runs / name / "importance.png", study.images / f"{name}.png")
+    return found
+
+
+PARTS: dict[str, Part] = {
+    "claims": claims,
+    "ablation": ablation,
+    "laws": laws,
+    "ranking": ranking,
+    "survival": survival,
+    "validity": validity,
+    "importance": shares,
+    "printed": printed,
+    "learning": learning,
+}
+
+if __name__ == "__main__":
+    publish(PAGES, PARTS, __doc__)
