@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -159,11 +159,6 @@ class KeptRun:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")
-
-    @cached_property
-    def columns(self) -> list[str]:
-        """Names of the signals."""
-        return pq.read_schema(self.folder / "signals.parquet").names
 
     def column(self, name: str) -> np.ndarray:
         """One signal, shape (ticks,), NaN where absent."""
