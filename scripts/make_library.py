@@ -52,10 +52,11 @@ def runs_of(scenario: Scenario) -> dict[str, Log]:
 
 
 def shows(name: str) -> str:
-    """The comment at the head of a scenario's file up to what to look at in a recording, as one paragraph."""
+    """The first sentence of the comment at the head of a scenario's file."""
     lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     head = itertools.takewhile(lambda line: line.startswith("#"), lines)
-    return " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
+    text = " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
+    return text.partition(". ")[0].removesuffix(".") + "."
 
 
 def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
@@ -136,8 +137,8 @@ def section(name: str, logs: dict[str, Log]) -> str:
     """The scenario's part of the page."""
     return "\n".join(
         [
-            *(f"### `{name}`", "", shows(name), ""),
-            *(f"![Map and lateral error of {name}](images/scenarios/{name}.png)", ""),
+            *(f"## `{name}`", "", shows(name), ""),
+            f"![Map and lateral error of {name}](images/scenarios/{name}.png)",
             *passes(logs),
             *implements(logs),
             "",

@@ -128,7 +128,7 @@ class Study:
             every = content.get("variant", [])
             content["variant"] = [each for each in every if each["name"] in self.variants] or every
         if self.ends:
-            content["axes"] = {key: [axis[0], axis[-1]] for key, axis in content.get("axes", {}).items()}
+            content["axes"] = {key: axis[:1] + axis[1:][-1:] for key, axis in content.get("axes", {}).items()}
         if self.seeds:
             seeds = content.get("seeds", 1)
             content["seeds"] = seeds[: self.seeds] if isinstance(seeds, list) else min(seeds, self.seeds)

@@ -29,7 +29,7 @@ def test_the_example_is_a_scenario():
 
 def test_the_gallery_is_complete():
     text = (DOCS / "library.md").read_text(encoding="utf-8")
-    named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^### `(\w+)`$", r"^!\[.*\]\(images/scenarios/(\w+)\.png\)$")
+    named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^## `(\w+)`$", r"^!\[.*\]\(images/scenarios/(\w+)\.png\)$")
     for pattern in named:
         assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 
