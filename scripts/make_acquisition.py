@@ -26,8 +26,9 @@ def acquisition(study: Study) -> Blocks:
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
     """How a law comes onto the line at a speed, and its time over that of the fastest law from the same starts."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
-    found = f"`{law}`", f"{speed:g}", f"{len(times)} of {len(some)}"
-    found += (f"{max(row['acquisition.overshoot_m'] for row in some):.2f}",)
+    overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"]]
+    counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"
+    found = (f"`{law}`", f"{speed:g}", *counts)
     if not times:
         return (*found, "-", "-")
     mean, over = sum(times.values()) / len(times), sum(times.values()) / sum(best[begin] for begin in times)
