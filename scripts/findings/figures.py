@@ -11,7 +11,7 @@ from findings.claims import FASTER, ISGN, LQR, MSE, PAPER_RATIO, PATHS, PD, PI, 
 from findings.claims import turn as of_turn
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, ScalarFormatter
 from sweeps import Row, shipped
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
@@ -120,7 +120,11 @@ def draw(axes: Axes, panel: Panel) -> None:
     axes.set(xlabel=panel.xlabel, ylabel=panel.ylabel, **panel.look)
     if named:
         axes.set_xticks(range(len(panel.xs)), [x.replace(", ", ",\n") for x in panel.xs])
+        axes.set_xlim(-0.5, len(panel.xs) - 0.5)
+    if axes.get_yscale() == "log":
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.minorticks_off()
 
 
 def face(plant: str, colour: str) -> str:
