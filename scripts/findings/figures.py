@@ -43,15 +43,15 @@ class Panel(NamedTuple):
 def panels(claims: Claims) -> dict[str, list[Panel]]:
     """The panels of each figure by its name, in the order of the claims."""
     eights, gains, halves = list(PATHS), shipped("claims_gain")["axes"]["controller.kp"], ("turn 1", "turn 2")
-    by_noise = {"xscale": "log", "xticks": SIGMAS, "xticklabels": [f"{s:g}" for s in SIGMAS]}
 
     def settling(name: str, factor: float = 1.0) -> Callable[[str, str, Any], Estimate]:
         return lambda plant, law, k: claims.mean(of_turn(name, k, factor), plant, law, "settling")
 
     def soil(plant: str, label: str) -> Panel:
-        xte, look = field("xte_rms", 100), {**LOG, "xscale": "log", "title": plant}
-        return Panel(label, "cross-track rms [cm]", claims.soils(plant), (PD, ISGN, T2, PI, LQR),
-                     lambda p, law, x: claims.mean(xte, p, law, "soil", x), look, plants=(plant,))  # fmt: skip
+        xte, soils = field("xte_rms", 100), claims.soils(plant)
+        return Panel(label, "cross-track rms [cm]", soils, (PD, ISGN, T2, PI, LQR),
+                     lambda p, law, x: claims.mean(xte, p, law, "soil", x),
+                     {**LOG, **log_x(soils), "title": plant}, plants=(plant,))  # fmt: skip
 
     return {
         "better": [
@@ -75,9 +75,9 @@ def panels(claims: Claims) -> dict[str, list[Panel]]:
         ],
         "noise": [
             Panel("noise of the position [m]", MSE_M2, SIGMAS, (T1, FASTER, T2),
-                  lambda p, law, x: claims.mean(MSE, p, law, "noise", x), by_noise),
+                  lambda p, law, x: claims.mean(MSE, p, law, "noise", x), log_x(SIGMAS)),
             Panel("noise of the position [m]", "MSE of type 2 over type 1 [-]", SIGMAS, (T1, FASTER),
-                  lambda p, law, x: claims.over(law, p, T2, "noise", x), by_noise, 1.0),
+                  lambda p, law, x: claims.over(law, p, T2, "noise", x), log_x(SIGMAS), 1.0),
         ],
         "soil": [soil("bicycle", "cornering stiffness over the model's [-]"), soil("mujoco", "cone index [kPa]")],
     }  # fmt: skip
@@ -125,6 +125,11 @@ def draw(axes: Axes, panel: Panel) -> None:
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.minorticks_off()
+
+
+def log_x(values: Sequence[float]) -> dict[str, Any]:
+    """A logarithmic abscissa with a tick at each value."""
+    return {"xscale": "log", "xticks": values, "xticklabels": [f"{x:g}" for x in values]}
 
 
 def face(plant: str, colour: str) -> str:
