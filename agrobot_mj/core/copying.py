@@ -5,7 +5,7 @@ frozen and shared. What is none of these is left to `deepcopy`.
 """
 
 from collections.abc import Mapping
-from copy import copy, deepcopy
+from copy import deepcopy
 from operator import is_
 from types import MappingProxyType, NoneType
 from typing import Any, TypeVar, cast
@@ -18,21 +18,6 @@ from agrobot_mj.core.spec import Spec
 T = TypeVar("T")
 ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_})
 """Types of values that cannot change."""
-
-
-class Workspace:
-    """An object that keeps nothing between ticks; a copy begins with the same matrices, which are never written into.
-
-    Derived classes assign new arrays to their attributes. Two copies may then work at the same time.
-    """
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        """A copy of the attributes, with further workspaces among them."""
-        made = copy(self)
-        for name, value in vars(self).items():
-            if isinstance(value, Workspace):
-                setattr(made, name, deepcopy(value, memo))
-        return made
 
 
 def independent(value: T) -> T:

@@ -9,9 +9,7 @@ Extended Kalman filter of the pose (x, y, yaw) at R, the point below the centre 
 ENU [m, m, rad]; inputs speed [m/s] and steering angle [rad] of the interval, measurement x, y from GNSS. The
 yaw is not measured: motion reveals it. It stays unwrapped inside, so that differences of yaw mean what they
 say; the residual holds positions only and needs no wrapping. The model is the paper's explicit Euler step: in
-a turn it puts the yaw half a tick ahead (0.2 deg at 0.13 rad/s). Runs on filterpy with `predict_x`
-overridden; the object is a workspace only: `step` is a function of its arguments, and a missing fix is
-filterpy's `update(None)`.
+a turn it puts the yaw half a tick ahead (0.2 deg at 0.13 rad/s).
 """
 
 from functools import lru_cache
@@ -46,33 +44,17 @@ class PoseEkf(FixEkf):
     """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
-        super().__init__(3)
-        self.wheelbase = wheelbase
+        super().__init__(3, wheelbase)
         self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
-
-    def predict_x(self, u: tuple[float, float, float]) -> None:
-        """Prior mean, and the matching F and Q, for the inputs (speed, steer, dt); filterpy's hook."""
-        speed, steer, dt = u
-        self.F = jacobian(self.x[2], speed, dt)
-        self.Q = dt * self.walk
-        self.x = f(self.x, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Mean (3,), covariance (3, 3) and NIS after a tick, given the fix at its end.
-
-        `inputs` are speed [m/s], steer [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
-        """
-        return self.tick((mean, covariance), inputs, fix, (_jacobian_of_h, _h), _noise(sigma))
-
-
-def _h(pose: Array) -> Array:
-    return pose[:2]
-
-
-def _jacobian_of_h(pose: Array) -> Array:
-    return H
+        """As `FixEkf.step`, with n = 3."""
+        speed, steer, dt = inputs
+        F, Q = jacobian(mean[2], speed, dt), dt * self.walk
+        x = f(mean, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
+        return self.corrected(x, covariance, F, Q, fix, x[:2], H, _noise(sigma))
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ first-order Gauss-Markov process [Brown2012] in units of its standard deviation.
 with s the standard deviation of the correlated part. The bias is what the steering angle reads beyond the curvature
 of the path: an error of the potentiometer, or the difference of front and rear slip angles that holds a course
 across a slope. It shows as soon as the tractor moves. Without walk and initial variance of b, and without a
-correlated share, this is the filter of `ekf`. Runs on filterpy, whose object is a workspace only, as there.
+correlated share, this is the filter of `ekf`.
 """
 
 from functools import lru_cache
@@ -72,25 +72,18 @@ class BiasEkf(FixEkf):
     """The filter for one wheelbase [m] and one set of noise levels."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
-        super().__init__(6)
-        self.wheelbase, self.levels = wheelbase, levels
-
-    def predict_x(self, u: tuple[float, float, float]) -> None:
-        """Prior mean, and the matching F and Q, for the inputs (speed, steer, dt); filterpy's hook."""
-        speed, steer, dt = u
-        phi, self.Q = _noise(self.levels, dt)
-        self.F = jacobian(self.x, speed, steer, self.wheelbase, dt, phi)
-        self.x = f(self.x, speed, steer, self.wheelbase, dt, phi)
+        super().__init__(6, wheelbase)
+        self.levels = levels
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Mean (6,), covariance (6, 6) and NIS after a tick, given the fix at its end.
-
-        `inputs` are speed [m/s], steer [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
-        """
+        """As `FixEkf.step`, with n = 6."""
+        speed, steer, dt = inputs
+        phi, Q = _noise(self.levels, dt)
+        F, x = (part(mean, speed, steer, self.wheelbase, dt, phi) for part in (jacobian, f))
         H, R = _measuring(self.levels.correlated_share, sigma)
-        return self.tick((mean, covariance), inputs, fix, (lambda x: H, lambda x: H @ x), R)
+        return self.corrected(x, covariance, F, Q, fix, H @ x, H, R)
 
 
 @lru_cache(maxsize=8)

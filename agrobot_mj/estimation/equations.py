@@ -12,9 +12,9 @@ from agrobot_mj.core.signals import Array
 
 
 @jit
-def prior(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
-    """Mean and covariance after a transition F (n, n) with process noise Q (n, n)."""
-    return applied(F, x), times(times(F, P), F.T) + Q
+def prior(P: Array, F: Array, Q: Array) -> Array:
+    """Covariance after a transition F (n, n) with process noise Q (n, n)."""
+    return times(times(F, P), F.T) + Q
 
 
 @jit
@@ -35,26 +35,9 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, 
 
 
 @jit
-def linear_tick(x: Array, P: Array, F: Array, Q: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """Mean and covariance after a transition F with process noise Q and a measurement z: `prior`, then `posterior`."""
-    x, P = prior(x, P, F, Q)
-    x, P, _, _ = posterior(x, P, H, innovation(z, H, x), R)
-    return x, P
-
-
-@jit
-def extended_tick(
-    x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array
-) -> tuple[Array, Array, Array, float]:
-    """`posterior` of the prior mean `x` and of the covariance that P becomes in a transition F, linearised, with Q."""
-    _, P = prior(x, P, F, Q)
-    return posterior(x, P, H, y, R)
-
-
-@jit
-def innovation(z: Array, H: Array, x: Array) -> Array:
-    """What a measurement (m,) tells beyond the mean, where it sees H (m, n) of it."""
-    return z - applied(H, x)
+def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, Array, float]:
+    """`posterior` of the prior mean `x` and of the covariance that P becomes in a transition F with Q."""
+    return posterior(x, prior(P, F, Q), H, y, R)
 
 
 @jit

@@ -1,6 +1,6 @@
 """Filter of the estimator `ekf_full` at the time of a fix: one tick of filterpy's EKF with gates and alignment.
 
-All that the filter believes stands in `Core`; filterpy's object is a workspace only. A tick predicts, then corrects by
+All that the filter believes stands in `Core`. A tick predicts, then corrects by
 all rows at once: gyro, wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
 
 Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
@@ -22,7 +22,6 @@ from math import exp, hypot, isfinite, radians, sin
 
 import numpy as np
 
-from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.full_core import (
@@ -59,7 +58,7 @@ from agrobot_mj.estimation.full_model import (
     wheel_scale,
     with_sideslip,
 )
-from agrobot_mj.estimation.kalman import CompiledEkf
+from agrobot_mj.estimation.kalman import Workspace
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
@@ -82,30 +81,16 @@ LEAP_M_S2 = 15.0
 """Change of speed beyond which it is the fix that is wrong [m/s2]. Estimate: twice what tyres give."""
 
 
-class FullFilter(Workspace, CompiledEkf):
+class FullFilter(Workspace):
     """The filter for one set of levels; `step` is a function of its arguments."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
     ) -> None:
         """`noises` by quality; height of the `antenna` [m], 0 where it counts as straight above R."""
-        super().__init__(dim_x=N, dim_z=2)
+        super().__init__(N, 2)
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
-
-    def predict_x(self, u: tuple[float, float, float, bool, float]) -> None:
-        """Prior mean, and the matching F and Q, for (side, dt, correlation time, whether aligned, walk of the slip);
-        filterpy's hook."""
-        side, dt, correlation_time, aligned, slip_walk = u
-        decay, Q = _process_noise(self.levels, dt, correlation_time, len(self.x))
-        self.Q = Q.copy()
-        self.Q[K, K] += dt * slip_walk**2
-        self.F = transition(self.x, side, dt, decay)
-        place = self.x[:2]
-        self.x = propagate_mean(self.x, side, dt, decay)
-        if not aligned:  # a displacement in an unknown direction says nothing
-            self.F[:2] = np.eye(2, len(self.x))
-            self.x[:2] = place
 
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
         """Core after a tick of length `dt` [s] with these inputs, given the fix of its end."""
@@ -114,16 +99,15 @@ class FullFilter(Workspace, CompiledEkf):
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
             mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
             core = core._replace(mean=mean, covariance=covariance)
-        self.x, self.P = core.mean, core.covariance
         noise = self.noises[core.quality]
-        self.predict((inputs.side, dt, noise.correlation_time, core.search is None, self._slip_walk(core, inputs)))
+        mean, covariance = self._predicted(core, inputs, noise, dt)
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
         core = core._replace(
-            mean=self.x,
-            covariance=self.P,
-            lever=self._lever(core, inputs, dt),
+            mean=mean,
+            covariance=covariance,
+            lever=self._lever(core, inputs, float(mean[PSI]), dt),
             standing=core.standing + 1 if still else 0,
-            cruise=core.cruise + (float(self.x[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
+            cruise=core.cruise + (float(mean[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
             nis=float("nan"),
         )
         if fix is not None:
@@ -135,6 +119,18 @@ class FullFilter(Workspace, CompiledEkf):
             core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
             rows += more
         return self._correct(core, rows)
+
+    def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, dt: float) -> tuple[Array, Array]:
+        """Prior mean and covariance."""
+        side, place = inputs.side, core.mean[:2]
+        decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
+        Q = Q.copy()
+        Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
+        F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
+        if core.search is not None:  # a displacement in an unknown direction says nothing
+            F[:2], x[:2] = np.eye(2, len(x)), place
+        self.predict(x, core.covariance, F, Q)
+        return self.kf.x, self.kf.P
 
     def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
@@ -148,11 +144,11 @@ class FullFilter(Workspace, CompiledEkf):
         """Whether the velocity of a fix passes its gate."""
         return squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
 
-    def _lever(self, core: Core, inputs: Inputs, dt: float) -> Lever | None:
-        """Lean of the antenna at the end of a tick."""
+    def _lever(self, core: Core, inputs: Inputs, yaw: float, dt: float) -> Lever | None:
+        """Lean of the antenna at the end of a tick with the heading `yaw` [rad]."""
         if not self.antenna[2]:
             return None
-        now = offset(self.antenna, *inputs.lean, float(self.x[PSI]))
+        now = offset(self.antenna, *inputs.lean, yaw)
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
     def _slip_walk(self, core: Core, inputs: Inputs) -> float:
@@ -235,14 +231,13 @@ class FullFilter(Workspace, CompiledEkf):
         """Mean and covariance corrected by all rows at once."""
         if not rows:
             return core
-        H, n = np.zeros((len(rows), len(core.mean))), len(rows)
+        H = np.zeros((len(rows), len(core.mean)))
         for i, row in enumerate(rows):
             for j, value in row.jacobian.items():
                 H[i, j] = value
-        self.x, self.P = core.mean, core.covariance
         innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
-        self.update(innovations, lambda x: H, lambda x: np.zeros(n), R=R)
-        return core._replace(mean=self.x, covariance=self.P)
+        self.update(core.mean, core.covariance, innovations, H, R)
+        return core._replace(mean=self.kf.x, covariance=self.kf.P)
 
 
 def _size(pair: list[MeasurementRow]) -> float:

@@ -9,7 +9,7 @@ keys.
 
 from functools import lru_cache
 from math import cos, exp, isfinite, nan, radians, sin, tan
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -18,24 +18,9 @@ from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.estimation.base import Health, StateEstimator, largest_sigma
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
 from agrobot_mj.machine.tractor import TractorParameters
-
-
-class PoseFilter(Protocol):
-    """A filter whose state begins with x, y and yaw at R; `step` is a function of its arguments."""
-
-    wheelbase: float
-    """Wheelbase L [m]."""
-
-    def step(
-        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array, float]:
-        """Mean (n,), covariance (n, n) and NIS after a tick, given the fix at its end.
-
-        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
-        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
-        """
 
 
 class EstimatorState(NamedTuple):
@@ -43,7 +28,7 @@ class EstimatorState(NamedTuple):
 
     velocity_kf: VelocityKf
     """Filter of the antenna's motion; keeps nothing between ticks."""
-    pose_filter: PoseFilter
+    pose_filter: FixEkf
     """Filter of the pose; keeps nothing between ticks."""
     cg: tuple[float, float, float]
     """CG from R in vehicle axes: l_r, 0, height [m]."""
@@ -103,7 +88,7 @@ class PoseEstimator(StateEstimator):
         gyro = {"gyro": 'yaw_rate_source: "gyro"'} if self.yaw_rate_source == "gyro" else {}
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
-    def pose_filter(self, tractor: TractorParameters) -> PoseFilter:
+    def pose_filter(self, tractor: TractorParameters) -> FixEkf:
         """The filter of x, y, yaw and what else this kind estimates."""
         raise NotImplementedError
 

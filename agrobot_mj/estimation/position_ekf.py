@@ -1,39 +1,36 @@
-"""What the pose filters share: a tick of filterpy's extended Kalman filter that corrects by the position of a fix.
-
-filterpy's object is a workspace only: `tick` is a function of its arguments, and a missing fix is `update(None)`.
-"""
-
-from collections.abc import Callable
-from math import nan
+"""What the pose filters share: a tick of filterpy's extended Kalman filter that corrects by the position of a fix."""
 
 import numpy as np
 
-from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import CompiledEkf
+from agrobot_mj.estimation.kalman import Workspace
 
 
-class FixEkf(Workspace, CompiledEkf):
-    """The filter; a kind overrides `predict_x`, filterpy's hook."""
+class FixEkf(Workspace):
+    """The filter, whose states begin with x, y and yaw at R; a kind gives `step`."""
 
-    def __init__(self, states: int) -> None:
-        super().__init__(dim_x=states, dim_z=2)
+    def __init__(self, states: int, wheelbase: float) -> None:
+        """For a `wheelbase` L [m]."""
+        super().__init__(states, 2)
+        self.wheelbase = wheelbase
 
-    def tick(
-        self,
-        belief: tuple[Array, Array],
-        inputs: tuple[float, float, float],
-        fix: Fix | None,
-        sees: tuple[Callable[[Array], Array], Callable[[Array], Array]],
-        noise: Array,
+    def step(
+        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Mean (n,), covariance (n, n) and NIS after a tick, from the belief before it and the fix at its end.
+        """Mean (n,), covariance (n, n) and NIS after a tick, given the fix at its end; a function of its arguments.
 
         NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
-        [rad] and dt [s]; `sees` are the Jacobian (2, n) of the measurement and the measurement (2,) of a state; `noise`
-        (2, 2) is the covariance of the fix [m2].
+        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
         """
-        self.x, self.P = belief
-        z = None if fix is None else np.array((fix.x, fix.y))
-        self.advance(inputs, z, *sees, R=noise)
-        return self.x, self.P, nan if z is None else self.nis
+        raise NotImplementedError
+
+    def corrected(
+        self, x: Array, P: Array, F: Array, Q: Array, fix: Fix | None, seen: Array, H: Array, R: Array
+    ) -> tuple[Array, Array, float]:
+        """What `step` returns, from the predicted mean, the covariance before it, and the fix.
+
+        The fix has noise R (2, 2) [m2] and sees H (2, n) of the state, `seen` (2,) [m] of the mean.
+        """
+        y = None if fix is None else np.array((fix.x, fix.y)) - seen
+        nis = self.tick(x, P, F, Q, y, H, R)
+        return self.kf.x, self.kf.P, nis

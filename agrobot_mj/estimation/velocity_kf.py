@@ -2,8 +2,7 @@
 
 State (x, vx, y, vy) in ENU [m, m/s]; velocity is a random walk [Brown2012]. All four are measured, as the
 receiver gives them. The paper prints the transition `kinematicmodelKF` and no noise: ours is continuous white
-acceleration, so that the uncertainty does not depend on the tick. Runs on filterpy, whose object is a
-workspace only: `step` is a function of its arguments, and a missing fix is filterpy's `update(None)`.
+acceleration, so that the uncertainty does not depend on the tick.
 """
 
 from functools import lru_cache
@@ -11,9 +10,12 @@ from math import cos, sin
 
 import numpy as np
 
-from agrobot_mj.core.copying import Workspace
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import CompiledKalman
+from agrobot_mj.estimation.equations import applied
+from agrobot_mj.estimation.kalman import Workspace
+
+ALL = np.eye(4)
+"""Jacobian of the measurement [-]."""
 
 
 def transition(dt: float) -> Array:
@@ -37,28 +39,23 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
     return M @ mean, M @ covariance @ M.T
 
 
-class _MotionFilter(Workspace, CompiledKalman):
-    """filterpy's filter, which may be copied at any time."""
-
-
 class VelocityKf(Workspace):
     """The filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
+        super().__init__(4, 4, linear=True)
         self.velocity_walk = velocity_walk
-        self._workspace = _MotionFilter(dim_x=4, dim_z=4)
-        self._workspace.H = np.eye(4)
 
     def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
         """Mean (4,) and covariance (4, 4) `dt` [s] later, given the fix of that time.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """
-        kf = self._workspace
-        kf.x, kf.P = mean, covariance
         Phi, Q = _model(self.velocity_walk, dt)
-        kf.advance(Phi, Q, None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)), noise)
-        return kf.x, kf.P
+        x = applied(Phi, mean)
+        y = None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
+        self.tick(x, covariance, Phi, Q, y, ALL, noise)
+        return self.kf.x, self.kf.P
 
 
 @lru_cache(maxsize=8)

@@ -1,15 +1,35 @@
-"""The compiled steps of the filters against filterpy's own, which they stand in for."""
+"""The compiled steps of the filters against filterpy's own, whose place they take."""
+
+import subprocess
+import sys
+from copy import deepcopy
 
 import numpy as np
 import pytest
+from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 
-from agrobot_mj.estimation.equations import applied, innovation, inverse, posterior, prior, times
-from agrobot_mj.estimation.kalman import CompiledEkf, CompiledKalman, ExtendedKalmanFilter, KalmanFilter
+from agrobot_mj.core.signals import Fix
+from agrobot_mj.estimation.ekf import PoseEkf
+from agrobot_mj.estimation.ekf_bias import BiasEkf, Levels
+from agrobot_mj.estimation.equations import applied, inverse, posterior, prior, times
+from agrobot_mj.estimation.kalman import Workspace
+from agrobot_mj.estimation.velocity_kf import VelocityKf
 
 
 def covariance(rng, n):
     root = rng.standard_normal((n, n))
     return root @ root.T + 0.1 * np.eye(n)
+
+
+def extended(states, measured, predicted):
+    """filterpy's extended filter, with the model of a prior mean."""
+    kf = ExtendedKalmanFilter(dim_x=states, dim_z=measured)
+    kf.predict_x = lambda u: setattr(kf, "x", predicted(kf.x, u))
+    return kf
+
+
+def close(ours, theirs):
+    return np.allclose(ours.x, theirs.x, rtol=1e-9, atol=1e-9) and np.allclose(ours.P, theirs.P, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
@@ -19,47 +39,58 @@ def test_a_hundred_ticks_are_those_of_filterpy(n, m):
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
     F = np.eye(n) + 0.1 * rng.standard_normal((n, n)) / n
 
-    def curved(base):
-        class Curved(base):
-            def predict_x(self, u):
-                self.F, self.Q, self.x = F, Q, F @ self.x + u * np.sin(self.x)
+    def curved(x, u):
+        return F @ x + u * np.sin(x)
 
-        made = Curved(dim_x=n, dim_z=m)
-        made.x, made.P = np.ones(n), np.eye(n)
-        return made
-
-    ours, theirs, joined = curved(CompiledEkf), curved(ExtendedKalmanFilter), curved(CompiledEkf)
+    split, joined, theirs = Workspace(n, m), Workspace(n, m), extended(n, m, curved)
+    theirs.x, theirs.P, theirs.F, theirs.Q = np.ones(n), np.eye(n), F, Q
+    split.kf.x, joined.kf.x = np.ones(n), np.ones(n)
     for k in range(100):
         z = None if k % 3 == 0 else rng.standard_normal(m)
-        for filter_ in (ours, theirs):
-            filter_.predict(0.1)
-            filter_.update(z, lambda x: H, lambda x: H @ x, R=R)
-        joined.advance(0.1, z, lambda x: H, lambda x: H @ x, R=R)
-        assert np.array_equal(joined.x, ours.x)
-        assert np.array_equal(joined.P, ours.P)
-        assert np.allclose(ours.x, theirs.x, rtol=1e-9, atol=1e-9)
-        assert np.allclose(ours.P, theirs.P, rtol=1e-9, atol=1e-9)
-        if z is not None:
-            assert ours.nis == pytest.approx(theirs.y @ theirs.SI @ theirs.y, rel=1e-9)
-            assert joined.nis == ours.nis
+        theirs.predict(0.1)
+        theirs.update(z, lambda x: H, lambda x: H @ x, R=R)
+        x = curved(split.kf.x, 0.1)
+        y = None if z is None else z - H @ x
+        nis = joined.tick(x, joined.kf.P, F, Q, y, H, R)
+        split.predict(x, split.kf.P, F, Q)
+        if y is not None:
+            assert split.update(split.kf.x, split.kf.P, y, H, R) == nis
+            assert nis == pytest.approx(theirs.y @ theirs.SI @ theirs.y, rel=1e-9)
+            assert np.allclose(joined.kf.S, theirs.S, rtol=1e-9)
+        assert np.array_equal(joined.kf.x, split.kf.x)
+        assert np.array_equal(joined.kf.P, split.kf.P)
+        assert close(joined.kf, theirs)
 
 
-def test_the_linear_filter_is_that_of_filterpy():
-    rng = np.random.default_rng(0)
-    F, Q, R = np.eye(4) + 0.1 * rng.standard_normal((4, 4)), covariance(rng, 4), covariance(rng, 4)
-    ours, theirs, joined = (kind(dim_x=4, dim_z=4) for kind in (CompiledKalman, KalmanFilter, CompiledKalman))
-    for filter_ in (ours, theirs, joined):
-        filter_.H, filter_.x, filter_.P = np.eye(4), np.zeros(4), np.eye(4)
+def test_the_velocity_filter_is_that_of_filterpy():
+    rng, ours, theirs = np.random.default_rng(0), VelocityKf(0.1), KalmanFilter(dim_x=4, dim_z=4)
+    assert type(ours.kf) is KalmanFilter
+    R = covariance(rng, 4)
+    belief = theirs.x, theirs.P = np.zeros(4), np.eye(4)
     for k in range(50):
-        z = None if k % 4 == 0 else rng.standard_normal(4)
-        for filter_ in (ours, theirs):
-            filter_.predict(F=F, Q=Q)
-            filter_.update(z, R=R)
-        joined.advance(F, Q, z, R)
-        assert np.array_equal(joined.x, ours.x)
-        assert np.array_equal(joined.P, ours.P)
-        assert np.allclose(ours.x, theirs.x, rtol=1e-10)
-        assert np.allclose(ours.P, theirs.P, rtol=1e-10)
+        fix = None if k % 4 == 0 else Fix(*rng.standard_normal(4))
+        belief = ours.step(*belief, fix, R, 0.05)
+        theirs.predict(F=ours.kf.F, Q=ours.kf.Q)
+        theirs.update(fix and np.array((fix.x, fix.vx, fix.y, fix.vy)), R=R, H=np.eye(4))
+        assert close(ours.kf, theirs)
+
+
+@pytest.mark.parametrize(
+    "ours", [PoseEkf(1.4, 0.01, 0.005), BiasEkf(1.4, Levels(0.01, 0.005, 0.002, 0.5, 30.0))], ids=["ekf", "ekf_bias"]
+)
+def test_the_pose_filters_are_those_of_filterpy(ours):
+    n, rng = ours.kf.dim_x, np.random.default_rng(1)
+    assert type(ours.kf) is ExtendedKalmanFilter
+    theirs = extended(n, 2, lambda x, inputs: ours.step(x, np.eye(n), inputs, None, 0.02)[0])
+    belief = theirs.x, theirs.P = np.zeros(n), 0.01 * np.eye(n)
+    for k in range(200):
+        fix, inputs = None if k % 3 == 1 else Fix(*(0.06 * k + rng.standard_normal(2)), 0.0, 0.0), (1.2, 0.1, 0.05)
+        *belief, _ = ours.step(*belief, inputs, fix, 0.02)
+        kf = deepcopy(ours).kf
+        theirs.F, theirs.Q = kf.F, kf.Q
+        theirs.predict(inputs)
+        theirs.update(fix and np.array((fix.x, fix.y)), lambda x, H=kf.H: H, lambda x, H=kf.H: H @ x, R=kf.R)
+        assert close(kf, theirs)
 
 
 def test_compiled_equations_are_the_plain_ones():
@@ -67,7 +98,7 @@ def test_compiled_equations_are_the_plain_ones():
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)
     x, y = rng.standard_normal(5), rng.standard_normal(2)
-    arguments = {prior: (x, P, F, covariance(rng, 5)), posterior: (x, P, H, y, R), innovation: (y, H, x), inverse: (P,)}
+    arguments = {prior: (P, F, covariance(rng, 5)), posterior: (x, P, H, y, R), inverse: (P,)}
     for compiled, given in arguments.items():
         plain = getattr(compiled, "py_func", compiled)
         for one, other in zip(compiled(*given), plain(*given), strict=True):
@@ -82,3 +113,16 @@ def test_an_innovation_without_a_covariance_is_refused(bad):
     one = np.eye(2)
     with pytest.raises(np.linalg.LinAlgError, match=r"infs or NaNs|not positive"):
         posterior(np.zeros(2), 0 * one, one, np.ones(2), np.diag((bad, bad)))
+
+
+def test_only_who_builds_a_filter_imports_filterpy():
+    code = """
+import sys
+from agrobot_mj import load_scenario
+s = load_scenario("circle")
+print("filterpy" in sys.modules)
+s.estimator.init(0.0, 0.0, 0.0, s.tractor)
+print("filterpy" in sys.modules)
+"""
+    found = subprocess.check_output([sys.executable, "-c", code], text=True).split()
+    assert found == ["False", "True"]
