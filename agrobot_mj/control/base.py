@@ -40,6 +40,10 @@ class Route(Protocol):
         """Distances [m] between which the reference keeps its direction of travel at time `t` [s]."""
         ...
 
+    def passed(self, t: float) -> float:
+        """Distance that the reference has passed at time `t` [s], to some centimetres [m]."""
+        ...
+
 
 class Situation(NamedTuple):
     """Everything that a guidance law may know in one tick."""

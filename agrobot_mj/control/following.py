@@ -105,7 +105,7 @@ class Following(GuidanceLaw):
     def _beside(self, state: "FollowingState", situation: Situation, dt: float) -> "Beside":
         estimate, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
         leg = route.leg(t)
-        near = _distance_at(route, leg, t) if state.s is None else state.s
+        near = route.passed(t) if state.s is None else state.s
         place = route.nearest(estimate.x, estimate.y, near, t)
         along = to_heading(r.yaw, r.vx, r.vy)[0]
         direction = _sign(along if abs(along) > 1e-6 else state.direction or place.direction)
@@ -250,18 +250,6 @@ def _swing(machine: TractorParameters, turning: float) -> float:
     """
     T = TURNING_S * turning / machine.steer_limit
     return max(2.0 * machine.wheelbase_m * SWING / max(turning * T, 1e-6), SLOWEST_M_S)
-
-
-def _distance_at(route: Route, leg: tuple[float, float], t: float) -> float:
-    """Distance along the path [m] at which the reference is at time `t` [s]."""
-    low, high = leg[0], max(leg[0], 1.0)
-    while route.ahead(high).t < t and high < min(leg[1], 1e6):
-        high *= 2
-    high = min(high, leg[1])
-    for _ in range(40):
-        middle = (low + high) / 2
-        low, high = (middle, high) if route.ahead(middle).t < t else (low, middle)
-    return low
 
 
 def _sign(x: float) -> float:

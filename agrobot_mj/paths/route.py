@@ -1,4 +1,4 @@
-"""Where a point is beside a path, asked online: the nearest point, and what lies ahead.
+"""Where a point is beside a path: the nearest point, and what lies ahead; for the laws, and for the metrics of a run.
 
 A path is a function of time. `Route` samples it every STEP_M along its length, as far as the questions reach, and seeks
 the nearest point in a window about a place that the caller names (its last one), so that neither the other branch of a
@@ -9,10 +9,12 @@ its time. Sampling only adds to what is known: no question changes a later answe
 
 from bisect import bisect_right
 from math import atan2, cos, hypot, sin
+from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.signals import Array, PathPoint, Reference
 from agrobot_mj.paths.arc import Pose, advance
 from agrobot_mj.paths.base import ReferencePath, reference_at
@@ -28,10 +30,62 @@ CHUNK_S = 20.0
 BEND = 1.4
 """Largest turn of the path within the window, ahead and behind: less than a right angle [rad]."""
 BEYOND_S = 3600.0
-"""Time beyond the path's duration after which nothing new is sampled [s]."""
+"""Time beyond the path's duration up to which it is sampled for a distance that it may never reach [s]."""
 
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
-"""Columns of the samples; the speed is along the heading, negative in reverse; the direction 1 or -1, 0 unknown."""
+"""Columns of the samples, as in `Sample`."""
+
+
+class Sample(NamedTuple):
+    """A sampled point of a path."""
+
+    t: float
+    """Time at which the reference passes [s]."""
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """Heading of a tractor on the path there [rad]."""
+    curvature: float
+    """Left positive [1/m]."""
+    speed: float
+    """Speed along the heading, negative in reverse [m/s]."""
+    s: float = 0.0
+    """Distance along the path from its start [m]."""
+    turned: float = 0.0
+    """Sum of the turns of the path, either way, from its start [rad]."""
+    direction: float = 0.0
+    """Direction of travel: 1 forward, -1 in reverse, 0 unknown [-]."""
+
+    def offset(self, x: float, y: float) -> float:
+        """Signed distance of (x, y) [m] from the osculating circle, left positive [m]."""
+        ahead, left = to_heading(self.yaw, x - self.x, y - self.y)
+        to_centre = hypot(self.curvature * ahead, 1 - self.curvature * left)
+        return (2 * left - self.curvature * (ahead**2 + left**2)) / (1 + to_centre)
+
+
+@jit
+def _search(
+    samples: Array, x: float, y: float, near: float, low: float, high: float, window: float
+) -> tuple[int, bool]:
+    """Number of the sample nearest to (x, y), and whether it lies between others of those that are looked at.
+
+    These are within `window` and a turn of BEND about the distance `near`, from `low` to `high`, the ends of the leg.
+    """
+    s, turned = samples[:, S], samples[:, TURNED]
+    middle = min(int(np.searchsorted(s, near)), len(s) - 1)
+    first = max(
+        int(np.searchsorted(s, max(near - window, low - ROUNDING_M))),
+        int(np.searchsorted(turned, turned[middle] - BEND - 1e-9)),
+    )
+    last = min(
+        int(np.searchsorted(s, min(near + window, high + ROUNDING_M), "right")),
+        int(np.searchsorted(turned, turned[middle] + BEND + 1e-9, "right")),
+    )
+    some = samples[first : max(last, first + 1)]
+    k = first + int(np.argmin((some[:, X] - x) ** 2 + (some[:, Y] - y) ** 2))
+    return k, first < k < last - 1
 
 
 class SampledRoute:
@@ -39,8 +93,9 @@ class SampledRoute:
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
-        self._samples = np.array([_sample(0.0, reference_at(path, 0.0))])
+        self._samples = self._room = np.array([_sample(0.0, reference_at(path, 0.0))])
         self._until = 0.0
+        self._search = bound(_search, self._samples, *(0.0,) * 6)
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
 
     def at(self, t: float) -> Reference:
@@ -56,56 +111,58 @@ class SampledRoute:
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
         """The path's nearest point to (x, y) [m], sought about the distance `near` [m] on the leg of time `t` [s]."""
+        return self._beside(*self.search(x, y, near, t), x, y)
+
+    def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
+        """Number of the sample nearest to (x, y) [m], and whether it lies between others of those that were looked at.
+
+        These are within `window` [m] ahead of and behind the distance `near` [m], on the leg of time `t` [s].
+        """
         low, high = self.leg(t)
         near = min(max(near, low), high)
-        self._grow(beyond=near + WINDOW_M)
-        s, turned = self._samples[:, S], self._samples[:, TURNED]
-        middle = min(int(np.searchsorted(s, near)), len(s) - 1)
-        first = max(
-            int(np.searchsorted(s, max(near - WINDOW_M, low - ROUNDING_M))),
-            int(np.searchsorted(turned, turned[middle] - BEND - 1e-9)),
-        )
-        last = min(
-            int(np.searchsorted(s, min(near + WINDOW_M, high + ROUNDING_M), "right")),
-            int(np.searchsorted(turned, turned[middle] + BEND + 1e-9, "right")),
-        )
-        window = self._samples[first : max(last, first + 1)]
-        k = first + int(np.argmin((window[:, X] - x) ** 2 + (window[:, Y] - y) ** 2))
-        return self._beside(k, x, y, first < k < last - 1)
+        self._grow(beyond=near + window)
+        found: tuple[int, bool] = self._search(self._samples, x, y, near, low, high, window)
+        return found
+
+    def number_at(self, t: float) -> int:
+        """Number of the last sample that the reference has passed at `t` [s]."""
+        self._grow(until=t)
+        return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
+
+    def passed(self, t: float) -> float:
+        """Distance that the reference has passed at time `t` [s], to a sample [m]."""
+        k = self.number_at(t)
+        return float(self.distances[k])
+
+    @property
+    def distances(self) -> Array:
+        """Distance of each sample along the path, as far as it is sampled, shape (n,) [m]."""
+        return self._samples[:, S]
+
+    def sample(self, k: int) -> "Sample":
+        """Sample `k`."""
+        return Sample(*self._samples[k].tolist())
 
     def ahead(self, s: float) -> PathPoint:
         """The path at the distance `s` [m] from its start; straight on beyond its ends."""
         self._grow(beyond=s + STEP_M)
-        samples = self._samples
-        k = min(int(np.searchsorted(samples[:, S], s + 1e-12, "right")) - 1, len(samples) - 1)
-        return self._along(max(k, 0), s - float(samples[max(k, 0), S]), 0.0)
+        k = max(int(np.searchsorted(self.distances, s + 1e-12, "right")) - 1, 0)
+        sample = self.sample(k)
+        return _along(sample, s - sample.s, 0.0, k == 0)
 
-    def _beside(self, k: int, x: float, y: float, inside: bool) -> PathPoint:
+    def _beside(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
         """The nearest point from sample `k` on; beyond STEP_M from it only at an end of the window."""
-        _, x_k, y_k, yaw, curvature, _, _, _, direction = self._samples[k].tolist()
-        ahead, left = to_heading(yaw, x - x_k, y - y_k)
+        sample = self.sample(k)
+        curvature, limit = sample.curvature, STEP_M if inside else WINDOW_M
+        ahead, left = to_heading(sample.yaw, x - sample.x, y - sample.y)
         angle = atan2(curvature * ahead, 1 - curvature * left)
-        way = angle / curvature if abs(curvature) > 1e-9 else ahead
-        limit = STEP_M if inside else WINDOW_M
-        to_centre = hypot(curvature * ahead, 1 - curvature * left)
-        offset = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
-        way = min(max(way, -limit), limit)
-        return self._along(k, -way if direction < 0 else way, offset)
-
-    def _along(self, k: int, ds: float, offset: float) -> PathPoint:
-        t, x, y, yaw, curvature, speed, s, _, direction = self._samples[k].tolist()
-        if s + ds < 0.0 and k == 0:
-            curvature = 0.0  # straight on before the start
-        pose = advance(Pose(x, y, yaw), curvature, -ds if direction < 0 else ds)
-        t += ds / abs(speed) if abs(speed) > 1e-6 else 0.0
-        return PathPoint(
-            s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, speed, offset, -1.0 if direction < 0 else 1.0
-        )
+        way = min(max(angle / curvature if abs(curvature) > 1e-9 else ahead, -limit), limit)
+        return _along(sample, -way if sample.direction < 0 else way, sample.offset(x, y), k == 0)
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
         """Sample the path at least until a time [s] and beyond a distance [m]."""
         end = self.path.duration_s + BEYOND_S
-        while self._until < end and (self._until < until or self._samples[-1, S] < beyond):
+        while self._until < until or (self._until < end and self._samples[-1, S] < beyond):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])
@@ -133,8 +190,28 @@ class SampledRoute:
         if len(kept):
             turns = np.angle(np.exp(1j * np.diff(np.concatenate([known[:, YAW], kept[:, YAW]]))))
             kept[:, TURNED] = known[0, TURNED] + np.cumsum(np.abs(turns))
-            self._samples = np.concatenate([self._samples, kept])
+            self._keep(kept)
+
+    def _keep(self, new: Array) -> None:
+        """Add samples; the room for them doubles, so that a day's path is not copied thousands of times."""
+        count, end = len(self._samples), len(self._samples) + len(new)
+        if end > len(self._room):
+            self._room = np.concatenate([self._samples, np.empty((end, len(self._samples[0])))])
+        self._room[count:end] = new
+        self._samples = self._room[:end]
 
 
-def _sample(t: float, r: Reference) -> tuple[float, ...]:
-    return t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0, 0.0
+def _sample(t: float, r: Reference) -> Sample:
+    return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy)
+
+
+def _along(sample: Sample, ds: float, offset: float, first: bool) -> PathPoint:
+    """The path at the distance `ds` [m] from a sample, of which that of the start is the `first`."""
+    t, x, y, yaw, curvature, speed, s, _, direction = sample
+    if s + ds < 0.0 and first:
+        curvature = 0.0  # straight on before the start
+    pose = advance(Pose(x, y, yaw), curvature, -ds if direction < 0 else ds)
+    t += ds / abs(speed) if abs(speed) > 1e-6 else 0.0
+    return PathPoint(
+        s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, speed, offset, -1.0 if direction < 0 else 1.0
+    )

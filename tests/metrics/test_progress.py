@@ -1,6 +1,5 @@
 """Progress: the share of the path that was driven, by tractors that are put where they drive."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics import RunView, metrics, progress_of
-from agrobot_mj.metrics.progress import PathProgress
 from agrobot_mj.paths import Circle, FigureEight, LaneChange, Line, Manoeuvre, Swaths
 from agrobot_mj.paths.manoeuvre import StraightPiece
 
@@ -185,14 +183,3 @@ def test_it_is_a_metric():
     log = FakeLog(path, t, x=path.at(0.0).x, y=path.at(0.0).y)
     log.scenario.duration_s = 30.0
     assert metrics(log)["progress"] == 0.0
-
-
-@every_path
-def test_pieces_of_any_size_give_the_same(path, monkeypatch):
-    place = places(path, ticks(path) - 1.0)
-    whole = progress_of(view(path, place))
-    for size in (7, 100):
-        monkeypatch.setattr(sys.modules[PathProgress.__module__], "PIECE", size)
-        found = progress_of(view(path, place))
-        assert (found.length, found.due) == pytest.approx((whole.length, whole.due), abs=0.3)
-        assert found.driven == pytest.approx(whole.driven, abs=0.8)

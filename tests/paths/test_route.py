@@ -49,7 +49,7 @@ def test_following_a_reference_along_finds_it_at_its_time(kind):
         s = place.s
 
 
-def test_it_agrees_with_the_metric_on_a_wandering_drive():
+def test_a_wandering_drive_is_seen_alike_from_its_last_place_and_from_its_reference():
     path = FigureEight()
     route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
     t = np.arange(10.0, 150.0, 0.5)
@@ -62,7 +62,10 @@ def test_it_agrees_with_the_metric_on_a_wandering_drive():
         place = route.nearest(x[k], y[k], s, t[k])
         s = place.s
         found.append(place.offset)
-    assert found == pytest.approx(track(path, t, x, y).offset, abs=1e-3)
+    assert found == pytest.approx(track(path, t, x, y).offset, abs=1e-9)
+    around = [np.array([path.at(u)[:2] for u in np.linspace(now - 4.0, now + 4.0, 2001)]) for now in t]
+    brute = [np.hypot(*(near - here).T).min() for near, here in zip(around, np.column_stack((x, y)), strict=True)]
+    assert np.abs(found) == pytest.approx(brute, abs=1e-3)
 
 
 def test_at_the_crossing_of_the_eight_it_stays_on_its_branch():
