@@ -1,10 +1,12 @@
 """Whether the tractor of a scenario can be, without running it: what a plan of many runs asks of each combination."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.faults import loadings
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.plants.mujoco.build import build
-from agrobot_mj.plants.mujoco.payload import Chassis, check_payloads
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
@@ -22,12 +24,17 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` where `loop.build_plant` would: an impossible chassis, tyres that are not stable."""
+    """Raise `ScenarioError` for a tractor that cannot be: an impossible chassis, tyres that are not stable."""
     s = scenario
-    if not isinstance(s.plant, Mujoco):
-        return
+    if isinstance(s.plant, Mujoco):
+        with naming(s):
+            build(s.plant.tyre, s.machine, LEVEL, s.step_s, payloads=loadings(s.fault))
+
+
+@contextmanager
+def naming(scenario: Scenario) -> Iterator[None]:
+    """A ValueError within the block becomes a `ScenarioError` that begins with the scenario's name."""
     try:
-        bare = Chassis(build(s.plant.tyre, s.machine, LEVEL, s.step_s).model).bare
-        check_payloads(bare, loadings(s.fault))
+        yield
     except ValueError as error:
-        raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None
+        raise ScenarioError(f"{scenario.name or 'scenario'}: {error}") from None

@@ -15,7 +15,6 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.control.brake import BrakeState
 from agrobot_mj.control.pid import SpeedState, SteeringState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import (
     NEUTRAL_V,
@@ -33,10 +32,10 @@ from agrobot_mj.faults import Script, loadings
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
-from agrobot_mj.plants.mujoco.payload import check_payloads
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
+from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.simulation.wiring import Wiring
 from agrobot_mj.terrain import height_and_gradient
@@ -216,11 +215,7 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     """
     s = scenario
     ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)
-    try:
+    with naming(s):
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, s.machine, ground, clock)
-        plant = MujocoPlant(s.plant, s.machine, ground, clock, s.seed)
-        check_payloads(plant.chassis.bare, loadings(s.fault))
-        return plant
-    except ValueError as error:
-        raise ScenarioError(f"{s.name or 'scenario'}: {error}") from None
+        return MujocoPlant(s.plant, s.machine, ground, clock, s.seed, loadings(s.fault))

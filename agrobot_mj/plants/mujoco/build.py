@@ -3,13 +3,14 @@
 The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal, NamedTuple
 
 import mujoco
 from pydantic import Field
 
 from agrobot_mj.core.contracts import check_type
+from agrobot_mj.core.signals import PointMass
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.fitting import fit_warnings
@@ -18,6 +19,7 @@ from agrobot_mj.plants.mujoco.drawing import scene_of
 from agrobot_mj.plants.mujoco.implement import attached
 from agrobot_mj.plants.mujoco.implement_model import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
+from agrobot_mj.plants.mujoco.payload import Chassis, check_payloads
 from agrobot_mj.plants.mujoco.stability import check_implement, check_stability
 from agrobot_mj.plants.mujoco.tools import Attached
 from agrobot_mj.plants.scene import Scene
@@ -42,10 +44,15 @@ class Built(NamedTuple):
     """The implement, as compiled kernels know it."""
 
 
-def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1) -> Built:
+Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
+"""Every set of masses that the chassis will carry, each with the index of the fault that puts it there."""
+
+
+def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
     """The tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
 
-    Raises ValueError, naming the key, for a tractor that cannot be, or that is not stable at this step.
+    Raises ValueError, naming the key, for a tractor that cannot be, under any of the `payloads` either, or that is not
+    stable at this step.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -59,6 +66,7 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     hung = attached(hitched, model, tyre, machine.tractor, seed)
     if hitched is not None:
         check_implement(model, machine.implement, hitched, hung)
+    check_payloads(Chassis(model).bare, payloads)
     return Built(model, scene, tyres, hitched, hung)
 
 

@@ -15,7 +15,7 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
 from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
-from agrobot_mj.plants.mujoco.build import Mujoco, build
+from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
@@ -44,11 +44,20 @@ DIVERGED_SPEED = 100.0
 class MujocoPlant(RunningPlant):
     """The running tractor."""
 
-    def __init__(self, spec: Mujoco, machine: Machine, ground: Ground, clock: Clock = CLOCK, seed: int = 1) -> None:
-        """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises ValueError."""
+    def __init__(
+        self,
+        spec: Mujoco,
+        machine: Machine,
+        ground: Ground,
+        clock: Clock = CLOCK,
+        seed: int = 1,
+        payloads: Payloads = (),
+    ) -> None:
+        """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as `build`."""
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
-        self.model, self.scene, tyres, hitched, self.attached = build(spec.tyre, machine, ground, clock.dt, seed)
+        built = build(spec.tyre, machine, ground, clock.dt, seed, payloads)
+        self.model, self.scene, tyres, hitched, self.attached = built
         self.ground = ground = with_soil_memory(ground, tyres.bearing)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
