@@ -90,8 +90,7 @@ def by_rules() -> Curve:
 
         def ticks() -> None:
             for _ in range(100):
-                network.update(state, 0.12, 0.08, 0.05, TICK_S)
-                network.report(state)
+                network.update_with_report(state, 0.12, 0.08, 0.05, TICK_S)
 
         return ticks
 

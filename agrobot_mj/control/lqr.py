@@ -155,15 +155,10 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
     """The grid of speeds [m/s], absolute, and at each the gains, and P_qx / P_qq behind them."""
     speeds = [-u if reverse else u for u in SPEEDS]
-    return list(SPEEDS), [np.concatenate(_gains_and_transient(law, machine, u)).tolist() for u in speeds]
+    return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
 
 
-def _gains(law: Lqr, machine: TractorParameters, u: float) -> Array:
-    """Gains at the speed `u` [m/s]; the last one, on the integral, is 0 without."""
-    return _gains_and_transient(law, machine, u)[0]
-
-
-def _gains_and_transient(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
+def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
     """Gains at the speed `u` [m/s], the last one on the integral, and P_qx / P_qq, shapes (4 + n,) and (3 + n,)."""
     a, wheelbase = _slip(law, machine, u)
     n = round(law.steering_delay_s / TICK_S)

@@ -5,7 +5,7 @@ limit. Source: the paper, section III-B. With k_D = 0, the default, it is a P co
 which divides by k_D, says nothing.
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 from agrobot_mj.control.base import YawCommand, YawController
 from agrobot_mj.control.pid import FilteredRate, clip
@@ -30,25 +30,18 @@ class Conventional(YawController):
         return slope, self.kp * e + self.kd * slope.rate
 
 
-class PdState(NamedTuple):
-    """Memory of `Pd`."""
-
-    slope: FilteredRate = FilteredRate()
-    """Filtered derivative of the yaw-rate error [rad/s2]."""
-
-
 class Pd(Conventional):
     """The conventional controller alone."""
 
     kind: Literal["pd"] = "pd"
 
-    def init(self) -> PdState:
-        """State at rest."""
-        return PdState()
+    def init(self) -> FilteredRate:
+        """At rest: no error so far."""
+        return FilteredRate()
 
     def update(
-        self, state: PdState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
-    ) -> tuple[PdState, YawCommand]:
+        self, state: FilteredRate, t: float, yaw_rate_error: float, dt: float, steer_limit: float
+    ) -> tuple[FilteredRate, YawCommand]:
         """Command from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
-        slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
-        return PdState(slope), YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
+        slope, tau_c = self.conventional(state, yaw_rate_error, dt)
+        return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)

@@ -37,10 +37,6 @@ class SpeedNetwork(Spec):
     network: T2Fnn = T2Fnn(alpha=0.01)
     """The network and its learning laws; alpha is a rate of speed [m/s2]."""
 
-    def init(self) -> SpeedNetworkState:
-        """At rest."""
-        return SpeedNetworkState()
-
     def update(
         self, state: SpeedNetworkState, wanted: float, speed: float, dt: float
     ) -> tuple[SpeedNetworkState, float]:

@@ -19,28 +19,17 @@ an integrator: d tau_n/dt = -alpha sgn(tau_c), and twice that while q adapts unf
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.control.t2fnn_laws import (
-    Learning,
-    Rates,
-    T2FnnState,
-    firing,
-    inference,
-    laws,
-    report_of,
-    sgn,
-    tick,
-    tick_with_report,
-)
+from agrobot_mj.control.t2fnn_laws import Learning, T2FnnState, firing, inference, tick
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Fraction, Positive, Spec
 
-__all__ = ["Rates", "T1Fnn", "T2Fnn", "T2FnnState"]
+__all__ = ["T1Fnn", "T2Fnn", "T2FnnState"]
 
 
 class T2Fnn(Spec):
@@ -120,11 +109,6 @@ class T2Fnn(Spec):
         x1, x2 = self._bounded(x1), self._bounded(x2)
         return inference(_plain(state, x1, x2), x1, x2)
 
-    def derivatives(self, state: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
-        """Right-hand sides of the printed laws for widths, f and q; of the guards only 2 and 5 apply."""
-        x1, x2 = self._bounded(x1), self._bounded(x2)
-        return self._laws(_plain(state, x1, x2), x1, x2, tau_c)[1]
-
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
@@ -132,46 +116,28 @@ class T2Fnn(Spec):
 
         Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
-        advanced, tau_n = _compiled().tick(*self._arguments(state, x1, x2, tau_c, dt, learn))
-        return advanced, tau_n
+        return self.update_with_report(state, x1, x2, tau_c, dt, learn)[:2]
 
     def update_with_report(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float, Array]:
-        """As `update`, and `report` of the network that gave this tau_n: centres moved, nothing learnt yet."""
-        advanced, tau_n, report = _compiled().tick_with_report(*self._arguments(state, x1, x2, tau_c, dt, learn))
-        return advanced, tau_n, report
+        """As `update`, and the values of `columns` when the network gave this tau_n: centres moved, nothing learnt yet.
 
-    def _arguments(
-        self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool
-    ) -> tuple[Any, ...]:
-        """What a compiled tick takes."""
+        Centres, widths [unit of their input], consequents [rad] and normalised firing [-], shape (3 (I + J + I J),).
+        """
         x1, x2 = self._bounded(x1), self._bounded(x2)
         last = (x1, x2) if state.x1 is None or state.x2 is None else (float(state.x1), float(state.x2))
-        return _plain(state, x1, x2), last, x1, x2, self._bounded(tau_c), dt, self._learning, learn
+        arguments = _plain(state, x1, x2), last, x1, x2, self._bounded(tau_c), dt, self._learning, learn
+        advanced, tau_n, report = _compiled_tick()(*arguments)
+        return advanced, tau_n, report
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that `report` gives: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
+        """Signals that it reports: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
         return _columns(self.rules_1, self.rules_2)
-
-    def report(self, state: T2FnnState) -> Array:
-        """Centres, widths [unit of their input], consequents [rad] and normalised firing [-] where the state stands.
-
-        Shape (3 (I + J + I J),), in the order of `columns`; NaN while the inputs are not known.
-        """
-        x1, x2 = state.x1, state.x2
-        if x1 is None or x2 is None:
-            return np.full(len(self.columns), np.nan)
-        found: Array = _compiled().report_of(_plain(state, x1, x2), x1, x2)
-        return found
 
     def _bounded(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
-
-    def _laws(self, state: T2FnnState, x1: float, x2: float, tau_c: float) -> tuple[float, Rates]:
-        alpha_sgn = self.alpha * sgn(self._bounded(tau_c), self.delta_s)
-        return laws(state, x1, x2, alpha_sgn, self.floor)
 
     @property
     def _learning(self) -> Learning:
@@ -196,25 +162,11 @@ class T1Fnn(T2Fnn):
     """Always True: the bounds coincide."""
 
 
-class _Compiled(NamedTuple):
-    """What runs in every tick, without numba's dispatch."""
-
-    tick: Callable[..., Any]
-    tick_with_report: Callable[..., Any]
-    report_of: Callable[..., Any]
-
-
 @lru_cache(maxsize=1)
-def _compiled() -> _Compiled:
-    network = T2Fnn()
-    state = network.init(0.0, 0.0)
-    at = 0.0, 0.0
-    arguments = state, at, *at, 0.0, 0.0, network._learning, True
-    return _Compiled(
-        bound(tick, *arguments),
-        bound(tick_with_report, *arguments),
-        bound(report_of, state, *at),
-    )
+def _compiled_tick() -> Callable[..., Any]:
+    """`tick` without numba's dispatch."""
+    network, at = T2Fnn(), (0.0, 0.0)
+    return bound(tick, network.init(*at), at, *at, 0.0, 0.0, network._learning, True)
 
 
 @lru_cache(maxsize=16)

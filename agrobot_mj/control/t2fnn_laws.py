@@ -78,13 +78,6 @@ class Learning(NamedTuple):
     """Whether the lower bounds coincide with the upper ones."""
 
 
-class Limits(NamedTuple):
-    """Limits of the widths [unit of the input]."""
-
-    d_min: float
-    d_max: float
-
-
 @jit
 def sgn(tau_c: float, delta_s: float) -> float:
     """Smoothed sign of tau_c, in (-1, 1); both [rad]."""
@@ -201,7 +194,7 @@ def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
 
 @jit
 def update_widths(
-    x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, limits: Limits
+    x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, learning: Learning
 ) -> tuple[Array, Array]:
     """Guard 3: lower and upper widths of one input's sets after a step, d_min <= lower <= upper <= d_max.
 
@@ -209,14 +202,14 @@ def update_widths(
     paper has it for q. Clipping that width alone would end the scaling on which appendix A rests Theorem 1.
     """
     new_lower, new_upper = step_widths(lower, lower_change), step_widths(upper, upper_change)
-    if loses_input(x, c, lower, new_lower) or new_lower.min() < limits.d_min:
+    if loses_input(x, c, lower, new_lower) or new_lower.min() < learning.d_min:
         new_lower = lower
-    if loses_input(x, c, upper, new_upper) or new_upper.max() > limits.d_max:
+    if loses_input(x, c, upper, new_upper) or new_upper.max() > learning.d_max:
         new_upper = upper
     if np.any(new_lower > new_upper):
         new_lower, new_upper = lower, upper
-    new_upper = np.minimum(np.maximum(new_upper, limits.d_min), limits.d_max)  # a state built outside
-    return np.minimum(np.maximum(new_lower, limits.d_min), new_upper), new_upper
+    new_upper = np.minimum(np.maximum(new_upper, learning.d_min), learning.d_max)  # a state built outside
+    return np.minimum(np.maximum(new_lower, learning.d_min), new_upper), new_upper
 
 
 @jit
@@ -234,11 +227,10 @@ def learnt(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learnin
     """The network at the inputs after widths, f and q have moved at their rates for dt [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
-        limits = Limits(learning.d_min, learning.d_max)
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
-        d1_lower, d1_upper = update_widths(x1, s.c1, d1_lower, d1_upper, change, upper_change, limits)
+        d1_lower, d1_upper = update_widths(x1, s.c1, d1_lower, d1_upper, change, upper_change, learning)
         change, upper_change = dt * rates.d2_lower, dt * rates.d2_upper
-        d2_lower, d2_upper = update_widths(x2, s.c2, d2_lower, d2_upper, change, upper_change, limits)
+        d2_lower, d2_upper = update_widths(x2, s.c2, d2_lower, d2_upper, change, upper_change, learning)
     if learning.type_1:
         d1_lower, d2_lower = d1_upper, d2_upper
     f, q = s.f + dt * rates.f, s.q + dt * rates.q
@@ -257,28 +249,14 @@ def tick(
     dt: float,
     learning: Learning,
     learn: bool,
-) -> tuple[T2FnnState, float]:
-    """One tick from the `last` inputs as one compiled call: state after dt [s], and tau_n [rad] before it learnt."""
+) -> tuple[T2FnnState, float, Array]:
+    """One tick from the `last` inputs as one compiled call: state after dt [s], tau_n [rad], and `report_of`.
+
+    These two are of the network before it learnt.
+    """
     s = stand_at(s, last, x1, x2, learning.follow)
     tau_n, rates = laws(s, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
-    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n
-
-
-@jit
-def tick_with_report(
-    s: T2FnnState,
-    last: tuple[float, float],
-    x1: float,
-    x2: float,
-    tau_c: float,
-    dt: float,
-    learning: Learning,
-    learn: bool,
-) -> tuple[T2FnnState, float, Array]:
-    """`tick`, and `report_of` the network that gave its tau_n, before it learnt."""
-    report = report_of(stand_at(s, last, x1, x2, learning.follow), x1, x2)
-    after, tau_n = tick(s, last, x1, x2, tau_c, dt, learning, learn)
-    return after, tau_n, report
+    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, x1, x2)
 
 
 @jit

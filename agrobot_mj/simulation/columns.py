@@ -164,7 +164,6 @@ WHEEL_SIGNALS = tuple(
     for wheel in WHEELS
 )
 """Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
-WHEEL_COLUMNS = tuple(column.name for column in WHEEL_SIGNALS)
 
 _SOURCES = tuple(signal.value or (lambda k: nan) for signal in SIGNALS)
 

@@ -36,13 +36,8 @@ def bar() -> "Bar | None":
 @contextmanager
 def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable[[], None]]:
     """Show a bar for `total` pieces of work; yields a function to call after each."""
-    progress = None if quiet else bar()
-    if progress is None:
-        yield lambda: None
-        return
-    with progress:
-        number = progress.add_task(description, total=total)
-        yield lambda: progress.advance(number)
+    with tally(description, total, quiet=quiet) as advance:
+        yield lambda: advance(True)
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from agrobot_mj.control.t2fnn import Rates, T2FnnState
+from agrobot_mj.control.t2fnn import T2Fnn, T2FnnState
+from agrobot_mj.control.t2fnn_laws import Rates, laws, sgn
 
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
@@ -54,6 +55,12 @@ def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float)
         -W * alpha * sign / (W.ravel() @ W.ravel()),
         -alpha * sign / (s.f.ravel() @ (W_lower - W_upper).ravel()),
     )
+
+
+def derivatives(network: T2Fnn, s: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
+    """Right-hand sides of the laws as the network has them; of the guards only 2 and 5 apply."""
+    alpha_sgn = network.alpha * sgn(tau_c, network.delta_s)
+    return laws(s._replace(x1=x1, x2=x2), x1, x2, alpha_sgn, network.floor)[1]
 
 
 def far_from_guards(s: T2FnnState, x1: float, x2: float) -> bool:

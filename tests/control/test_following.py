@@ -256,7 +256,7 @@ def test_the_closed_loop_of_the_lqr_is_stable_at_every_speed_of_its_grid(speed: 
     law, u = Lqr(), -speed if reverse else speed
     a, wheelbase = _slip(law, MACHINE, u)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
-    assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[None])).max() < 1.0
+    assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
 def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
@@ -312,7 +312,7 @@ def test_the_gains_of_the_lqr_between_speeds_are_those_between_its_grid(u):
     """Straight between the neighbours of the grid, and so near those of the speed itself."""
     law = Lqr()
     k = next(k for k, speed in enumerate(SPEEDS) if speed > abs(u))
-    low, high = (_gains(law, MACHINE, SPEEDS[j] if u > 0 else -SPEEDS[j]) for j in (k - 1, k))
+    low, high = (_gains(law, MACHINE, SPEEDS[j] if u > 0 else -SPEEDS[j])[0] for j in (k - 1, k))
     share = (abs(u) - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
     assert law.gains(MACHINE, u) == pytest.approx((1 - share) * low + share * high, rel=1e-12)
-    assert law.gains(MACHINE, u) == pytest.approx(_gains(law, MACHINE, u), rel=0.05, abs=0.01)
+    assert law.gains(MACHINE, u) == pytest.approx(_gains(law, MACHINE, u)[0], rel=0.05, abs=0.01)

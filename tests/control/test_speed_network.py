@@ -4,7 +4,7 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control import Kinematic, Pd
 from agrobot_mj.control.cascade import SPEED_COLUMNS
-from agrobot_mj.control.speed_network import SpeedNetwork
+from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
 
 DT = 0.05
 
@@ -12,7 +12,7 @@ DT = 0.05
 def _against_a_lack(lack: float, seconds: float) -> tuple[list[float], list[float]]:
     """Speeds and commands where the tractor drives `lack` [m/s] below its command."""
     law, speed, wanted = SpeedNetwork(), 1.2 - lack, 1.2
-    state, speeds, commands = law.init(), [], []
+    state, speeds, commands = SpeedNetworkState(), [], []
     for _ in range(round(seconds / DT)):
         state, command = law.update(state, wanted, speed, DT)
         speed += (command - lack - speed) * DT / 0.5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from network_states import plain_firing, random_state
+from network_states import derivatives, plain_firing, random_state
 from pydantic import ValidationError
 
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
@@ -65,13 +65,13 @@ def test_why_a_network_outside_its_sets_would_be_dead_for_ever() -> None:
 @pytest.mark.parametrize("tau_c", [-0.3, 0.3])
 @pytest.mark.parametrize("x_minus_c", [1e-5, -1e-5, 0.0009, 0.0011, -0.0011])
 def test_width_denominator_is_floored_with_its_sign(x_minus_c: float, tau_c: float) -> None:
-    rate = T2Fnn(alpha=0.2).derivatives(_single(x_minus_c), 0.0, 0.0, tau_c).d1_lower[0]
+    rate = derivatives(T2Fnn(alpha=0.2), _single(x_minus_c), 0.0, 0.0, tau_c).d1_lower[0]
     magnitude = (1 - abs(x_minus_c) / 0.5) * 0.2 * 0.25 / max(abs(x_minus_c), 0.001) * 0.3 / 0.35
     assert rate == pytest.approx(-np.sign(tau_c) * magnitude)
 
 
 def test_width_of_a_set_on_the_input_rests() -> None:
-    assert T2Fnn().derivatives(_single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
+    assert derivatives(T2Fnn(), _single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
 
 
 @pytest.mark.parametrize("f_second", [0.1001, 0.0999, 0.1, 0.3, -0.3])
@@ -86,12 +86,12 @@ def test_q_denominator_is_floored_with_its_sign(f_second: float) -> None:
     D = (state.f * (W_lower - W_upper)).sum()
     floored = D if abs(D) >= 0.001 else (0.001 if D >= 0 else -0.001)
     assert abs(D) < 0.0005 or abs(D) > 0.002
-    assert T2Fnn(alpha=0.2).derivatives(state, 0.0, 0.0, 0.95).q == pytest.approx(-0.2 * 0.95 / floored)
+    assert derivatives(T2Fnn(alpha=0.2), state, 0.0, 0.0, 0.95).q == pytest.approx(-0.2 * 0.95 / floored)
 
 
 def test_f_denominator_is_floored() -> None:
     state = _single(0.6)._replace(q=0.99)  # only the upper sets fire, with a share of 0.01: W W = 1e-4
-    rate = T2Fnn(alpha=0.2).derivatives(state, 0.0, 0.0, 0.95).f[0, 0]
+    rate = derivatives(T2Fnn(alpha=0.2), state, 0.0, 0.0, 0.95).f[0, 0]
     assert rate == pytest.approx(-0.01 * 0.2 * 0.95 / 0.001)
 
 
@@ -147,9 +147,9 @@ def test_an_upper_set_alone_keeps_the_input() -> None:
 def test_q_stays_at_its_limit_until_an_update_points_inside(q: float, direction: int, moves: bool) -> None:
     rng = np.random.default_rng(3)
     state = random_state(rng, (2, 2))._replace(q=q)
-    while abs(T2Fnn().derivatives(state, 0.0, 0.0, 1.0).q) > 2:
+    while abs(derivatives(T2Fnn(), state, 0.0, 0.0, 1.0).q) > 2:
         state = random_state(rng, (2, 2))._replace(q=q)
-    raising = np.sign(T2Fnn().derivatives(state, 0.0, 0.0, 1.0).q)  # sign of a tau_c that raises q
+    raising = np.sign(derivatives(T2Fnn(), state, 0.0, 0.0, 1.0).q)  # sign of a tau_c that raises q
     new, _ = T2Fnn().update(state, 0.0, 0.0, direction * raising, TICK)
     assert np.sign(new.q - q) == (direction if moves else 0)
     assert 0 <= new.q <= 1
@@ -174,7 +174,7 @@ def test_initial_consequents_are_small_and_give_q_a_denominator() -> None:
 
 def test_no_rule_fires_and_nothing_breaks() -> None:
     state = _single(3.0)
-    rates = T2Fnn().derivatives(state, 0.0, 0.0, 1.0)
+    rates = derivatives(T2Fnn(), state, 0.0, 0.0, 1.0)
     assert T2Fnn().infer(state, 0.0, 0.0) == 0
     assert not rates.f.any()
     assert not rates.d1_upper.any()

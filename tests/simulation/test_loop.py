@@ -16,7 +16,7 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Path
 from agrobot_mj.plants import MujocoPlant, Plant
 from agrobot_mj.simulation import loop as loop_module
-from agrobot_mj.simulation.columns import COLUMNS, WHEEL_COLUMNS
+from agrobot_mj.simulation.columns import COLUMNS, WHEEL_SIGNALS
 from agrobot_mj.simulation.loop import Loop, build_plant
 from agrobot_mj.simulation.run import CHUNK_TICKS
 from agrobot_mj.tyres import Tyre
@@ -182,7 +182,7 @@ def test_the_table_has_the_promised_columns(plant):
     table = run(short(seconds=0.5, plant__kind=plant)).signals
     assert set(PROMISED) <= set(table.column_names)
     assert set(COLUMNS) <= set(table.column_names)
-    assert (set(WHEEL_COLUMNS) <= set(table.column_names)) == (plant == "mujoco")
+    assert ({column.name for column in WHEEL_SIGNALS} <= set(table.column_names)) == (plant == "mujoco")
     assert {str(field.type) for field in table.schema} == {"double"}
 
 
