@@ -13,7 +13,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.studies.tune import tune
-from agrobot_mj.studies.tuning_cases import TuningFile, read_tuning
+from agrobot_mj.studies.tuning_cases import read_tuning
 
 FILE = read_tuning("gains")
 
@@ -24,20 +24,21 @@ def searched(study: Study, name: str) -> Blocks:
     folder.mkdir(exist_ok=True)
     files = {law: folder / f"{law}.json" for law in FILE.laws}
     if not (files[name].exists() or study.only_draw):
-        write(files[name], name, FILE, study.jobs)
+        write(files[name], name, study)
     return {"gains": table(list(files.values()))} if all(map(Path.exists, files.values())) else {}
 
 
-def write(path: Path, name: str, file: TuningFile, jobs: int) -> None:
+def write(path: Path, name: str, study: Study) -> None:
     """Search the gains of one law, and write what was found, an evaluation a line."""
-    scenario = load_scenario("figure_eight", {**file.set, **file.laws[name].set})
-    with task(f"{name}: {file.budget} evaluations", file.budget) as advance:
+    scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
+    with task(f"{name}: {FILE.budget} evaluations", FILE.budget) as advance:
 
         def done(evaluations: int) -> None:
             for _ in range(evaluations):
                 advance()
 
-        found = tune(scenario, file, jobs=jobs, known=file.laws[name].known, done=done).provenance
+        folder = study.runs / "gains" / name
+        found = tune(scenario, FILE, folder, jobs=study.jobs, known=FILE.laws[name].known, done=done)
     trace = ",\n    ".join(json.dumps(row) for row in found.pop("trace"))
     text = json.dumps(found, indent=2)
     path.write_text(f'{text[:-2]},\n  "trace": [\n    {trace}\n  ]\n}}\n', encoding="utf-8")

@@ -26,7 +26,7 @@ from agrobot_mj.core.sources import source_digest
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.pool import spread
+from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import read_rows
 

@@ -423,7 +423,7 @@ def test_comparing_in_parallel_gives_the_runs_of_their_own(call):
     assert [(row["plant"], row["controller"], row["seed"]) for row in rows] == cases
     assert len({row["lateral_mse"] for row in rows}) == 4
     folders = {path.name for path in Path("cmp").iterdir() if path.is_dir()}
-    assert folders == {f"{plant}-{controller}-s{seed}" for plant, controller, seed in cases}
+    assert folders == {"rows", *(f"{plant}-{controller}-s{seed}" for plant, controller, seed in cases)}
     alone = ("--set", "seed=2", "--set", "controller.kind=pd", "--set", "duration_s=1", "--no-rrd", "--out", "alone")
     assert call("run", "circle", *alone)[0] == 0
     assert Path("alone/signals.parquet").read_bytes() == Path("cmp/mujoco-pd-s2/signals.parquet").read_bytes()
@@ -461,18 +461,20 @@ def test_a_comparison_that_is_stopped_leaves_no_process_behind(number):
     """Days of driving lie before it, and further runs behind those where there are few processors."""
     arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=80000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    Path("scratch").mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2]), "TMPDIR": "scratch"}
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env=environment, start_new_session=True, **pipes) as process:
         workers = []
         try:
             begun = min(4, os.cpu_count() or 1)
-            assert until(lambda: len(list(Path("cmp").glob("*/run.rrd"))) == begun, 600)
+            assert until(lambda: len(list(Path("scratch").rglob("run.rrd"))) == begun, 600)
             workers = children(process.pid)
             assert len(workers) == begun
             os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
             assert until(lambda: process.poll() is not None and not alive(workers), 300)
             assert process.returncode != 0
+            assert list(Path("scratch").glob("agrobot-mj-*")) == []
         finally:
             process.kill()
             for pid in alive(workers):

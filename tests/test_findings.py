@@ -15,9 +15,9 @@ from findings import claims, figures, ranking, survival, validity
 from agrobot_mj import load_scenario
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
+from agrobot_mj.studies.engine import Done
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
-from agrobot_mj.studies.sweep.tasks import Done
 
 ROOT = Path(__file__).parents[1]
 

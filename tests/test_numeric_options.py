@@ -64,10 +64,16 @@ def test_a_limit_is_asked_with_numbers_that_can_be_answered(odd, monkeypatch):
 
 
 @pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
-def test_a_search_too_large_is_refused_before_its_cases_are_built(budget, seeds, monkeypatch):
+def test_a_search_too_large_is_refused_before_its_cases_are_built(budget, seeds, monkeypatch, tmp_path):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
     with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
-        tune(load_scenario("straight_line", {"guidance.kind": "stanley"}), read_tuning("surfaces"), budget, seeds)
+        tune(
+            load_scenario("straight_line", {"guidance.kind": "stanley"}),
+            read_tuning("surfaces"),
+            tmp_path,
+            budget,
+            seeds,
+        )
 
 
 def test_a_search_of_ordinary_size_is_none_too_large():

@@ -20,7 +20,7 @@ from agrobot_mj.scenario.overrides import relocate_files
 from agrobot_mj.simulation import storage
 from agrobot_mj.simulation.ownership import MARK, reserve
 from agrobot_mj.simulation.storage import exclusive, write_json, write_log
-from agrobot_mj.studies import compare
+from agrobot_mj.studies.engine import tasks
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
 QUICK = ("--no-rrd", "--set", "duration_s=1", "--set", "plant.kind=bicycle", "--out", "out")
@@ -142,7 +142,7 @@ def test_signals_while_files_are_put_in_place_come_after_that(call, monkeypatch)
 
 
 def test_a_comparison_that_is_stopped_says_so(call, monkeypatch):
-    monkeypatch.setattr(compare, "run", lambda *arguments: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(tasks, "run", lambda *arguments: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
     assert (status, err) == (130, "stopped before its end\n")
 

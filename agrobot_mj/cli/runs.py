@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
-from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
+from agrobot_mj.cli.options import Jobs, NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
 from agrobot_mj.cli.output import say, tell_doubts
 from agrobot_mj.cli.variants import variants
 
@@ -86,6 +86,7 @@ def compare(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
     max_runs: Annotated[int, typer.Option(min=1, help="Refuse to plan more runs than this.")] = 2000,
+    jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,
     no_rrd: NoRrd = False,
@@ -93,13 +94,12 @@ def compare(
 ) -> None:
     """Run one scenario under several laws, variants and plants.
 
-    Writes a folder for each run, comparison.json, and the paper's figures.
+    Writes a folder for each run, comparison.json, and the paper's figures. Broken off, the same command goes on.
     """
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
-    from agrobot_mj.simulation.storage import exclusive
-    from agrobot_mj.studies import compare as study
+    from agrobot_mj.studies.compare import compare as drive_all
     from agrobot_mj.studies.compare_plan import plan
     from agrobot_mj.studies.tables import notes, table
 
@@ -111,9 +111,8 @@ def compare(
         print(*left_out, sep="\n", file=sys.stderr)
     tell_doubts((case.scenario for case in todo[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    claim, label = exclusive(folder, study.files_of_comparison(todo)), f"{scenario.name}: {len(todo)} runs"
-    with claim, interruptible(), task(label, len(todo), quiet) as advance:
-        rows = study.compare(todo, folder, rrd=not no_rrd, done=lambda case: advance())
+    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
+        rows = drive_all(todo, folder, not no_rrd, jobs, lambda k: advance())
     if not quiet:
         say("\n".join([table(rows), *notes(rows), f"figures and runs: {folder}"]))
     _leave_failed(scenario.name, failures(rows), quiet)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Out, Quiet, Sets, Source, overrides, results_folder
-from agrobot_mj.cli.output import say, tell_doubts
+from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, overrides, results_folder
+from agrobot_mj.cli.output import error_told, say, tell_doubts
 
 if TYPE_CHECKING:
     from agrobot_mj.bench.manoeuvres import Check
@@ -65,20 +65,19 @@ def tune(
         int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")
     ] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Seeds of each case; as TUNING says by default.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, max=1000, help="Processes.")] = 1,
+    jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Search the gains of a guidance law.
 
-    They are judged on other cases and seeds; tuning.json says how they came about.
+    They are judged on other cases and seeds; tuning.json says how they came about. Broken off, the same
+    command goes on.
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import task
-    from agrobot_mj.simulation.storage import exclusive
     from agrobot_mj.studies.tune import tune as search
-    from agrobot_mj.studies.tune import write_tuning
     from agrobot_mj.studies.tuning_cases import read_tuning, tuning_cases
 
     kind = {} if guidance is None else {"guidance.kind": guidance}
@@ -88,16 +87,16 @@ def tune(
     parts = ("training", "test")
     tell_doubts((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
     evaluations = budget or file.budget
-    with exclusive(folder, ("tuning.json",)), interruptible():
-        with task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
-            found = search(scenario, file, budget, seeds, jobs, done=lambda n: [advance() for _ in range(n)])
-        path = write_tuning(found, folder)
+    with interruptible(), task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
+        found = search(
+            scenario, file, folder, budget, seeds, jobs, None, lambda n: [advance() for _ in range(n)], error_told()
+        )
     if not quiet:
         for part in parts:
-            now, before = (_score(found.provenance[part], name) for name in ("score", "score_before"))
+            now, before = (_score(found[part], name) for name in ("score", "score_before"))
             say(f"{part}: {now}, before {before}")
-        say(" ".join(f"--set {key}={value:g}" for key, value in found.gains.items()))
-        say(path)
+        say(" ".join(f"--set {key}={value:g}" for key, value in found["gains"].items()))
+        say(folder / "tuning.json")
 
 
 def _score(part: dict[str, Any], name: str) -> str:

@@ -10,7 +10,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, names, overrides, results_folder
-from agrobot_mj.cli.output import say, tell_doubts
+from agrobot_mj.cli.output import error_told, say, tell_doubts
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def limit(
 ) -> None:
     """Search where a guidance law stops working along one key.
 
-    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png.
+    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png, and resumes.
     """
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.studies.limit import Question, Tried
@@ -125,18 +125,19 @@ def limit(
             print(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}", flush=True)
 
     with interruptible():
-        found = search(scenario, question, kinds, folder, jobs, tell, partial(tell_doubts, quiet=quiet), sound)
+        doubts = partial(tell_doubts, quiet=quiet)
+        found = search(scenario, question, kinds, folder, jobs, tell, doubts, sound, error_told())
     if not quiet:
-        _print_answers(found)
-        print(folder / "limit.json")
+        _print_answers(found, folder)
 
 
-def _print_answers(found: "list[Found]") -> None:
-    """The answer for each law, and below it that of its counterpart."""
+def _print_answers(found: "list[Found]", folder: Path) -> None:
+    """The answer for each law, below it that of its counterpart, and where they are written."""
     for each in found:
         print(each.statement)
         if each.beside:
             print(f"  {each.beside.statement}")
+    print(folder / "limit.json")
 
 
 def _ends(text: str) -> tuple[float, float]:

@@ -68,5 +68,5 @@ def reasons(rows: Iterable[Row]) -> str:
 
 
 def _end(row: Row) -> str:
-    reason = row.get("stop_reason")
+    reason = row.get("stop_reason") or (row.get("error") or "").partition("\n")[0]
     return f"{row['outcome']} ({reason})" if reason else str(row["outcome"])

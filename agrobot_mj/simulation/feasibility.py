@@ -1,6 +1,6 @@
 """Whether the tractor of a scenario can be, without running it: what a plan of many runs asks of each combination."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from agrobot_mj.core.errors import ScenarioError
@@ -38,3 +38,9 @@ def naming(scenario: Scenario) -> Iterator[None]:
         yield
     except ValueError as error:
         raise ScenarioError(f"{scenario.name or 'scenario'}: {error}") from None
+
+
+def check_tractors(scenarios: Iterable[Scenario]) -> None:
+    """`check_tractor` of scenarios, once for all that share a tractor."""
+    for scenario in {tractor_key(scenario): scenario for scenario in scenarios}.values():
+        check_tractor(scenario)

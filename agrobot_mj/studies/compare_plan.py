@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
 
 PLANTS = ("bicycle", "mujoco")
 """Plants of a comparison unless others are named."""
@@ -91,19 +92,20 @@ def plan(
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
     _check_number(len(laws), len(able), seeds, most)
-    cases: list[Case] = []
-    for plant, (law, place) in product(able, zip(laws, safe_names(law.name for law in laws), strict=True)):
-        try:
-            first = _checked(scenario, plant, law)
-        except ScenarioError as error:
-            if plants is not None or not _runs_elsewhere(scenario, able, plant, law):
-                raise
-            left_out.append(f"{law.name} on {plant} is left out: {str(error).splitlines()[0]}")
+    cases, named = list[Case](), list(zip(laws, safe_names(law.name for law in laws), strict=True))
+    tried = {(plant, place): _tried(scenario, plant, law) for plant, (law, place) in product(able, named)}
+    for plant, (law, place) in product(able, named):
+        first = tried[plant, place]
+        if isinstance(first, ScenarioError):
+            if plants is not None or all(isinstance(tried[other, place], ScenarioError) for other in able):
+                raise first
+            left_out.append(f"{law.name} on {plant} is left out: {str(first).splitlines()[0]}")
             continue
         _check_seeds(first.seed, seeds)
         for seed in range(first.seed, first.seed + seeds):
             changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
+    check_tractors(case.scenario for case in cases[::seeds])
     return ComparisonPlan(cases, left_out)
 
 
@@ -185,16 +187,12 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
     return changed
 
 
-def _runs_elsewhere(scenario: Scenario, plants: Sequence[str], failed: str, law: CompetingLaw) -> bool:
-    """Whether another of the plants can run the law."""
-    for plant in plants:
-        if plant != failed:
-            try:
-                _checked(scenario, plant, law)
-            except ScenarioError:
-                continue
-            return True
-    return False
+def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
+    """The scenario of a law on a plant, or why there is none."""
+    try:
+        return _checked(scenario, plant, law)
+    except ScenarioError as error:
+        return error
 
 
 def _check_variants(variants: Sequence[ComparedVariant]) -> None:

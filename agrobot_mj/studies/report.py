@@ -6,7 +6,7 @@ position less reference: left of the path and ahead of the reference are positiv
 reference less position). A run that failed ends with a cross.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -57,16 +57,10 @@ class ReportedRun(NamedTuple):
 Runs = Sequence[ReportedRun]
 
 
-def write_figures(
-    runs: Iterable[tuple[str, str, LogLike] | tuple[str, str, LogLike, bool]], folder: Path
-) -> list[Path]:
-    """Draw the figures of `runs`, each a `ReportedRun` or as one, into `folder`; return the files.
-
-    A figure is left out if no run has data for it.
-    """
-    named = [ReportedRun(*run) for run in runs]
+def write_figures(runs: Runs, folder: Path) -> list[Path]:
+    """Draw the figures that runs have data for into `folder`; returns the files."""
     with mpl.rc_context(STYLE):
-        drawn = {draw.__name__: draw(named) for draw in FIGURES} if named else {}
+        drawn = {draw.__name__: draw(runs) for draw in FIGURES} if runs else {}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
@@ -97,12 +91,12 @@ def trajectory(runs: Runs) -> Figure:
 
 def longitudinal_error(runs: Runs) -> Figure:
     """Longitudinal error over time, all laws of a plant in one panel."""
-    return _overlay(runs, "e_longitudinal", "longitudinal error, ahead + [m]", -1.0)
+    return _error(runs, "e_longitudinal", "longitudinal error, ahead + [m]")
 
 
 def lateral_error(runs: Runs) -> Figure:
     """Lateral error over time, all laws of a plant in one panel."""
-    return _overlay(runs, "e_lateral", "lateral error, left + [m]", -1.0)
+    return _error(runs, "e_lateral", "lateral error, left + [m]")
 
 
 def control_signals(runs: Runs) -> Figure:
@@ -122,7 +116,7 @@ def control_signals(runs: Runs) -> Figure:
     for name in [name for name, (column, _, _) in parts.items() if not any(_has(run, column) for run in shown or runs)]:
         del parts[name]
     keys = [_key(name, colour) for name, (_, _, colour) in parts.items()]
-    return _rows(shown or runs, draw, "steering [deg]", [*keys, _raw_key()])
+    return _panels(shown or runs, draw, "steering [deg]", [*keys, _raw_key()])
 
 
 def yaw_rate_error(runs: Runs) -> Figure | None:
@@ -132,7 +126,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
 
     following = [run for run in runs if np.isfinite(run.log.column("e_yaw_rate")).any()]
-    return _rows(following, draw, "yaw rate error\n[rad/s]", [_raw_key()]) if following else None
+    return _panels(following, draw, "yaw rate error\n[rad/s]", [_raw_key()]) if following else None
 
 
 def q(runs: Runs) -> Figure | None:
@@ -143,7 +137,7 @@ def q(runs: Runs) -> Figure | None:
         axes.set_ylim(-0.05, 1.05)
 
     with_q = [run for run in runs if np.isfinite(run.log.column("q")).any()]
-    return _rows(with_q, draw, "q [-]", []) if with_q else None
+    return _panels(with_q, draw, "q [-]", []) if with_q else None
 
 
 FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
@@ -151,30 +145,29 @@ FIGURES += [control_signals, yaw_rate_error, q]
 """Each draws one figure, a PNG of its name."""
 
 
-def _overlay(runs: Runs, column: str, label: str, sign: float = 1.0) -> Figure:
-    """A figure of one panel per plant, with `column` of all its runs over time."""
-    plants = _plants(runs)
-    figure = Figure((PANEL_WIDTH_IN * len(plants), 2.6), layout="constrained")
-    grid = figure.subplots(1, len(plants), sharex=True, sharey=True, squeeze=False)
-    for axes, plant in zip(grid[0], plants, strict=True):
-        for run in (run for run in runs if run.plant == plant):
-            t, values = run.log.column("t"), sign * run.log.column(column)
-            axes.plot(t, values, color=_colour(runs, run.law))
-            _mark_end(axes, runs, run, t, values)
-        axes.set_title(plant)
-    _finish(figure, grid, runs, label, [*_keys(runs), *_failed(runs)])
-    return figure
+def _error(runs: Runs, column: str, label: str) -> Figure:
+    """A figure of one panel per plant, with a tracking error of all its runs over time."""
+
+    def draw(axes: Axes, run: ReportedRun) -> None:
+        t, values = run.log.column("t"), -run.log.column(column)
+        axes.plot(t, values, color=_colour(runs, run.law))
+        _mark_end(axes, runs, run, t, values)
+
+    return _panels(runs, draw, label, [*_keys(runs), *_failed(runs)], rows=False)
 
 
-def _rows(runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D]) -> Figure:
-    """A figure of one column of panels per plant and one row per law, over time."""
-    plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs))
-    figure = Figure((PANEL_WIDTH_IN * len(plants), 1.45 * len(laws) + 0.7), layout="constrained")
+def _panels(
+    runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D], rows: bool = True
+) -> Figure:
+    """A figure of one column of panels per plant, and one row per law or one for all, over time."""
+    plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs)) if rows else [""]
+    height = 1.45 * len(laws) + 0.7 if rows else 2.6
+    figure = Figure((PANEL_WIDTH_IN * len(plants), height), layout="constrained")
     grid = figure.subplots(len(laws), len(plants), sharex=True, sharey=True, squeeze=False)
     for run in runs:
-        axes = grid[laws.index(run.law), plants.index(run.plant)]
+        axes = grid[laws.index(run.law) if rows else 0, plants.index(run.plant)]
         draw(axes, run)
-        axes.set_title(f"{run.plant}: {run.name}")
+        axes.set_title(f"{run.plant}: {run.name}" if rows else run.plant)
     _finish(figure, grid, runs, label, keys)
     return figure
 

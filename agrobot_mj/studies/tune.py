@@ -12,7 +12,6 @@ result says how it came about.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from math import degrees, inf, log
 from operator import attrgetter
 from pathlib import Path
@@ -26,10 +25,11 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.success import COMPLETED, error_of, failures
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_json
-from agrobot_mj.studies.pool import pool
+from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
+from agrobot_mj.studies.engine.tasks import ERROR
 from agrobot_mj.studies.tuning_cases import TuningCase, TuningFile, tuning_cases
 
 XTE_M = 0.05
@@ -66,15 +66,6 @@ class Judgement(NamedTuple):
     """Its metrics and whether it ended as expected, see `metrics.success`."""
 
 
-class Tuning(NamedTuple):
-    """What a search found."""
-
-    gains: dict[str, float]
-    """By dotted key."""
-    provenance: dict[str, Any]
-    """How it came about and how it scores, ready for JSON."""
-
-
 def tunable(scenario: Scenario) -> dict[str, Limits]:
     """Dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
@@ -98,85 +89,119 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
         )
 
 
-def judge(case: TuningCase, gains: Overrides) -> Judgement:
+def task_of(case: TuningCase, gains: Overrides) -> Task:
     """One run under these gains."""
-    done = run(case.scenario.changed(gains))
-    row = {**done.metrics, "outcome": done.outcome, "expected": done.as_expected}
-    return (_acquisition if case.measure == "acquisition" else _tracking)(row, done)
+    return Task(0, base_text(case.scenario), case.scenario.name, gains, measure=steering)
 
 
-def _tracking(row: dict[str, Any], done: Log) -> Judgement:
+def steering(log: Log) -> dict[str, float]:
+    """End of a run [s], and its steering travel as far as there are angles [deg]."""
+    travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
+    return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
+
+
+def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
+    """What a run is worth; `row` has its metrics and those of `steering`."""
+    if row["outcome"] == ERROR:
+        return Judgement(FAILED + MOST, row)
+    return (_acquisition if case.measure == "acquisition" else _tracking)(row)
+
+
+def _tracking(row: dict[str, Any]) -> Judgement:
     xte = error_of(row, "xte_rms")
     if xte is None:
         return Judgement(FAILED + MOST * (1.0 - min(max(float(row.get("progress") or 0.0), 0.0), 1.0)), row)
-    return Judgement(min(xte / XTE_M + _travel(done), MOST), row)
+    return Judgement(min(xte / XTE_M + _travel(row), MOST), row)
 
 
-def _acquisition(row: dict[str, Any], done: Log) -> Judgement:
+def _acquisition(row: dict[str, Any]) -> Judgement:
     way = row["acquisition"]
     acquired, aside = way["acquired_s"], way["end_abs_max_m"]
     if not row["expected"] or aside > LOST_M:
         reason = row.get("stop_reason") or f"not within {LOST_M:g} m of its line at the end"
         row = {**row, "expected": False, "stop_reason": reason}
         return Judgement(FAILED + min(aside / XTE_M, MOST), row)
-    late = float(done.column("t")[-1]) / ACQUIRED_S + aside / XTE_M if acquired is None else acquired / ACQUIRED_S
-    return Judgement(min(late + way["overshoot_m"] / OVERSHOOT_M + _travel(done), MOST), row)
+    late = row["end_s"] / ACQUIRED_S + aside / XTE_M if acquired is None else acquired / ACQUIRED_S
+    return Judgement(min(late + way["overshoot_m"] / OVERSHOOT_M + _travel(row), MOST), row)
 
 
-def _travel(done: Log) -> float:
+def _travel(row: dict[str, Any]) -> float:
     """What the steering travel of a run costs [-]."""
-    travel = degrees(float(np.abs(np.diff(done.column("steer"))).sum())) / float(done.column("t")[-1])
-    return travel / TRAVEL_DEG_S
+    return float(row["steer_travel_deg"] / row["end_s"] / TRAVEL_DEG_S)
 
 
-def mean_cost(cases: Sequence[TuningCase], gains: Overrides, bound: float = inf) -> float:
-    """The objective, or, as soon as it is sure to be above `bound`, what is sure of it [-]."""
-    total = 0.0
+def mean_costs(
+    cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
+) -> list[float]:
+    """The objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it [-]."""
+    totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
-        total += judge(case, gains).cost
-        if total > bound * len(cases):
-            break
-    return total / len(cases)
+        runs = do([task_of(case, candidates[k]) for k in going])
+        for k, done in zip(going, runs, strict=True):
+            totals[k] += judge(case, done.numbers).cost
+        going = [k for k in going if totals[k] <= bounds[k] * len(cases)]
+    return [total / len(cases) for total in totals]
 
 
 def tune(
     scenario: Scenario,
     file: TuningFile,
+    folder: Path,
     budget: int | None = None,
     seeds: int | None = None,
-    jobs: int = 1,
+    jobs: int | None = None,
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
-) -> Tuning:
-    """Search the gains of the scenario's law with `budget` evaluations of the objective, whole generations.
+    failed: Callable[[str], object] = lambda text: None,
+) -> dict[str, Any]:
+    """Search the gains of the scenario's law; returns what it writes to tuning.json under `folder`.
+
+    The folder keeps the rows of its runs. `done` hears of the evaluations of each generation, `failed` of the errors
+    that runs raise. Raises `ScenarioError`.
+    """
+    check_size(file, budget or file.budget, seeds or file.seeds)
+    training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
+    check_tractors(case.scenario for case in (*training, *test))
+    with resuming(folder, ("tuning.json",), jobs, failed) as do:
+        found = search(scenario, training, test, budget or file.budget, do, known, done)
+        write_json(folder / "tuning.json", found)
+    return found
+
+
+def search(
+    scenario: Scenario,
+    training: Sequence[TuningCase],
+    test: Sequence[TuningCase],
+    budget: int,
+    do: RunTasks,
+    known: Overrides | None = None,
+    done: Callable[[int], object] = lambda evaluations: None,
+) -> dict[str, Any]:
+    """Search with `budget` evaluations of the objective, whole generations; the gains, and how they came about.
 
     It begins with the scenario's gains, with those that are `known` to be good, and with others over their ranges.
     """
-    budget, seeds = budget or file.budget, seeds or file.seeds
     ranges = tunable(scenario)
-    check_size(file, budget, seeds)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
             f"{scenario.name}: expects {scenario.expected_outcome}, and only a run that completes has an error to make "
             f"small; add --set expected_outcome={COMPLETED}"
         )
-    training, test = (tuning_cases(scenario, file, part, seeds) for part in ("training", "test"))
     if not training:
         raise ScenarioError(f"{scenario.name}: none of the cases of this tuning fits this scenario")
     present = {key: attrgetter(key)(scenario) for key in ranges}
     trace: list[tuple[dict[str, float], float]] = []
-    with pool(jobs) as executor:
 
-        def evaluate(points: Array, bounds: Sequence[float]) -> list[float]:
-            some = [_gains(ranges, x) for x in points]
-            found = list((executor.map if jobs > 1 else map)(partial(mean_cost, training), some, bounds))
-            trace.extend(zip(some, found, strict=True))
-            done(len(found))
-            return found
+    def evaluate(points: Array, bounds: Sequence[float]) -> list[float]:
+        some = [_gains(ranges, x) for x in points]
+        found = mean_costs(training, some, bounds, do)
+        trace.extend(zip(some, found, strict=True))
+        done(len(found))
+        return found
 
-        _evolve(_first([present, {**present, **(known or {})}], ranges), max(budget // POPULATION, 1), evaluate)
+    _evolve(_first([present, {**present, **(known or {})}], ranges), max(budget // POPULATION, 1), evaluate)
     gains = min(trace, key=lambda tried: tried[1])[0]
-    provenance = {
+    return {
         "version": __version__,
         "scenario": scenario.name,
         "law": scenario.law,
@@ -184,17 +209,10 @@ def tune(
         "ranges": {key: list(limits) for key, limits in ranges.items()},
         "before": present,
         "gains": gains,
-        "training": _judged(training, gains),
-        "test": _judged(test, gains),
+        "training": _judged(training, gains, do),
+        "test": _judged(test, gains, do),
         "trace": [[*ranges, "cost"], *([*tried.values(), round(cost, 4)] for tried, cost in trace)],
     }
-    return Tuning(gains, provenance)
-
-
-def write_tuning(tuning: Tuning, folder: Path) -> Path:
-    """Write tuning.json under `folder`; returns its path."""
-    write_json(folder / "tuning.json", tuning.provenance)
-    return folder / "tuning.json"
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
@@ -241,16 +259,19 @@ def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Lim
     return points
 
 
-def _judged(cases: Sequence[TuningCase], gains: Overrides) -> dict[str, Any]:
+def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
     """Score of these gains and of the present ones, by case."""
-    names = list(dict.fromkeys(case.name for case in cases))
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),
     }
     for name, chosen in (("score", gains), ("score_before", {})):
-        judged = {each: [judge(c, chosen) for c in cases if c.name == each] for each in names}
-        scores = {each: round(fmean(one.cost for one in some), 4) for each, some in judged.items()}
-        failed = failures([one.row for some in judged.values() for one in some])
+        runs = do([task_of(case, chosen) for case in cases])
+        judged = [judge(case, run.numbers) for case, run in zip(cases, runs, strict=True)]
+        costs: dict[str, list[float]] = {}
+        for case, one in zip(cases, judged, strict=True):
+            costs.setdefault(case.name, []).append(one.cost)
+        scores = {each: round(fmean(some), 4) for each, some in costs.items()}
+        failed = failures([one.row for one in judged])
         found[name] = {**scores, "mean": fmean(scores.values()) if scores else 0.0, "failed": failed}
     return found

@@ -15,9 +15,9 @@ from sweeps import Blocks, Row, Study, variants
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
-from agrobot_mj.studies.sweep.tasks import perform
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3

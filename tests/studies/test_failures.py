@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario
-from agrobot_mj.studies.tune import FAILED, MOST, judge
+from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.tune import FAILED, MOST, judge, task_of
 from agrobot_mj.studies.tuning_cases import TuningCase
 
 LAWS = '''
@@ -156,7 +157,9 @@ def test_a_sweep_shows_no_error_of_who_stood(call, plugin, tmp_path):
 def test_tuning_prefers_any_drive_to_standing():
     keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
     case = TuningCase("lane change", "tracking", 1, load_scenario("lane_change", keys))
-    drives = judge(case, {"guidance.gain_per_s": 0.1})
-    stands = judge(case, {"driveline.pedal_rate_per_v_s": 1e-9})
+    drives, stands = (
+        judge(case, perform(task_of(case, {key: value})).numbers)
+        for key, value in (("guidance.gain_per_s", 0.1), ("driveline.pedal_rate_per_v_s", 1e-9))
+    )
     assert stands.row["xte_rms"] < drives.row["xte_rms"]
     assert drives.cost <= MOST < FAILED < stands.cost

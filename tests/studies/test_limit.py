@@ -9,11 +9,11 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.studies.engine.tasks import Done, failure
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Question, check, metric_names
 from agrobot_mj.studies.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.statistics import runs_needed, wilson_interval
-from agrobot_mj.studies.sweep.tasks import Done, failure
 
 KEY = "steering.valve.dead_band_v"
 METRICS = ("lateral_rms", "xte_rms", "passes.xte_mean")

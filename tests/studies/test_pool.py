@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from agrobot_mj.studies import pool
+from agrobot_mj.studies.engine import pool
 
 
 @pytest.fixture

@@ -84,7 +84,7 @@ def test_drawing_leaves_the_global_style_alone(tmp_path: Path) -> None:
 
 
 def test_figures_without_data_are_left_out(tmp_path: Path) -> None:
-    files = write_figures([("bicycle", "pd", RunLog(CIRCLE, 0.5, "pd"))], tmp_path)
+    files = write_figures([ReportedRun("bicycle", "pd", RunLog(CIRCLE, 0.5, "pd"))], tmp_path)
     assert [file.stem for file in files] == NAMES[:-1]
     assert write_figures([], tmp_path) == []
 

@@ -1,6 +1,6 @@
 """The search of gains: same budget for every law, judged on other cases, repeatable."""
 
-import json
+from math import inf
 
 import pytest
 
@@ -9,8 +9,21 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
+from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import Done
 from agrobot_mj.studies.pieces import pieces
-from agrobot_mj.studies.tune import FAILED, MOST, POPULATION, Judgement, judge, mean_cost, tunable, tune, write_tuning
+from agrobot_mj.studies.tune import (
+    FAILED,
+    MOST,
+    POPULATION,
+    Judgement,
+    judge,
+    mean_costs,
+    search,
+    task_of,
+    tunable,
+    tune,
+)
 from agrobot_mj.studies.tuning_cases import TuningCase, read_tuning, tuning_cases
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
@@ -90,8 +103,13 @@ def test_the_search_for_the_gains_that_ship_covers_what_a_tractor_does(part):
     assert sum(case.measure == "acquisition" for case in cases) >= 3
 
 
+def driven(case, gains) -> Judgement:
+    """What a run under these gains is worth."""
+    return judge(case, perform(task_of(case, gains)).numbers)
+
+
 def cost(scenario, gains) -> float:
-    return judge(tracking(scenario), gains).cost
+    return driven(tracking(scenario), gains).cost
 
 
 def tracking(scenario) -> TuningCase:
@@ -102,7 +120,7 @@ def tracking(scenario) -> TuningCase:
 def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_farther_it_came() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
-    early, late = (judge(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
+    early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
     assert {early.row["outcome"], late.row["outcome"]} == {"stopped"}
     assert FAILED > MOST > cost(scenario, {})
     assert early.cost > late.cost > FAILED
@@ -115,37 +133,36 @@ def test_every_speed_covers_the_same_piece_of_the_path() -> None:
         assert set(pieces(case.scenario for case in cases)) == {1}
 
 
-def test_a_scenario_that_expects_no_error_is_refused() -> None:
+def test_a_scenario_that_expects_no_error_is_refused(tmp_path) -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
     with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
-        tune(scenario, SURFACES)
+        tune(scenario, SURFACES, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
-def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a cheap stand-in for the runs with its optimum at twice the default gain."""
-    calls: list[float] = []
-
-    def stand_in(case, gains) -> Judgement:
-        gain = case.scenario.changed(gains).guidance.gain_per_s
-        calls.append(gain)
-        return Judgement(abs(gain - 1.0), {"outcome": "completed"})
-
-    monkeypatch.setattr(study, "judge", stand_in)
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
-    found = tune(scenario, SURFACES, budget=3 * POPULATION, seeds=1)
-    assert found.provenance["evaluations"] == 3 * POPULATION
-    training = found.provenance["training"]
+
+    def stand_in(tasks):
+        gains = [task.overrides.get("guidance.gain_per_s", scenario.guidance.gain_per_s) for task in tasks]
+        return [Done({"outcome": "completed", "gain": gain}, {}) for gain in gains]
+
+    monkeypatch.setattr(study, "judge", lambda case, row: Judgement(abs(row["gain"] - 1.0), row))
+    training, test = (tuning_cases(scenario, SURFACES, part, 1) for part in ("training", "test"))
+    found = search(scenario, training, test, 3 * POPULATION, stand_in)
+    assert found["evaluations"] == 3 * POPULATION
+    training_score = found["training"]
     assert (
-        training["score"]["mean"]
-        <= training["score_before"]["mean"]
+        training_score["score"]["mean"]
+        <= training_score["score_before"]["mean"]
         == pytest.approx(abs(scenario.guidance.gain_per_s - 1.0))
     )
-    assert found.gains["guidance.gain_per_s"] == pytest.approx(1.0, abs=0.35)
-    (*_, name), *trace = found.provenance["trace"]
+    assert found["gains"]["guidance.gain_per_s"] == pytest.approx(1.0, abs=0.35)
+    (*_, name), *trace = found["trace"]
     assert (name, len(trace)) == ("cost", 3 * POPULATION)
-    assert min(trace, key=lambda row: row[-1])[:-1] == list(found.gains.values())
-    assert found == tune(scenario, SURFACES, budget=3 * POPULATION, seeds=1)
-    assert json.loads(write_tuning(found, tmp_path).read_text())["gains"] == found.gains
+    assert min(trace, key=lambda row: row[-1])[:-1] == list(found["gains"].values())
+    assert found == search(scenario, training, test, 3 * POPULATION, stand_in)
 
 
 def test_a_real_run_costs_error_and_steering() -> None:
@@ -155,18 +172,24 @@ def test_a_real_run_costs_error_and_steering() -> None:
 
 
 def test_an_evaluation_ends_when_it_is_sure_to_be_worse(monkeypatch):
-    driven = []
-    monkeypatch.setattr(study, "judge", lambda case, gains: driven.append(case) or Judgement(3.0, {}))
+    asked = []
+    monkeypatch.setattr(study, "judge", lambda case, row: Judgement(3.0, row))
+
+    def do(tasks):
+        asked.append(len(tasks))
+        return [Done({}, {}) for _ in tasks]
+
     cases = tuning_cases(load_scenario("figure_eight"), SURFACES, "training", 1)
-    assert mean_cost(cases, {}, bound=1.6) > 1.6
-    assert len(driven) == 4
-    assert mean_cost(cases, {}) == pytest.approx(3.0)
+    bounded, whole = mean_costs(cases, [{}, {}], [1.6, inf], do)
+    assert bounded > 1.6
+    assert asked == [2, 2, 2, 2, 1, 1]
+    assert whole == pytest.approx(3.0)
 
 
 def acquisition(law, **changes) -> Judgement:
     line = {"plant.kind": "bicycle", "path.start_offset_m": 1.0, "supervisor.enabled": False, "duration_s": 25.0}
     scenario = load_scenario("straight_line", {**line, "guidance.kind": law})
-    return judge(TuningCase("line", "acquisition", 1, scenario), changes)
+    return driven(TuningCase("line", "acquisition", 1, scenario), changes)
 
 
 def test_the_way_onto_a_line_costs_time_overshoot_and_steering():

@@ -1,8 +1,6 @@
 """The limits of one or more laws: search them, write `limit.json` and `limit.png`."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,15 +8,14 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import exclusive, write_json
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine import resuming
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, at_value, check, laws
-from agrobot_mj.studies.limit.search import RunTasks, find_limit
-from agrobot_mj.studies.pool import cores, pool
+from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
-from agrobot_mj.studies.sweep.tasks import perform
 
 FILES = ("limit.json", "limit.png")
 """What a search leaves."""
@@ -33,39 +30,32 @@ def limit(
     done: Callable[[str, Tried], object] = lambda law, tried: None,
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
+    failed: Callable[[str], object] = lambda text: None,
 ) -> list[Found]:
-    """Search the limit of each kind of guidance and write the answers under `folder`. Raises `ScenarioError`.
+    """Search the limit of each kind of guidance and write the answers under `folder`, which keeps the rows of its runs.
 
-    `begin` hears of the scenarios at both ends of the range before anything is driven. `beside` has the overrides of a
-    counterpart without the hardship, of which the same is asked.
+    `begin` hears of the scenarios at both ends of the range before anything is driven, `failed` of the errors that runs
+    raise. `beside` has the overrides of a counterpart without the hardship, of which the same is asked. Raises
+    `ScenarioError`.
     """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     for each in scenarios.values():
         each.changed(dict(beside or {}))
-    begin([at_value(each, question, end) for each in scenarios.values() for end in (question.start, question.stop)])
-    found = []
-    with exclusive(folder, FILES):
-        with _workers(jobs or cores()) as do:
-            for name, under in scenarios.items():
-                found.append(find_limit(name, under, question, condition, do, partial(done, name), beside))
+    starts, stops = (
+        [at_value(each, question, end) for each in scenarios.values()] for end in (question.start, question.stop)
+    )
+    check_tractors(starts)  # where the key leads to an impossible one, that is where it fails
+    begin([*starts, *stops])
+    with resuming(folder, FILES, jobs, failed) as do:
+        found = [
+            find_limit(name, under, question, condition, do, partial(done, name), beside)
+            for name, under in scenarios.items()
+        ]
         write_json(folder / "limit.json", content(scenario, question, found))
         with mpl.rc_context(STYLE):
             save(figure(question, found), folder / "limit.png")
     return found
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[RunTasks]:
-    """Runs in this process, or in some that live as long as the block."""
-    if jobs == 1:
-        yield lambda tasks: [perform(task) for task in tasks]
-        return
-    with pool(jobs) as executor:
-        try:
-            yield lambda tasks: list(executor.map(perform, tasks))
-        except BrokenProcessPool:
-            raise ScenarioError("limit: a worker process died in a run; --jobs 1 shows why") from None
 
 
 def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:

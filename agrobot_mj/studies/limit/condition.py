@@ -10,12 +10,13 @@ import ast
 import operator
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from itertools import pairwise
 from typing import Any, NoReturn, get_args
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.signals import Outcome
 from agrobot_mj.metrics.success import is_error, succeeded, without_errors
-from agrobot_mj.studies.sweep.tasks import ERROR
+from agrobot_mj.studies.engine.tasks import ERROR
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,
@@ -30,6 +31,7 @@ OUTCOMES = (*get_args(Outcome), ERROR)
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
 """Characters of a condition; a longer one is no question that a person asks."""
+Numbers = Mapping[str, Any]
 
 
 class Condition:
@@ -37,16 +39,16 @@ class Condition:
 
     def __init__(self, text: str, metrics: Collection[str]) -> None:
         """`metrics` are the names that it may use, beside `outcome`."""
-        self.text, self.metrics = text, metrics
+        self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
             self._refuse(f"has more than {LONGEST} characters")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # of Python's parser, on numbers that run into words
-                self._tree = ast.parse(text.strip(), mode="eval").body
+                tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             self._refuse("cannot be read")
-        self._check(self._tree)
+        self._holds = self._read(tree)
 
     @property
     def names_outcome(self) -> bool:
@@ -61,9 +63,9 @@ class Condition:
     @property
     def compared(self) -> list[str]:
         """Names of the metrics that it compares."""
-        return sorted(self._names & set(self.metrics))
+        return sorted(self._names - {"outcome"})
 
-    def fails(self, numbers: Mapping[str, Any]) -> bool:
+    def fails(self, numbers: Numbers) -> bool:
         """Whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says nothing.
 
         The errors of a run that failed or did not complete do not count, and a metric without a value meets it.
@@ -71,100 +73,75 @@ class Condition:
         unexpected = not self.names_outcome and not succeeded(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
-    def met(self, numbers: Mapping[str, Any]) -> bool:
+    def met(self, numbers: Numbers) -> bool:
         """Whether the condition is met by a run; also if a metric that it compares has no value."""
         try:
-            return self._holds(self._tree, numbers)
+            return self._holds(numbers)
         except KeyError:
             return True
 
-    @property
-    def _names(self) -> set[str]:
-        """Names that stand in it, of metrics, outcomes and `outcome`."""
-        nodes = (node for node in ast.walk(self._tree) if isinstance(node, ast.Name | ast.Attribute))
-        return {name for node in nodes if (name := _name(node))}
-
-    def _check(self, node: ast.expr) -> None:
+    def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
+        """What a part of the condition says of a run; raises KeyError where a metric has no value."""
         if isinstance(node, ast.BoolOp):
-            for value in node.values:
-                self._check(value)
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-            self._check(node.operand)
-        elif isinstance(node, ast.Compare) and all(type(op) in COMPARISONS for op in node.ops):
-            self._check_comparison([node.left, *node.comparators], node.ops)
-        else:
+            joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
+            # All are looked at: a value that is missing anywhere counts, whatever the order.
+            return lambda numbers: joined([part(numbers) for part in parts])
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            inner = self._read(node.operand)
+            return lambda numbers: not inner(numbers)
+        if not (isinstance(node, ast.Compare) and all(type(op) in COMPARISONS for op in node.ops)):
             self._refuse(f"{ast.unparse(node)!r} is not a comparison")
+        return self._comparison([node.left, *node.comparators], [type(op) for op in node.ops])
 
-    def _check_comparison(self, terms: list[ast.expr], operators: list[ast.cmpop]) -> None:
-        kinds = [self._kind(term) for term in terms]
+    def _comparison(self, terms: list[ast.expr], operators: list[type[ast.cmpop]]) -> Callable[[Numbers], bool]:
+        sides = [self._side(term) for term in terms]
+        kinds = [kind for kind, _ in sides]
         if kinds[0] in ("outcome", "word"):
-            equality = all(isinstance(op, ast.Eq | ast.NotEq) for op in operators)
-            if sorted(kinds) != ["outcome", "word"] or not equality:
+            if sorted(kinds) != ["outcome", "word"] or not set(operators) <= {ast.Eq, ast.NotEq}:
                 self._refuse("compare outcome with one word, by == or !=")
         elif not set(kinds) <= {"metric", "number"}:
             self._refuse("compare metrics with numbers or with each other")
         elif "metric" not in kinds:
             self._refuse("compares no metric")
 
-    def _kind(self, term: ast.expr) -> str:
-        """What stands on a side of a comparison: "outcome", "word", "metric" or "number"."""
-        if isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd):
-            return self._number(term.operand)
-        if isinstance(term, ast.Constant):
-            if isinstance(term.value, str):
-                return self._known(term.value)
-            return self._number(term)
-        name = _name(term)
-        if name is None:
-            self._refuse(f"{ast.unparse(term)!r} is neither a metric nor a number")
-        return self._known(name)
+        def holds(numbers: Numbers) -> bool:
+            pairs = pairwise([value(numbers) for _, value in sides])
+            return all(COMPARISONS[op](*pair) for op, pair in zip(operators, pairs, strict=True))
 
-    def _number(self, term: ast.expr) -> str:
-        if not isinstance(term, ast.Constant) or type(term.value) not in (int, float):
-            self._refuse(f"{ast.unparse(term)!r} is not a number")
-        return "number"
+        return holds
 
-    def _known(self, name: str) -> str:
-        if name == "outcome":
-            return "outcome"
-        if name in OUTCOMES:
-            return "word"
-        if name not in self.metrics:
+    def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
+        """A side of a comparison: "outcome", "word", "metric" or "number", and what gives its value."""
+        signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
+        inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
+        if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
+            number = ast.literal_eval(term)
+            return "number", lambda numbers: number
+        word = inner.value if isinstance(inner, ast.Constant) and isinstance(inner.value, str) else _name(inner)
+        if signed or (word is None and isinstance(inner, ast.Constant)):
+            self._refuse(f"{ast.unparse(inner)!r} is not a number")
+        if word is None:
+            self._refuse(f"{ast.unparse(inner)!r} is neither a metric nor a number")
+        if word in OUTCOMES:
+            return "word", lambda numbers: word
+        if word != "outcome" and word not in self.metrics:
             known = sorted(self.metrics)
-            hint, outcomes = suggestion(name, [*known, *OUTCOMES]), ", ".join(OUTCOMES)
+            hint, outcomes = suggestion(word, [*known, *OUTCOMES]), ", ".join(OUTCOMES)
             self._refuse(
-                f"there is no metric {name!r}{hint} (known: outcome, {', '.join(known)}; outcomes: {outcomes})"
+                f"there is no metric {word!r}{hint} (known: outcome, {', '.join(known)}; outcomes: {outcomes})"
             )
-        return "metric"
+        self._names.add(word)
+        return "outcome" if word == "outcome" else "metric", lambda numbers: _present(numbers, word)
 
     def _refuse(self, why: str) -> NoReturn:
         shown = self.text if len(self.text) <= LONGEST else f"{self.text[:60]}..."
         raise ScenarioError(f"--until {shown!r}: {why}; write comparisons of metrics and outcome, as in {EXAMPLE}")
 
-    def _holds(self, node: ast.expr, numbers: Mapping[str, Any]) -> bool:
-        if isinstance(node, ast.BoolOp):
-            # All are looked at: a value that is missing anywhere counts, whatever the order.
-            found = [self._holds(value, numbers) for value in node.values]
-            return all(found) if isinstance(node.op, ast.And) else any(found)
-        if isinstance(node, ast.UnaryOp):
-            return not self._holds(node.operand, numbers)
-        if not isinstance(node, ast.Compare):
-            raise TypeError(ast.unparse(node))  # none is left: the condition was checked when it was read
-        values = [self._value(term, numbers) for term in (node.left, *node.comparators)]
-        pairs = zip(node.ops, values, values[1:], strict=False)
-        return all(COMPARISONS[type(op)](left, right) for op, left, right in pairs)
 
-    def _value(self, term: ast.expr, numbers: Mapping[str, Any]) -> Any:
-        """The value of a side; raises KeyError where a metric has none."""
-        if isinstance(term, ast.UnaryOp) and isinstance(term.operand, ast.Constant):
-            value: Any = term.operand.value
-            return -value if isinstance(term.op, ast.USub) else value
-        name = term.value if isinstance(term, ast.Constant) else _name(term)
-        if not isinstance(name, str) or name in OUTCOMES:
-            return name
-        if numbers.get(name) is None:
-            raise KeyError(name)
-        return numbers[name]
+def _present(numbers: Numbers, name: str) -> Any:
+    if numbers.get(name) is None:
+        raise KeyError(name)
+    return numbers[name]
 
 
 def _name(term: ast.expr) -> str | None:

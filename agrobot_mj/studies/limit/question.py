@@ -10,8 +10,8 @@ from agrobot_mj.metrics.success import COMPLETED
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.sweep.tasks import WALL
 
 MOST_CONFIDENT = 0.999999
 """Largest confidence: beyond it the interval of a rate is that of rounding [-]."""

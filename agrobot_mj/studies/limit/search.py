@@ -16,20 +16,19 @@ from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.success import error_of, is_error, succeeded
+from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.studies.engine import RunTasks, Task, base_text
+from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.limit.answer import answer, answer_beside, answer_fixed
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Counterpart, Found, Question, Tried, as_value, at_value
 from agrobot_mj.studies.statistics import runs_needed, wilson_interval
-from agrobot_mj.studies.sweep.plan import base_text
-from agrobot_mj.studies.sweep.tasks import WALL, Done, Task
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""
 SHOWN_RUNS = 10
 """Fewest runs at the values that the answer is about."""
-RunTasks = Callable[[Sequence[Task]], list[Done]]
-"""Does runs, some at a time; results in the order of the tasks."""
 Numbers = Mapping[str, Any]
 
 
@@ -60,7 +59,7 @@ def _beside(
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
-    runs = _drive(sound, {}, range(sound.seed, sound.seed + max(q.seeds, SHOWN_RUNS)), do)
+    runs = _driven(sound, {}, 0, max(q.seeds, SHOWN_RUNS), do)
     return answer_fixed(found, judge(q.start, runs, q, condition), overrides)
 
 
@@ -127,19 +126,18 @@ class _Search:
 
     def _drive(self, value: float, count: int) -> None:
         runs = self.runs.setdefault(value, [])
-        first = self.scenario.seed + len(runs)
-        runs += _drive(self.scenario, {self.q.key: value}, range(first, first + count), self.do)
+        runs += _driven(self.scenario, {self.q.key: value}, len(runs), count, self.do)
         self.tried[value] = judge(value, runs, self.q, self.condition)
 
     def _value(self, value: float) -> float:
         return as_value(self.scenario, self.q, value)
 
 
-def _drive(scenario: Scenario, overrides: dict[str, Any], seeds: Sequence[int], do: RunTasks) -> list[Numbers]:
-    """The numbers of a run with each seed."""
-    base = base_text(scenario)
-    tasks = [Task(seed, base, scenario.name, {**overrides, "seed": seed}, "table") for seed in seeds]
-    return [done.numbers for done in do(tasks)]
+def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
+    """The numbers of so many runs; seeds count up from `first` after the scenario's."""
+    base, seeds = base_text(scenario), range(scenario.seed + first, scenario.seed + first + count)
+    tasks = [Task(seed, base, scenario.name, {**overrides, "seed": seed}) for seed in seeds]
+    return [dict(flat(done.numbers)) for done in do(tasks)]
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
 
 
 def validation_page(folder: Path) -> Document:
@@ -82,11 +82,7 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
     """Success rate over the key."""
     tried = law["tried"]
     rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
-    bars = {
-        "type": "data", "symmetric": False,
-        "array": [100 * t["high"] - rate for t, rate in zip(tried, rates, strict=True)],
-        "arrayminus": [rate - 100 * t["low"] for t, rate in zip(tried, rates, strict=True)],
-    }  # fmt: skip
+    bars = error_bars(rates, [(100 * t["low"], 100 * t["high"]) for t in tried])
     curve = {"type": "scatter", "mode": "lines+markers", "x": [t["value"] for t in tried], "y": rates, "error_y": bars}
     shapes: list[dict[str, Any]] = []
     if law["interval"]:

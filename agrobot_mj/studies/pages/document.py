@@ -132,6 +132,13 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
     return {**common, "font": {"family": "system-ui, sans-serif", "size": 12}, "hovermode": "closest", **own}
 
 
+def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
+    """Bars from the lower to the upper of `ends` of each point."""
+    pairs = list(zip(middle, ends, strict=True))
+    upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
+    return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
+
+
 def finite(value: Any) -> Any:
     """Plain data with None in place of numbers that are not finite, rounded to six digits."""
     if isinstance(value, Mapping):

@@ -76,12 +76,17 @@ def chart_of_tracks(runs: Mapping[str, Signals]) -> Chart:
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
     """One signal of all runs over time."""
-    curves = [
-        line(s["t"], factor * s[column], name, COLOURS[k % len(COLOURS)])
-        for k, (name, s) in enumerate(runs.items())
-        if column in s and np.isfinite(s[column]).any()
+    return _curves(label, {name: (s["t"], factor * s[column]) for name, s in runs.items() if column in s})
+
+
+def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
+    """Curves (time, values) by name, as far as they have values."""
+    data = [
+        line(t, values, name, COLOURS[k % len(COLOURS)])
+        for k, (name, (t, values)) in enumerate(curves.items())
+        if np.isfinite(values).any()
     ]
-    return {"data": curves, "layout": layout("time [s]", label)}
+    return {"data": data, "layout": layout("time [s]", label)}
 
 
 def run_page(folder: Path) -> Document:
@@ -116,24 +121,16 @@ def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
 def _pair(signals: Signals, column: str, label: str, factor: float) -> Chart:
     """A signal and its reference over time."""
     pairs = {"true": column, "reference": f"{column}_ref"}
-    curves = [
-        line(signals["t"], factor * signals[name], who, COLOURS[k])
-        for k, (who, name) in enumerate(pairs.items())
-        if name in signals and np.isfinite(signals[name]).any()
-    ]
-    return {"data": curves, "layout": layout("time [s]", label)}
+    return _curves(label, {who: (signals["t"], factor * signals[c]) for who, c in pairs.items() if c in signals})
 
 
 def _shares(signals: Signals) -> list[tuple[str, Chart]]:
     """Parts of the steering command, for controllers that have a network."""
     if not np.nan_to_num(signals.get("tau_n", np.zeros(1))).any():
         return []
-    degrees = 180 / np.pi
-    curves = [
-        line(signals["t"], degrees * signals["tau_c"], "PD", COLOURS[1]),
-        line(signals["t"], -degrees * signals["tau_n"], "network", COLOURS[0]),
-    ]
-    return [("Parts of the steering command", {"data": curves, "layout": layout("time [s]", "steering [deg]")})]
+    parts = {"network": -np.degrees(signals["tau_n"]), "PD": np.degrees(signals["tau_c"])}
+    curves = {name: (signals["t"], values) for name, values in parts.items()}
+    return [("Parts of the steering command", _curves("steering [deg]", curves))]
 
 
 def comparison_page(folder: Path) -> Document:
@@ -146,14 +143,12 @@ def comparison_page(folder: Path) -> Document:
     files = sorted(folder.glob("*/scenario.toml"))
     text = files[0].read_text("utf-8") if files else ""
     scenario = tomllib.loads(text)
-    seen = (
-        f"{len(rows)} runs, seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"{len(rows)} runs, seed {seeds[0]}"
-    )
-    facts_ = [f"scenario {scenario.get('name', folder.name)}", seen, f"agrobot_mj {scenario.get('version', '?')}"]
-    page = Document(f"Comparison: {scenario.get('title') or folder.name}", facts_)
+    seen = f"{len(rows)} runs, seed" + (f"s {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f" {seeds[0]}")
+    about = [f"scenario {scenario.get('name', folder.name)}", seen, f"agrobot_mj {scenario.get('version', '?')}"]
+    page = Document(f"Comparison: {scenario.get('title') or folder.name}", about)
     _add_rankings(page, places)
     for plant in dict.fromkeys(row["plant"] for row in rows):
-        first = [row for row in rows if _is_first(row, plant, seeds[0])]
+        first = [row for row in rows if (row["plant"], row["seed"]) == (plant, seeds[0])]
         chosen = [(_marked(_law(row), [row]), folder / row["folder"]) for row in first]
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
@@ -167,10 +162,6 @@ def comparison_page(folder: Path) -> Document:
 def _law(row: Mapping[str, Any]) -> str:
     """Name of the law of a row, as its folder has it: plant, law, seed."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
-
-
-def _is_first(row: Mapping[str, Any], plant: str, seed: int) -> bool:
-    return bool(row["plant"] == plant and row["seed"] == seed)
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
@@ -212,19 +203,20 @@ def _summary(name: str, rows: Rows) -> tuple[object, ...]:
 def _ranking(order: Sequence[str], places: Mapping[str, Rows]) -> Chart:
     """Mean and single runs of each case that has successes, best first; who has failures is marked."""
     values = {_marked(name, places[name]): v for name in order if (v := _numbers(places[name], "xte_rms"))}
-    means = [fmean(each) for each in values.values()]
-    bars = {"type": "bar", "orientation": "h", "y": list(values), "x": means, "name": "mean"}
-    points = [(name, value) for name, each in values.items() for value in each]
-    dots = {
-        "type": "scatter",
-        "mode": "markers",
-        "y": [n for n, _ in points],
-        "x": [v for _, v in points],
-        "name": "runs",
+    names, means = list(values), [fmean(each) for each in values.values()]
+    points = [(value, name) for name, each in values.items() for value in each]
+    bars: Chart = {
+        "type": "bar",
+        "orientation": "h",
+        "y": names,
+        "x": means,
+        "name": "mean",
+        "marker": {"color": COLOURS[5]},
     }
+    dots: Chart = {"type": "scatter", "mode": "markers", "y": [n for _, n in points], "x": [v for v, _ in points]}
+    dots |= {"name": "runs", "marker": {"color": "#000000", "size": 5}}
     own = layout("cross-track rms of the successful runs [cm]", "", yaxis=CATEGORIES, showlegend=False)
-    colours = {"marker": {"color": COLOURS[5]}}, {"marker": {"color": "#000000", "size": 5}}
-    return {"data": [{**bars, **colours[0]}, {**dots, **colours[1]}], "layout": own}
+    return {"data": [bars, dots], "layout": own}
 
 
 def thumbnail(signals: Signals) -> str:

@@ -8,17 +8,14 @@ from matplotlib.figure import Figure
 
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.studies.pages.document import COLOURS
-from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, is_number, parameters_of
-from agrobot_mj.studies.statistics import wilson_interval
+from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.store import read_rows
 
 
 def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
-    rows = read_rows(folder)
-    parameters = parameters_of(rows)
-    groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
+    groups, numeric = grouped(read_rows(folder))
     with mpl.rc_context(STYLE):
         drawn = [save(ranking(groups), folder / "ranking.png")]
         return [*drawn, save(over_parameters(groups, numeric), folder / "curves.png")] if numeric else drawn
@@ -30,14 +27,11 @@ def ranking(groups: list[Group]) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))
     for k, group in enumerate(groups):
-        rate = group.successes / len(group.rows)
-        low, high = wilson_interval(group.successes, len(group.rows), CONFIDENCE)
-        ends = [[100 * max(rate - low, 0.0)], [100 * max(high - rate, 0.0)]]
-        left.errorbar([100 * rate], [k], xerr=ends, color=COLOURS[0], marker="o", markersize=4, capsize=2)
-    shown = [(k, group.values) for k, group in enumerate(groups) if len(group.values)]
-    if shown:
-        boxes, at = [values for _, values in shown], [k for k, _ in shown]
-        right.boxplot(boxes, positions=at, orientation="horizontal", sym=".")
+        low, high = group.interval
+        ends = [[100 * max(group.rate - low, 0.0)], [100 * max(high - group.rate, 0.0)]]
+        left.errorbar([100 * group.rate], [k], xerr=ends, color=COLOURS[0], marker="o", markersize=4, capsize=2)
+    if shown := {k: group.values for k, group in enumerate(groups) if len(group.values)}:
+        right.boxplot(list(shown.values()), positions=list(shown), orientation="horizontal", sym=".")
     left.set_yticks(places, [group.name for group in groups])
     left.set(xlabel=f"successful runs, {CONFIDENCE:.0%} interval [%]", xlim=(-3, 103), ylim=(len(groups) - 0.5, -0.5))
     right.set_xlabel(LABEL)

@@ -6,7 +6,6 @@ A group is a variant with the values of all parameters that are words. A run fai
 
 import json
 import shlex
-import tomllib
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -17,13 +16,15 @@ import tomli_w
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
-from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.statistics import wilson_interval
-from agrobot_mj.studies.sweep.plan import sets_schema
+from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.portable import renamed
+from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
@@ -49,9 +50,14 @@ class Group(NamedTuple):
     rows: list[Row]
 
     @property
-    def successes(self) -> int:
-        """Number of runs that ended as expected."""
-        return sum(map(succeeded, self.rows))
+    def rate(self) -> float:
+        """Share of runs that ended as expected [-]."""
+        return sum(map(succeeded, self.rows)) / len(self.rows)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval of that share at `CONFIDENCE` [-]."""
+        return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
     def values(self) -> Array:
@@ -67,81 +73,66 @@ def centimetres(rows: Iterable[Row]) -> Array:
 def sweep_page(folder: Path) -> Document:
     """The page of a sweep's folder."""
     rows = read_rows(folder)
-    file = (folder / "sweep.toml").read_text("utf-8")
-    base, text = (folder / "base.toml").read_text("utf-8"), tomllib.loads(file)
-    parameters = parameters_of(rows)
-    groups, numeric = grouped(rows, parameters), [p for p in parameters if is_number(rows, p)]
-    seeds, versions = sorted({row["seed"] for row in rows}), sorted({row["version"] for row in rows})
-    about = [f"{len(rows):,} runs", f"base {tomllib.loads(base).get('name', '?')}", f"agrobot_mj {', '.join(versions)}"]
-    about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
-    page = Document(text.get("title") or f"Sweep: {folder.name}", about)
     again = RerunCommand(folder)
+    sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
+    seeds, versions = sorted({row["seed"] for row in rows}), sorted({row["version"] for row in rows})
+    about = [f"{len(rows):,} runs", f"base {sweep.base.name}", f"agrobot_mj {', '.join(versions)}"]
+    about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
+    page = Document(sweep.file.title or f"Sweep: {folder.name}", about)
     _add_ranking(page, groups, _pieces(rows, again))
     _add_maps(page, groups, numeric, again)
     _add_curves(page, groups, numeric, again)
     _add_worst(page, rows, again)
     page.section("The sweep")
-    page.code("sweep.toml, resolved", file)
-    page.code("base.toml, its base scenario", base)
+    page.code("sweep.toml, resolved", (folder / "sweep.toml").read_text("utf-8"))
+    page.code("base.toml, its base scenario", (folder / "base.toml").read_text("utf-8"))
     return page
 
 
-def parameters_of(rows: Sequence[Row]) -> list[str]:
-    """Columns between seed and outcome."""
-    names = list(rows[0])
-    return [name for name in names[: names.index("outcome")] if name not in ("run", "variant", "seed")]
-
-
-def is_number(rows: Sequence[Row], name: str) -> bool:
-    """Whether a parameter is a number that varies."""
-    values = {row[name] for row in rows}
-    return len(values) > 1 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-
-
-def grouped(rows: Sequence[Row], parameters: Sequence[str]) -> list[Group]:
-    """Groups, the best first: by success rate, then by the median of the metric."""
-    words = [p for p in parameters if not is_number(rows, p) and len({str(row[p]) for row in rows}) > 1]
+def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
+    """Groups, the best first (by success rate, then by the median of the metric), and parameters that are numbers."""
+    names = list(rows[0])  # parameters stand between seed and outcome
+    varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
+    numeric = [name for name in varied if all(type(row[name]) in (int, float) for row in rows)]
+    words = [name for name in varied if name not in numeric]
     found: dict[str, list[Row]] = {}
     for row in rows:
         parts = [row["variant"]] if row.get("variant") else []
         found.setdefault(", ".join([*parts, *(str(row[word]) for word in words)]) or "all runs", []).append(row)
     groups = [Group(name, members) for name, members in found.items()]
-    return sorted(groups, key=lambda g: (-g.successes / len(g.rows), np.median(g.values) if len(g.values) else np.inf))
+    return sorted(groups, key=lambda g: (-g.rate, np.median(g.values) if len(g.values) else np.inf)), numeric
+
+
+def _differs(rows: Sequence[Row], name: str) -> bool:
+    return len({str(row[name]) for row in rows}) > 1
 
 
 class RerunCommand:
     """How a row of a sweep's table is run again."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.sweep = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
-        self.tables = set(json.loads((folder / "plan.json").read_text("utf-8")).get("text", []))
-        self.variants = {variant["name"]: variant["set"] for variant in self.sweep.get("variant", [])}
+        self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """What the run has beside the base scenario, kinds and tables first."""
-        keys = [key for part in ("axes", "draws") for key in self.sweep.get(part, {}) if key in row]
-        given = {key: json.loads(row[key]) if key in self.tables else row[key] for key in keys}
-        every = {**self.variants.get(row.get("variant") or "", {}), **given, "seed": row["seed"]}
-        return dict(sorted(every.items(), key=lambda item: not sets_schema(*item)))
-
-    @property
-    def varied(self) -> set[str]:
-        """Keys of axes, draws and variants."""
-        own = {key for part in ("axes", "draws") for key in self.sweep.get(part, {})}
-        return own.union(*self.variants.values())
+        """What the run has beside the base scenario; data files by their names in the folder."""
+        overrides = self.plan.run(row["run"]).overrides
+        return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
         """The command that runs a row again, with a recording."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         return f"agrobot-mj run {shlex.quote(str(self.folder / 'base.toml'))} {' '.join(sets)} --out run-{row['run']}"
 
+    def scenario(self, row: Row) -> Scenario:
+        """The scenario of a run."""
+        return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
+
     def signals(self, row: Row) -> Signals:
         """Signals of a run, as the sweep has kept them or driven again."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
-        log = run(load_scenario(self.folder / "base.toml", self.overrides(row)))
+        log = run(self.scenario(row))
         return {name: log.column(name) for name in ("x", "y", "x_ref", "y_ref")}
 
 
@@ -156,11 +147,9 @@ def toml_value(value: Any) -> str:
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
     """How many different pieces of path some runs cover, evenly over the sweep."""
-    if not any(key.startswith("path") or key == "duration_s" for key in again.varied):
+    if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
-    base = load_scenario(again.folder / "base.toml")
-    some = rows[:: max(1, len(rows) // MOST_PIECES)]
-    return max(pieces(base.changed(again.overrides(row)) for row in some))
+    return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
 
 
 def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
@@ -171,16 +160,10 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
             "Without duration_s every run drives its path to the end."
         )
     page.section("Ranking", text)
-    rates = [100 * g.successes / len(g.rows) for g in groups]
-    limits: list[tuple[float, float]] = [wilson_interval(g.successes, len(g.rows), CONFIDENCE) for g in groups]
-    names = [g.name for g in groups]
+    rates, limits = [100 * g.rate for g in groups], [[100 * end for end in g.interval] for g in groups]
     bars = {
-        "type": "scatter", "mode": "markers", "x": rates, "y": names, "marker": {"size": 9, "color": COLOURS[0]},
-        "error_x": {
-            "type": "data", "symmetric": False,
-            "array": [100 * high - rate for rate, (_, high) in zip(rates, limits, strict=True)],
-            "arrayminus": [rate - 100 * low for rate, (low, _) in zip(rates, limits, strict=True)],
-        },
+        "type": "scatter", "mode": "markers", "x": rates, "y": [g.name for g in groups],
+        "marker": {"size": 9, "color": COLOURS[0]}, "error_x": error_bars(rates, limits),
     }  # fmt: skip
     success: Chart = {"data": [bars], "layout": layout("successful runs, 80 % interval [%]", "", yaxis=CATEGORIES)}
     success["layout"]["xaxis"]["range"] = [-3, 103]
@@ -200,8 +183,7 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
 
 def _ranked(group: Group) -> tuple[object, ...]:
     values = [float(v) for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
-    share = 100.0 * group.successes / len(group.rows)
-    return (group.name, len(group.rows), share, *values, failures(group.rows))
+    return (group.name, len(group.rows), 100.0 * group.rate, *values, failures(group.rows))
 
 
 def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
@@ -306,14 +288,12 @@ def _median_curve(group: Group, parameter: str, colour: str) -> Chart:
     else:
         classes = [list(part) for part in np.array_split(np.array(rows, dtype=object), 6)]
     places = [float(np.mean([r[parameter] for r in part])) for part in classes]
-    low, middle, high = np.array([np.percentile(centimetres(part), (10, 50, 90)) for part in classes]).reshape(-1, 3).T
-    bars = {
-        "type": "data",
-        "symmetric": False,
-        "array": (high - middle).tolist(),
-        "arrayminus": (middle - low).tolist(),
-    }
-    curve = {"type": "scatter", "mode": "lines+markers", "x": places, "y": middle.tolist(), "error_y": bars}
+    found = [np.percentile(centimetres(part), (10, 50, 90)).tolist() for part in classes]
+    middle, bars = (
+        [m for _, m, _ in found],
+        error_bars([m for _, m, _ in found], [(low, high) for low, _, high in found]),
+    )
+    curve = {"type": "scatter", "mode": "lines+markers", "x": places, "y": middle, "error_y": bars}
     return {**curve, "name": group.name, "legendgroup": group.name, "line": {"color": colour}, "hoverinfo": "skip"}
 
 

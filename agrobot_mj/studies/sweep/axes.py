@@ -5,7 +5,7 @@ from math import floor, isclose, isfinite, log
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Spec
@@ -21,6 +21,27 @@ Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
 
+def _ascending(pair: tuple[Number, Number]) -> tuple[Number, Number]:
+    if not pair[0] < pair[1] or isclose(*pair, rel_tol=1e-15):
+        raise ValueError(f"the first number must be below the second, got {list(pair)}")
+    return pair
+
+
+def _positive(pair: tuple[Number, Number]) -> tuple[Number, Number]:
+    if pair[0] <= 0:
+        raise ValueError(f"must be above 0, got {pair[0]}")
+    return pair
+
+
+def _spread(pair: tuple[Number, Number]) -> tuple[Number, Number]:
+    if pair[1] <= 0:
+        raise ValueError(f"the second number is the standard deviation, above 0, got {pair[1]}")
+    return pair
+
+
+Limits = Annotated[Pair, AfterValidator(_ascending)]
+
+
 class ValueList(Spec):
     """Values of an axis: `len` of them, `at(k)` is one."""
 
@@ -28,18 +49,13 @@ class ValueList(Spec):
         raise NotImplementedError
 
     def at(self, k: int) -> Any:
-        """Value number `k`, from 0."""
+        """Value number `k`, from 0; whole numbers stay such."""
         raise NotImplementedError
 
     @property
     def written(self) -> list[Any]:
         """The axis as a plain list."""
         return [self.at(k) for k in range(len(self))]
-
-    @property
-    def of_tables(self) -> bool:
-        """Whether a value is a table."""
-        return False
 
 
 class Listed(ValueList):
@@ -58,11 +74,6 @@ class Listed(ValueList):
     def at(self, k: int) -> Any:
         """Value number `k`, from 0."""
         return self.values[k]
-
-    @property
-    def of_tables(self) -> bool:
-        """Whether a value is a table."""
-        return any(isinstance(value, dict) for value in self.values)
 
 
 class Linspace(ValueList):
@@ -127,10 +138,13 @@ Axis = Annotated[
 
 
 class Draw(Spec):
-    """A distribution. `values` maps numbers that are uniform on (0, 1), shape (n,), to as many values."""
+    """A distribution."""
 
     def values(self, u: Array) -> list[Any]:
-        """The quantiles of `u`, so that a Latin hypercube or a Sobol sequence stays one."""
+        """Quantiles of `u`, uniform on (0, 1), shape (n,), so that a Latin hypercube or a Sobol sequence stays one."""
+        return [_tidy(value) for value in self._quantiles(u).tolist()]
+
+    def _quantiles(self, u: Array) -> Array:
         raise NotImplementedError
 
     @property
@@ -142,62 +156,40 @@ class Draw(Spec):
 class Uniform(Draw):
     """Uniform between two limits."""
 
-    uniform: Pair
+    uniform: Limits
     """Lowest and highest value."""
 
-    @model_validator(mode="after")
-    def _in_order(self) -> "Uniform":
-        _ascending("uniform", self.uniform)
-        return self
-
-    def values(self, u: Array) -> list[Any]:
-        """Quantiles of the uniform distribution."""
+    def _quantiles(self, u: Array) -> Array:
         low, high = self.uniform
-        return [_tidy(value) for value in (low + (high - low) * u).tolist()]
+        return low + (high - low) * u
 
 
 class LogUniform(Draw):
     """Uniform in the logarithm: as many values per decade."""
 
-    log_uniform: Pair
+    log_uniform: Annotated[Limits, AfterValidator(_positive)]
     """Lowest and highest value, above 0."""
 
-    @model_validator(mode="after")
-    def _in_order(self) -> "LogUniform":
-        _ascending("log_uniform", self.log_uniform)
-        if self.log_uniform[0] <= 0:
-            raise ValueError(f"log_uniform: must be above 0, got {self.log_uniform[0]}")
-        return self
-
-    def values(self, u: Array) -> list[Any]:
-        """Quantiles of the log-uniform distribution."""
+    def _quantiles(self, u: Array) -> Array:
         low, high = map(log, self.log_uniform)
-        return [_tidy(value) for value in np.exp(low + (high - low) * u).tolist()]
+        return np.exp(low + (high - low) * u)
 
 
 class Normal(Draw):
     """Normal distribution, cut off at the limits of `within` if given."""
 
-    normal: Pair
+    normal: Annotated[Pair, AfterValidator(_spread)]
     """Mean and standard deviation."""
-    within: Pair | None = None
+    within: Limits | None = None
     """Lowest and highest value; the distribution between them is scaled up, not piled up at the ends."""
 
-    @model_validator(mode="after")
-    def _sensible(self) -> "Normal":
-        if self.normal[1] <= 0:
-            raise ValueError(f"normal: the second number is the standard deviation, above 0, got {self.normal[1]}")
-        if self.within:
-            _ascending("within", self.within)
-        return self
-
-    def values(self, u: Array) -> list[Any]:
-        """Quantiles of the (truncated) normal distribution."""
+    def _quantiles(self, u: Array) -> Array:
         from scipy.stats import norm
 
         mean, deviation = self.normal
         low, high = norm.cdf([(limit - mean) / deviation for limit in self.within or (-np.inf, np.inf)])
-        return [_tidy(value) for value in (mean + deviation * norm.ppf(low + (high - low) * u)).tolist()]
+        found: Array = mean + deviation * norm.ppf(low + (high - low) * u)
+        return found
 
 
 class Choice(Draw):
@@ -225,11 +217,6 @@ AnyDraw = Annotated[
     | Annotated[Choice, Tag("choice")],
     Discriminator(_draw_tag),
 ]
-
-
-def _ascending(key: str, pair: tuple[Number, Number]) -> None:
-    if not pair[0] < pair[1] or isclose(*pair, rel_tol=1e-15):
-        raise ValueError(f"{key}: the first number must be below the second, got {list(pair)}")
 
 
 def _tidy(value: float) -> float:

@@ -16,10 +16,9 @@ import numpy as np
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
-from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, check_files
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
-from agrobot_mj.studies.sweep.axes import Listed
+from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.portable import portable
 from agrobot_mj.studies.sweep.schema import Sweep
 
@@ -60,7 +59,7 @@ class SweepPlan:
     def __init__(self, sweep: Sweep) -> None:
         self.sweep, self.file = sweep, sweep.file
         # Axes of tables last, since TOML files, the resolved one too, write them there.
-        self.axes = dict(sorted(self.file.axes.items(), key=lambda item: item[1].of_tables))
+        self.axes = dict(sorted(self.file.axes.items(), key=_of_tables))
         self.sizes = [len(axis) for axis in self.axes.values()]
         self.samples = points_of(self.file.method, self.file.samples, len(self.file.draws)) if self.file.draws else 1
         self.combinations = max(len(self.file.variant), 1) * prod(self.sizes)
@@ -69,6 +68,11 @@ class SweepPlan:
     def total(self) -> int:
         """Number of runs."""
         return self.combinations * self.samples * len(self.sweep.seeds)
+
+    @property
+    def varied(self) -> set[str]:
+        """Keys of axes, draws and variants."""
+        return {*self.axes, *self.file.draws}.union(*(variant.set for variant in self.file.variant))
 
     @property
     def checks(self) -> int:
@@ -196,40 +200,30 @@ class _Checker:
 
     def _of_tractor(self, scenario: Scenario) -> list[str]:
         """What is wrong with the tractor; remembered by those of its keys that many runs share."""
-        key = tractor_key(scenario)
-        found = self.tractors.get(key)
-        if found is None:
-            found = self._found(partial(check_tractor, scenario))
-            if len(self.tractors) < MOST_KEPT:
-                self.tractors[key] = found
-        return found
+        room = len(self.tractors) < MOST_KEPT
+        return self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
 
     def _of_place(self, scenario: Scenario) -> list[str]:
         """What is wrong with path and field. Of too many different ones only the path is looked at."""
-        tractor = scenario.tractor
+        tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
-        if key not in self.places:
-            fields = len(self.places) < MOST_GROUNDS
-            found = self._found(partial(check_files, scenario, self.base.name, fields))
-            if not fields:
-                return found
-            self.places[key] = found
-        return self.places[key]
+        return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
-    def _found(self, check: Callable[[], None]) -> list[str]:
+    def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
+        """The faults that a check tells, remembered by `key` while there is room."""
+        if key in known:
+            return known[key]
+        faults = []
         try:
             check()
         except ScenarioError as error:
-            return self._plain(error)
-        return []
+            faults = self._plain(error)
+        if room:
+            known[key] = faults
+        return faults
 
     def _plain(self, error: ScenarioError) -> list[str]:
         return [line.removeprefix(f"{self.base.name}: ").removeprefix("--set ") for line in str(error).splitlines()]
-
-
-def base_text(base: Scenario) -> str:
-    """A scenario as JSON that reads back as the same, with the same keys left to their defaults."""
-    return json.dumps(explicit_values(base), sort_keys=True)
 
 
 def sets_schema(key: str, value: Any) -> bool:
@@ -272,6 +266,10 @@ def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
         else:
             points = qmc.LatinHypercube(dimensions, rng=generator).random(n)
     return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+def _of_tables(item: tuple[str, Axis]) -> bool:
+    return any(isinstance(value, dict) for value in getattr(item[1], "values", ()))
 
 
 def _shown(value: Any) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agrobot_mj.scenario.overrides import FILE_KEY, explicit_values, relocate_files
-from agrobot_mj.studies.sweep.schema import Sweep, resolved
+from agrobot_mj.studies.sweep.schema import Sweep, changed_values, last, resolved
 
 
 class PortableSweep(NamedTuple):
@@ -27,34 +27,17 @@ class PortableSweep(NamedTuple):
 
 def portable(sweep: Sweep) -> PortableSweep:
     """The sweep with every data file named as if it lay beside it; files of the library keep their names."""
-    content, base = resolved(sweep), explicit_values(sweep.base)
-    files = relocate_files([base, *_file_tables(content)])
+    content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
+    changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
+    files = relocate_files([base, *tables])
     names = {str(path): name for name, path in files.items()}
-    content["axes"] = {key: [renamed(key, v, names) for v in values] for key, values in content["axes"].items()}
-    for key, draw in content["draws"].items():
-        if "choice" in draw:
-            draw["choice"] = [renamed(key, value, names) for value in draw["choice"]]
-    for variant in content["variant"]:
-        variant["set"] = {key: renamed(key, value, names) for key, value in variant["set"].items()}
-    return PortableSweep(content, base, files)
+    return PortableSweep(changed_values(content, lambda key, value: renamed(key, value, names)), base, files)
 
 
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
     """A value of a dotted key with the paths of files in it replaced by their names."""
     if isinstance(value, str):
-        return names.get(value, value) if _last(key) == FILE_KEY else value
+        return names.get(value, value) if last(key) == FILE_KEY else value
     if isinstance(value, Mapping):
         return {inner: renamed(inner, each, names) for inner, each in value.items()}
     return [renamed("", each, names) for each in value] if isinstance(value, list | tuple) else value
-
-
-def _file_tables(content: dict[str, Any]) -> list[dict[str, Any]]:
-    """Values of axes, draws and variants that are names of files, or tables that may hold such, as copies."""
-    values = [(key, value) for key, each in content["axes"].items() for value in each]
-    values += [(key, value) for key, draw in content["draws"].items() for value in draw.get("choice", [])]
-    values += [pair for variant in content["variant"] for pair in variant["set"].items()]
-    return [{_last(key): deepcopy(value)} for key, value in values if isinstance(value, str | dict | list)]
-
-
-def _last(key: str) -> str:
-    return key.rpartition(".")[2]

@@ -11,14 +11,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.progress import tally, task
 from agrobot_mj.simulation.storage import exclusive
-from agrobot_mj.studies.pool import cores, spread
-from agrobot_mj.studies.sweep.cluster import over_dask
-from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan, base_text
+from agrobot_mj.studies.engine import Done, Task, base_text, performing
+from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, merge
-from agrobot_mj.studies.sweep.tasks import Done, Task, failure, perform
 
-DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 MOST_HEARD = 100
 """Scenarios, evenly over the plan, of which doubts are told."""
 Begin = Callable[[Iterator[Scenario]], object]
@@ -151,13 +148,9 @@ def _is_other(store: Store, plan: SweepPlan) -> bool:
 def _results(plan: SweepPlan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
     base, name, keep = base_text(plan.sweep.base), plan.sweep.base.name, plan.file.keep
     tasks = (Task(number, base, name, plan.run(number).overrides, keep) for number in todo)
-    if not todo:
-        return
-    if options.scheduler:
-        yield from over_dask(tasks, options.scheduler)
-    else:
-        workers = min(options.jobs or cores(), len(todo))
-        yield from spread(perform, tasks, workers, lambda each: failure(DIED))
+    if todo:
+        with performing(options.jobs, options.scheduler, len(todo)) as perform:
+            yield from perform(tasks)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for 
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -198,30 +198,44 @@ def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
     """A copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
 
     def absolute(key: str, value: Any) -> Any:
-        given = {key.rpartition(".")[2]: deepcopy(value)}
+        given = {last(key): deepcopy(value)}
         absolute_paths(given, Path.cwd(), folder)
-        return given[key.rpartition(".")[2]]
+        return given[last(key)]
 
-    def each(table: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: absolute(key, value) for key, value in table.items()}
-
-    data = as_table(file)
-    data["set"] = each(file.set)
-    for key, axis in file.axes.items():
-        if isinstance(axis, Listed):
-            data["axes"][key] = [absolute(key, value) for value in axis.values]
-        else:
-            data["axes"][key] = axis.model_dump(
-                by_alias=True
-            )  # perhaps too many values to list before they are counted
-    for draw_key, draw in data["draws"].items():
-        if "choice" in draw:
-            draw["choice"] = [absolute(draw_key, value) for value in draw["choice"]]
-    data["variant"] = [{"name": variant.name, "set": each(variant.set)} for variant in file.variant]
-    return SweepFile.model_validate_json(json.dumps(data))
+    data = _as_table(file)
+    for (
+        key,
+        axis,
+    ) in file.axes.items():  # others than lists have perhaps too many values to list before they are counted
+        data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
+    return SweepFile.model_validate_json(json.dumps(changed_values(data, absolute)))
 
 
-def as_table(file: SweepFile) -> dict[str, Any]:
+def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
+    """A sweep as plain data with `change(key, value)` for each value that it gives to a dotted key."""
+
+    def each(values: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: change(key, value) for key, value in values.items()}
+
+    def listed(key: str, values: Any) -> Any:
+        return [change(key, value) for value in values] if isinstance(values, list) else values
+
+    choices = {key: {name: listed(key, part) for name, part in draw.items()} for key, draw in table["draws"].items()}
+    return {
+        **table,
+        "set": each(table["set"]),
+        "axes": {key: listed(key, values) for key, values in table["axes"].items()},
+        "draws": choices,
+        "variant": [{**variant, "set": each(variant["set"])} for variant in table["variant"]],
+    }
+
+
+def last(key: str) -> str:
+    """The last part of a dotted key."""
+    return key.rpartition(".")[2]
+
+
+def _as_table(file: SweepFile) -> dict[str, Any]:
     """A sweep as plain data that reads back as the same, but for its axes."""
     data = file.model_dump(mode="json", exclude={"axes", "draws"})
     return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
@@ -231,7 +245,7 @@ def resolved(sweep: Sweep) -> dict[str, Any]:
     """A sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": "base.toml", "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
-    return {**as_table(sweep.file), **known}
+    return {**_as_table(sweep.file), **known}
 
 
 def _lines(source: str, error: ValidationError) -> list[str]:

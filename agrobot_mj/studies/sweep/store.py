@@ -10,7 +10,6 @@ import os
 import shutil
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
-from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,25 +19,21 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.sources import source_digest
-from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.overrides import explicit_values, files
-from agrobot_mj.scenario.plugins import loaded_files
+from agrobot_mj.scenario.overrides import explicit_values, files, flat
 from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
 from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
+from agrobot_mj.studies.engine.resume import ROWS, RowFiles
+from agrobot_mj.studies.engine.tasks import Done, digest, origin
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.portable import portable, renamed
-from agrobot_mj.studies.sweep.tasks import Done
 
-TABLE, PLAN, ROWS, RUNS = "sweep.parquet", "plan.json", "rows", "runs"
+TABLE, PLAN, RUNS = "sweep.parquet", "plan.json", "runs"
 DIGITS = 8
 """Digits of the number of a run in names."""
 IN_A_FOLDER = 1000
 """Rows in a folder, since many file systems and tools are slow on larger ones."""
 IN_A_PIECE = 2000
 """Rows that are in memory at a time while the table is written."""
-FIRST = ("run", "variant", "seed")
-"""Columns before the parameters."""
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
@@ -48,24 +43,15 @@ def digests(plan: SweepPlan) -> dict[str, str]:
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
     about = ("title", "version", "keep")
     return {
-        "sweep": _digest(json.dumps({k: v for k, v in content.items() if k not in about}, sort_keys=True).encode()),
-        "base": f"{plan.sweep.base.hash8}-{_digest(json.dumps(base, sort_keys=True).encode())}",
-        "data files": _digest(*data),
-        "plugins": _digest(*(path.read_bytes() for path in loaded_files())),
-        "version": __version__,
-        "program": source_digest(),
+        "sweep": digest(json.dumps({k: v for k, v in content.items() if k not in about}, sort_keys=True).encode()),
+        "base": f"{plan.sweep.base.hash8}-{digest(json.dumps(base, sort_keys=True).encode())}",
+        "data files": digest(*data),
+        **origin(),
     }
 
 
-def _digest(*contents: bytes) -> str:
-    return sha256(b"".join(sha256(content).digest() for content in contents)).hexdigest()[:16]
-
-
-class Store:
+class Store(RowFiles):
     """The results of a sweep in a folder."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
 
     @property
     def begun(self) -> dict[str, Any] | None:
@@ -125,7 +111,7 @@ class Store:
         for place in map(Path, _entries(self.folder / ROWS)) if ROWS in ours else ():
             if place.is_dir() and place.name.isdecimal():
                 first = int(place.name) * IN_A_FOLDER
-                sweep_up(place, {_row_name(number).name for number in range(first, first + IN_A_FOLDER)})
+                sweep_up(place, {self._file(number).name for number in range(first, first + IN_A_FOLDER)})
         for _, place in self._kept() if RUNS in ours else ():
             sweep_up(place, kept)
 
@@ -137,35 +123,21 @@ class Store:
     def put(self, run: RunPlan, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
         """Write what is kept of a run, then its row."""
         for name, content in kept.items():
-            self._write(Path(RUNS, f"{run.number:08}", name), content)
-        write_json(self._place(self._file(run.number)), row)
-
-    def _write(self, name: Path, content: bytes) -> None:
-        with atomic(self._place(self.folder / name)) as temporary:
-            temporary.write_bytes(content)
-
-    def _place(self, file: Path) -> Path:
-        """The path of a file below the folder. Raises `ScenarioError` where a link leads out of it."""
-        for place in file.relative_to(self.folder).parents[:-1]:
-            if (self.folder / place).is_symlink():
-                raise ScenarioError(f"{self.folder / place}: is a link, which is not followed; move it away")
-        return file
+            self.write_bytes(Path(RUNS, f"{run.number:08}", name), content)
+        self.write(_row_name(run.number), row)
 
     def row(self, run: RunPlan, done: Done, plan: SweepPlan) -> dict[str, Any]:
         """The row of a run, ready for JSON; data files by their names in the folder."""
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {k: json.dumps(v) if k in plan.mixed else v for k, v in named.items()}
         variant = {} if run.variant is None else {"variant": run.variant}
-        return {"run": run.number, **variant, "seed": run.seed, **shown, **done.numbers}
+        numbers = {key: value for key, value in flat(done.numbers) if key != "real_time_factor"}
+        return {"run": run.number, **variant, "seed": run.seed, **shown, **numbers}
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Every row that can be read, in the order of the runs."""
         for number in sorted(self._numbers()):
-            try:
-                row = json.loads(self._file(number).read_bytes())
-            except (OSError, ValueError):
-                continue  # torn by a loss of power, say: the run counts as missing
-            if isinstance(row, dict) and row.get("run") == number:
+            if (row := self.read(_row_name(number))) and row.get("run") == number:
                 yield row
 
     def finished(self) -> Iterator[int]:
@@ -193,7 +165,7 @@ class Store:
         return int(table.num_rows)
 
     def _file(self, number: int) -> Path:
-        return self.folder / _row_name(number)
+        return self.folder / ROWS / f"{_row_name(number)}.json"
 
     def _kept(self) -> Iterator[tuple[int, Path]]:
         """Number and folder of each run of which something is kept."""
@@ -213,11 +185,11 @@ class Store:
         """Copy the rows of another folder of the same sweep, and what is kept of their runs; no link is followed."""
         for number in other._numbers():
             if number < runs and _is_file(other._file(number)):
-                self._write(_row_name(number), other._file(number).read_bytes())
+                self.write_bytes(Path(ROWS, f"{_row_name(number)}.json"), other._file(number).read_bytes())
         for number, place in other._kept():
             for name in other._kept_names():
                 if number < runs and _is_file(place / name):
-                    self._write(Path(RUNS, place.name, name), (place / name).read_bytes())
+                    self.write_bytes(Path(RUNS, place.name, name), (place / name).read_bytes())
 
     def _numbers(self) -> Iterator[int]:
         for folder in _entries(self.folder / ROWS):
@@ -272,8 +244,8 @@ def _is_plan(content: Any) -> bool:
     return isinstance(runs, int) and runs > 0 and isinstance(files, list) and all(map(is_bare, files))
 
 
-def _row_name(number: int) -> Path:
-    return Path(ROWS, f"{number // IN_A_FOLDER:05}", f"{number:0{DIGITS}}.json")
+def _row_name(number: int) -> str:
+    return f"{number // IN_A_FOLDER:05}/{number:0{DIGITS}}"
 
 
 def _entries(folder: Path) -> list[str]:

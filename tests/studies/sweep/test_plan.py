@@ -130,11 +130,18 @@ z = { log_uniform = [0, 1] }
 """
     found = faults(plan, text)
     keys = [line.partition(": ")[0] for line in found]
-    assert set(keys) >= {"seeds", "keeep", "axes.terrain.grade_deg", "axes.path.speed_m_s.count", "draws.x", "draws.y"}
+    assert set(keys) >= {
+        "seeds",
+        "keeep",
+        "axes.terrain.grade_deg",
+        "axes.path.speed_m_s.count",
+        "draws.x",
+        "draws.y.uniform",
+    }
     assert "axes.terrain.grade_deg: has no values; list at least one, or leave the axis out" in found
     assert any(line.startswith("keeep: unknown key; did you mean 'keep'?") for line in found)
     assert any(line.startswith("axes.tractor.mass_kg: step: leads nowhere") for line in found)
-    assert any(line.startswith("draws.z: log_uniform: must be above 0") for line in found)
+    assert any(line.startswith("draws.z.log_uniform: must be above 0") for line in found)
 
 
 def test_a_key_that_no_scenario_has_is_told_once_with_those_it_has(plan):

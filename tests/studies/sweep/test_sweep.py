@@ -20,7 +20,8 @@ from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.studies.sweep import SweepOptions, cluster, store, tasks
+from agrobot_mj.studies.engine import cluster, resume, tasks
+from agrobot_mj.studies.sweep import SweepOptions
 from agrobot_mj.studies.sweep import sweep as run_sweep
 
 TEXT = """
@@ -212,10 +213,10 @@ def test_changed_input_is_refused_until_it_is_to_be_discarded(file, tmp_path, ca
     assert call(file, "--jobs", 1, "--shard", "1/8", "--out", folder, "--fresh")[0] == 0
     assert table(folder).num_rows == 2
     assert (folder / "notes.txt").exists()
-    monkeypatch.setattr(store, "__version__", "9.9")
+    monkeypatch.setattr(tasks, "__version__", "9.9")
     assert "(version changed)" in call(file, "--out", folder)[2]
     monkeypatch.undo()
-    monkeypatch.setattr(store, "source_digest", lambda: "0" * 16)
+    monkeypatch.setattr(tasks, "source_digest", lambda: "0" * 16)
     assert "(program changed)" in call(file, "--out", folder)[2]
 
 
@@ -282,7 +283,7 @@ def test_a_run_that_raises_or_takes_its_process_along_is_a_row_and_workers_know_
 
 
 def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path, call, monkeypatch):
-    folder, real, room = tmp_path / "out", store.write_json, [7]
+    folder, real, room = tmp_path / "out", resume.write_json, [7]
 
     def write(path, content):
         if path.parent.parent.name == "rows":
@@ -291,7 +292,7 @@ def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(path, content)
 
-    monkeypatch.setattr(store, "write_json", write)
+    monkeypatch.setattr(resume, "write_json", write)
     status, out, err = call(file, "--jobs", 1, "--out", folder)
     text = "No space left on device; 7 finished runs are kept; free some space and start the same command again"
     assert (status, out, err) == (1, "", f"{folder}: {text}\n")

@@ -4,7 +4,6 @@ Each point of the design is averaged over its seeds. As every point has the same
 residual of an analysis of variance in two ways (points and seeds), whose share is told.
 """
 
-import json
 import tomllib
 from collections.abc import Sequence
 from math import prod
@@ -20,15 +19,15 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.results_io import reporting_damage
 from agrobot_mj.studies.style import STYLE, save
 from agrobot_mj.studies.sweep.importance.screening import screened
-from agrobot_mj.studies.sweep.importance.shares import Influence, Share, ranked
+from agrobot_mj.studies.sweep.importance.shares import Influence, ranked
 from agrobot_mj.studies.sweep.importance.sobol import sobol_flaws, sobol_shares
 from agrobot_mj.studies.sweep.importance.text import importance_figure
 from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
-from agrobot_mj.studies.sweep.tasks import WALL
 
 DESIGNS = ("screening", "saltelli")
 """Methods of a sweep whose importance can be told."""
@@ -132,14 +131,3 @@ def _name(row: dict[str, Any], file: dict[str, Any]) -> str:
     """Name of the group of a row."""
     parts = [row["variant"]] if file.get("variant") else []
     return ", ".join([*parts, *(str(row[key]) for key in file.get("axes", {}))]) or "all runs"
-
-
-def read_importance(folder: Path) -> list[Influence]:
-    """What `importance` has written."""
-    content = json.loads((folder / "importance.json").read_text("utf-8"))
-    return [
-        Influence(
-            **{**group, "flaws": tuple(group["flaws"]), "shares": tuple(Share(**share) for share in group["shares"])}
-        )
-        for group in content["groups"]
-    ]

@@ -4,8 +4,9 @@ Workers need this version of the package, the plugin files at the same paths, an
 """
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
-from agrobot_mj.studies.pool import AHEAD, stream
-from agrobot_mj.studies.sweep.tasks import Done, Task, failure, perform
+from agrobot_mj.studies.engine.pool import AHEAD, stream
+from agrobot_mj.studies.engine.tasks import Done, Task, failure, perform
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -23,22 +24,27 @@ PATIENCE_S = 10
 """Time that a scheduler has to answer [s]."""
 
 
-def over_dask(tasks: Iterator[Task], address: str) -> Iterator[tuple[Task, Done]]:
-    """Each task with its result, in the order in which they end.
+@contextmanager
+def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
+    """What does tasks over a scheduler within the block.
 
     Raises `ScenarioError` if the scheduler cannot be reached or is lost, or if its workers cannot do the work.
     """
     # Its own account of a lost scheduler is a traceback; ours is the message below.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
-        threads = _workers(client, address)
-        function = partial(_perform, plugins=loaded_files())
-        try:
-            for task, future in stream(client.get_executor(pure=False), function, tasks, AHEAD * threads):
+        window = AHEAD * _workers(client, address)
+        executor, function = client.get_executor(pure=False), partial(_perform, plugins=loaded_files())
+
+        def over_dask(tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+            for task, future in stream(executor, function, iter(tasks), window):
                 error = future.exception()
                 if isinstance(error, OSError):
                     raise error
                 yield task, future.result() if error is None else failure(f"{type(error).__name__}: {error}")
+
+        try:
+            yield over_dask
         except CancelledError:
             raise ScenarioError(
                 f"--scheduler {address}: was lost; what is done is kept, the same command goes on with the rest"

@@ -1,0 +1,155 @@
+"""Worker processes of every study: a pool that leaves no process behind, and a bounded stream of work through it."""
+
+import multiprocessing
+import os
+import signal
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import TypeVar
+
+from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.scenario.plugins import load_plugins, loaded_files
+
+AHEAD = 2
+"""Pieces of work handed out per worker: one is done, one waits, so that no worker idles and memory stays bounded."""
+Work = TypeVar("Work")
+Result = TypeVar("Result")
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Pool:
+    """Worker processes that end with the block, however it ends; one worker means this process.
+
+    Workers know the plugins of this process, and end by themselves if it is killed. Their temporary files go with them.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._executor: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> "Pool":
+        self._scratch = TemporaryDirectory(prefix="agrobot-mj-", ignore_cleanup_errors=True)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._end(kind is not None)
+        self._scratch.cleanup()
+
+    def spread(
+        self, function: Callable[[Work], Result], todo: Iterable[Work], died: Callable[[Work], Result] | None = None
+    ) -> Iterator[tuple[Work, Result]]:
+        """Each piece of work with its result, in the order in which they end.
+
+        A worker that dies takes the others with it: the pieces under way are then done again, each alone. What kills
+        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`.
+        """
+        if self.workers <= 1:
+            yield from ((work, function(work)) for work in todo)
+            return
+        todo, suspects = iter(todo), list[Work]()
+        while True:
+            self._executor = self._executor or _executor(self.workers, self._scratch.name)
+            for work, future in stream(self._executor, function, todo, AHEAD * self.workers):
+                if isinstance(future.exception(), BrokenProcessPool):
+                    suspects.append(work)
+                else:
+                    yield work, future.result()
+            if not suspects:
+                return
+            self._end(at_once=True)
+            for work in suspects:
+                yield work, self._alone(function, work, died)
+            suspects = []
+
+    def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
+        """The result of work done in a process of its own."""
+        executor = _executor(1, self._scratch.name)
+        try:
+            with held_back():
+                future = executor.submit(function, work)
+            return future.result()
+        except BrokenProcessPool:
+            if died is None:
+                raise
+            return died(work)
+        finally:
+            _stop(executor, at_once=True)
+
+    def _end(self, at_once: bool) -> None:
+        executor, self._executor = self._executor, None
+        if executor:
+            _stop(executor, at_once)
+
+
+def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
+    """Each piece of work with its result, as `Pool.spread`, by so many processes of its own."""
+    with Pool(workers) as pool:
+        yield from pool.spread(function, todo)
+
+
+def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
+    context, known = multiprocessing.get_context("spawn"), (loaded_files(), scratch)
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
+
+
+def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
+    """End the processes of an executor, at once or once their work is done."""
+    for process in list((executor._processes or {}).values()) if at_once else ():
+        process.terminate()
+    executor.shutdown(wait=True, cancel_futures=at_once)
+
+
+def stream(
+    executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
+) -> "Iterator[tuple[Work, Future[Result]]]":
+    """Each piece of work with its future once it is done, of which at most `window` are handed out at a time.
+
+    Ends early, after the pieces handed out, once the executor takes no more.
+    """
+    running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future
+            if not isinstance(future.exception(), BrokenProcessPool):
+                running |= {_handed_out(executor, function, work): work for work in islice(todo, 1)}
+
+
+def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Work) -> "Future[Result]":
+    try:
+        with held_back():  # else a worker that is being started would find half a message, and print a traceback
+            return executor.submit(function, work)
+    except BrokenProcessPool as error:
+        refused: Future[Result] = Future()
+        refused.set_exception(error)
+        return refused
+
+
+def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
+    """Start a worker: load the parent's plugins first, since its scenarios may be of their kinds."""
+    tempfile.tempdir = scratch
+    _leave_signals_to_the_parent()
+    load_plugins(plugins)
+
+
+def _leave_signals_to_the_parent() -> None:
+    """Ignore Ctrl-C in a worker, since the parent ends its workers itself; end the worker if the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,127 @@
+"""One run of a study, wherever it is done: a `Task` in, its numbers and the files to keep out.
+
+A run that fails has numbers like any other; one that raises has the outcome `error` and its message.
+"""
+
+import errno
+import json
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.sources import source_digest
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.overrides import explicit_values
+from agrobot_mj.scenario.plugins import loaded_files
+from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.storage import write_log
+
+ERROR = "error"
+"""Outcome of a run that raised."""
+WALL = ("wall_s", "real_time_factor")
+"""Metrics that differ when a run is repeated."""
+LAST = "metrics.json"
+"""File of a run that is there only if all are."""
+POSES = "poses.npy"
+"""File with the poses of a run, shape (ticks, bodies, 7)."""
+
+
+class Task(NamedTuple):
+    """What a worker needs to do one run."""
+
+    number: int
+    """Number of the run among those it is done with."""
+    base: str
+    """Base scenario as JSON, see `base_text`."""
+    name: str
+    """Name of the base scenario."""
+    overrides: dict[str, Any]
+    """All that differs from the base scenario, by dotted key."""
+    keep: str = "table"
+    """What to keep of the run, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
+    measure: Callable[[Log], Mapping[str, float]] | None = None
+    """Numbers to be had beside its metrics, by a function that workers can import."""
+
+
+class Done(NamedTuple):
+    """What came out of a run."""
+
+    numbers: dict[str, Any]
+    """`outcome`, `expected`, `error`, metrics as in metrics.json, and `version`; ready for JSON."""
+    files: dict[str, bytes]
+    """Files to keep, by path from the run's folder."""
+
+
+def base_text(base: Scenario) -> str:
+    """A scenario as JSON that reads back as the same, with the same keys left to their defaults."""
+    return json.dumps(explicit_values(base), sort_keys=True)
+
+
+def perform(task: Task) -> Done:
+    """Do one run. Raises OSError where the disk is full, which is no fault of the run; nothing else."""
+    began = time.perf_counter()
+    try:
+        base = _base(task.base, task.name)
+        return _driven(task, base.changed(task.overrides) if task.overrides else base)
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        return failure(f"{type(error).__name__}: {error}", time.perf_counter() - began)
+
+
+def failure(text: str, wall_s: float | None = None) -> Done:
+    """The result of a run that raised."""
+    return Done({"outcome": ERROR, "expected": False, "error": text, "wall_s": wall_s, "version": __version__}, {})
+
+
+@lru_cache(maxsize=32)
+def _base(text: str, name: str) -> Scenario:
+    return resolve(json.loads(text), name)
+
+
+def _driven(task: Task, scenario: Scenario) -> Done:
+    if task.keep in ("table", "failures"):
+        log = run(scenario)
+        if task.keep == "table" or log.as_expected:
+            return Done(_numbers(log, task), {})
+    with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
+        folder = Path(place)
+        # A failure is driven once more for its recording: it repeats exactly, and rerun keeps some MB of each.
+        log = run(scenario) if task.keep == "signals" else _recorded(scenario, folder)
+        write_log(log, folder)
+        if task.keep == "poses":
+            np.save(folder / POSES, log.poses)
+        kept = sorted((file for file in folder.iterdir() if file.name != MARK), key=lambda file: file.name == LAST)
+        return Done(_numbers(log, task), {file.name: file.read_bytes() for file in kept})
+
+
+def _recorded(scenario: Scenario, folder: Path) -> Log:
+    from agrobot_mj.recording import Recording
+
+    return run(scenario, (Recording(folder / "run.rrd"),))
+
+
+def _numbers(log: Log, task: Task) -> dict[str, Any]:
+    measured = task.measure(log) if task.measure else {}
+    end = {"expected": log.as_expected, "error": None}
+    return {"outcome": log.outcome, **end, **log.metrics, **measured, "version": __version__}
+
+
+def origin() -> dict[str, str]:
+    """What the numbers of every run depend on, part by part."""
+    plugins = digest(*(path.read_bytes() for path in loaded_files()))
+    return {"plugins": plugins, "version": __version__, "program": source_digest()}
+
+
+def digest(*contents: bytes) -> str:
+    """16 hex digits of some contents."""
+    return sha256(b"".join(sha256(content).digest() for content in contents)).hexdigest()[:16]
