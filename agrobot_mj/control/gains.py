@@ -39,6 +39,13 @@ TUNED: Mapping[str, Mapping[str, float]] = {
         "controller.kp": 0.43,
         "controller.kd": 0.14,
     },
+    "feedforward with pd_t2fnn": {
+        "guidance.scheduled_above_m_s": 1.5,
+        "guidance.gain_per_m": 0.76,
+        "controller.kp": 0.35,
+        "controller.kd": 0.18,
+        "controller.network.alpha": 0.0066,
+    },
     "kinematic with pd": {
         "guidance.scheduled_above_m_s": 1.5,
         "guidance.gain_per_m": 0.7,
