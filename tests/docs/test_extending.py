@@ -98,7 +98,7 @@ def test_a_new_member_takes_one_file_and_a_line_or_two_beside_the_others():
 def failed(folder, *arguments, compiled=False):
     """Failed tests of that checkout, as `file::test`, and how many passed; without compiled kernels unless said."""
     environment = {**os.environ, "PYTHONPATH": str(folder)} | ({} if compiled else {"NUMBA_DISABLE_JIT": "1"})
-    words = ["-m", "pytest", "-q", "-rf", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]
+    words = ["-m", "pytest", "-rf", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]
     done = subprocess.run(
         [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
@@ -108,12 +108,8 @@ def failed(folder, *arguments, compiled=False):
 
 
 def test_the_tests_of_all_members_together_fail_only_where_the_page_says_so(checkout):
-    subprocess.run(
-        [sys.executable, "scripts/make_reference.py"],
-        cwd=checkout,
-        check=True,
-        env={**os.environ, "PYTHONPATH": str(checkout)},
-    )
+    environment = {**os.environ, "PYTHONPATH": str(checkout)}
+    subprocess.run([sys.executable, "scripts/make_reference.py"], cwd=checkout, check=True, env=environment)
     assert failed(checkout, *LISTS)[0] == ANNOUNCED
 
 

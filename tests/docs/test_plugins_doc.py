@@ -75,7 +75,7 @@ def _chunks(run):
 
 def _info(run):
     """The text of a recording."""
-    return " ".join(str(chunk.to_record_batch()) for chunk in _chunks(run) if chunk.entity_path == "/info")
+    return " ".join(str(chunk.to_record_batch().to_pydict()) for chunk in _chunks(run) if chunk.entity_path == "/info")
 
 
 def test_without_the_plugin_the_message_names_the_option(folder):

@@ -26,8 +26,10 @@ needs_vulkan = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def pictures(eight, tmp_path_factory):
-    """Each tab of a recording at 20 s, as (height, width, 3)."""
-    written = snapshots(eight.path, [20.0], tmp_path_factory.mktemp("pictures"))
+    """Each tab of a recording at 20 s, as (height, width, 3); a busy machine takes more than a user's patience."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(snapshot, "TRIES", 10)
+        written = snapshots(eight.path, [20.0], tmp_path_factory.mktemp("pictures"))
     return {path.stem.partition("_")[0]: np.asarray(Image.open(path).convert("RGB")).astype(int) for path in written}
 
 
