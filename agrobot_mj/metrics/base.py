@@ -14,7 +14,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.metrics.crosstrack import BesidePath, track
-from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.paths import Path
 
 LEAST = 20
 """Number of values from which a statistic says something: a second of ticks. Estimate."""
@@ -23,11 +23,25 @@ RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Rows of a log: a piece of it, or a mask of shape (ticks,)."""
 
 
+class HasPath(Protocol):
+    """The part of a scenario that the metrics need."""
+
+    @property
+    def path(self) -> Path:
+        """The reference path."""
+        ...
+
+    @property
+    def duration_s(self) -> float | None:
+        """Planned duration; the path's own when None [s]."""
+        ...
+
+
 class LogLike(Protocol):
     """The part of a log that the metrics and the figures need."""
 
     @property
-    def scenario(self) -> Scenario:
+    def scenario(self) -> HasPath:
         """The scenario that was run."""
         ...
 

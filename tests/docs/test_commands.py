@@ -128,13 +128,17 @@ def test_the_command_line_takes_it(command):
     assert context.args == []
 
 
+PLUGINS = ("guidance.", "plant.tyre.kind", "sensors.accelerometer.")
+"""Keys of the parts that plugins on the pages bring; tests/docs/test_plugins_doc.py drives them."""
+
+
 @pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
 def test_its_keys_exist_and_its_values_are_allowed(command):
     words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
     for text in [b for a, b in pairwise(words) if a == "--variant"]:
         sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
     if "--plugin" in words or command.verb in ("replay", "identify"):
-        sets = {key: value for key, value in sets.items() if not key.startswith("guidance.")}
+        sets = {key: value for key, value in sets.items() if not key.startswith(PLUGINS)}
     outside = {"link": {"guidance.kind": "agopengps"}, "ros2": {"guidance.kind": "cmd_vel"}}
     base = words[2] if words[2] in scenario_files() else "straight_line"
     load_scenario(base, outside.get(command.verb, {}) | sets)

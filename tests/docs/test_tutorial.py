@@ -79,7 +79,7 @@ def walk(request, tmp_path_factory):
         (folder / name).write_text(short, encoding="utf-8")
     said, before = [], Path.cwd()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agrobot_mj.studies.compare.cores", lambda: 1)
+        patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
         try:
             os.chdir(folder)
             said = [executed(arguments, durations) for arguments in COMMANDS]
@@ -121,7 +121,7 @@ def test_a_fresh_clone_knows_the_first_commands(tmp_path):
 def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
     (line,) = re.findall(r"-m agrobot_mj (compare .*) --out", (ROOT / "Makefile").read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("agrobot_mj.studies.compare.cores", lambda: 1)
+    monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
     said = in_process([*line.split(), "--set", "duration_s=1", "--out", "demo"])
     assert said.count("completed") == 4
     assert (tmp_path / "demo" / "mujoco-pd_t2fnn-s1" / "run.rrd").stat().st_size > 10_000
