@@ -49,7 +49,7 @@ def test_what_is_given_stays():
 
 
 def test_a_trailer_of_twice_the_load_has_tyres_of_twice_the_stiffness():
-    small, large = (Drawn(mass_kg=kg).hitched(COMPACT).axle for kg in (500.0, 1000.0))
+    small, large = (Drawn(mass_kg=kg).hitched(COMPACT).axle.wheel for kg in (500.0, 1000.0))
     assert (small.stiffness, small.damping) == (1.8e5, 1800.0)
     assert (large.stiffness, large.damping) == pytest.approx((3.6e5, 3600.0))
     assert large.load == pytest.approx(1000 * G * 1.75 / 2.0 / 2)
@@ -76,7 +76,7 @@ def test_wheel_loads_and_what_an_implement_carries_itself_are_its_weight(impleme
     front, rear = wheel_loads(COMPACT, hitched)
     wheel = hitched.depth_wheel
     on_depth_wheel = wheel.stiffness * (-COMPACT.hitch_height_m - wheel.at[2])
-    own, wheels = (2 * hitched.axle.load, 2 * hitched.axle.mass) if hitched.axle else (on_depth_wheel, 0.0)
+    own, wheels = (2 * hitched.axle.wheel.load, 2 * hitched.axle.wheel.mass) if hitched.axle else (on_depth_wheel, 0.0)
     assert own + 2 * (front + rear) == pytest.approx(G * (COMPACT.mass_kg + hitched.mass + wheels))
 
 
