@@ -25,7 +25,7 @@ COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BL
 SPARE_COLOURS = (PINK, SKY_BLUE, DARK_GREY, BROWN, YELLOW, ROYAL_BLUE)
 """Colours of laws not named above, in order of appearance."""
 NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
-NAMES |= {"open_loop": "open loop"}
+NAMES |= {"pi": "PI", "lqr": "LQR", "open_loop": "open loop"}
 """Names of the controllers in figures."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,

@@ -18,7 +18,7 @@ from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BL
 from agrobot_mj.studies.style import NAMES, PANEL_WIDTH_IN, STYLE, save
 
 COLOURS = {PD: VERMILION, ISGN: ORANGE, T1: GREEN, T2: BLUE, PI: PINK, LQR: SKY_BLUE, FASTER: DARK_GREY}
-LAW_NAMES = {**NAMES, PI: "PI", LQR: "LQR", FASTER: "PD + T1FNN, faster"}
+LAW_NAMES = {**NAMES, FASTER: "PD + T1FNN, faster"}
 MARKS, LINES = {"bicycle": "o", "mujoco": "s"}, {"bicycle": "--", "mujoco": "-"}
 LOG, MSE_M2 = {"yscale": "log"}, "lateral MSE [m²]"
 
