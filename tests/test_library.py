@@ -37,6 +37,12 @@ def test_it_begins_well_or_ends_as_expected(name):
     check(run(scenario))
 
 
+@pytest.mark.parametrize("name", ["headland_k_turn", "reverse_into_row"])
+def test_it_stops_at_the_cusps_and_drives_on(name):
+    """Where the command falls faster than the tractor, which is no overspeed."""
+    check(run(load_scenario(name)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenario_files())
 def test_it_ends_as_expected_and_its_recording_is_sound(name, tmp_path):

@@ -60,7 +60,7 @@ class Watched(NamedTuple):
     pedal_rate: float = 0.0
     """Rate of the measured pedal since the last tick [1/s]."""
     allowed: float = 0.0
-    """Commanded speed, falling no faster than the tractor slows down [m/s]."""
+    """Commanded speed, falling no faster than the tractor can follow [m/s]."""
     tracked: bool = False
     """Whether the heading has been known."""
     aligning_s: float = 0.0

@@ -26,6 +26,8 @@ STEERING_RATE_S = 0.5
 """Time over which that rate is smoothed: 0.3 deg of noise then count as 0.6 deg/s [s]. Estimate."""
 SLOWING_M_S2 = 0.5
 """Deceleration at which a tractor follows a falling speed command [m/s2]. Estimate."""
+BEHIND_S = 0.8
+"""Time by which its speed lags behind a falling command: pedal, pump and speed loop [s]. Estimate (0.5-1)."""
 STANDING_M_S = 0.15
 """Speed below which the tractor counts as standing [m/s]. Estimate: four times the noise of a reading."""
 OVERDUE_S = 1.0
@@ -139,6 +141,7 @@ class Supervisor(SupervisorLimits):
         coming = copysign(1.0, mismatch) * rate > SLOWEST_STEERING
         following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
+        behind = watched.allowed - commanded
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=beside.s,
@@ -147,7 +150,7 @@ class Supervisor(SupervisorLimits):
             evidence=watched.evidence.after(measured),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
-            allowed=max(commanded, watched.allowed - SLOWING_M_S2 * dt),
+            allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),
             tracked=watched.tracked or estimate.aligned,
             aligning_s=0.0 if estimate.aligned else watched.aligning_s + dt,
         )
