@@ -24,7 +24,7 @@ def test_the_default_reverses_into_its_row():
     assert path.motion.distances[-1] == pytest.approx(14 + 2 * 1.5708 + 4 * np.radians(67.5) + 2 + 22)
 
 
-def test_pieces_join_and_the_side_is_where_the_wheels_are_turned():
+def test_pieces_join_and_side_is_where_the_wheels_turn():
     path = Manoeuvre(
         piece=(
             StraightPiece(length_m=5.0),
@@ -44,7 +44,7 @@ def test_pieces_join_and_the_side_is_where_the_wheels_are_turned():
     assert np.hypot(end.vx, end.vy) <= 0.3 + 1e-9
 
 
-def test_it_is_written_in_a_scenario_and_survives_it(tmp_path):
+def test_survives_the_round_trip_through_a_scenario(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(
         '[path]\nkind = "manoeuvre"\n[[path.piece]]\nkind = "straight"\nlength_m = 8\n'
