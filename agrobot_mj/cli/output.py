@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, which may be closed or full without harm, and doubts on stderr."""
+"""What commands print: results on stdout, which may be closed or full without harm, and hints on stderr."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Scenarios that are looked at, and lines that are told of them."""
+"""Largest number of scenarios that are checked for hints, and of lines that are printed."""
 
 
 def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
-    """Tell the doubts of the first scenarios, each once."""
+    """Print the hints on the first scenarios to stderr, each once."""
     if quiet:
         return
     from agrobot_mj.scenario.doubts import doubts
@@ -27,7 +27,7 @@ def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
 
 
 def say(text: object) -> None:
-    """Print a result; told on stderr where stdout takes nothing."""
+    """Print a result; a stdout that cannot be written is reported on stderr."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -37,7 +37,7 @@ def say(text: object) -> None:
 
 
 def error_told() -> Callable[[str], None]:
-    """What tells the errors of runs, each once."""
+    """A function that prints the error of a run to stderr, each text once."""
     told = set[str]()
 
     def tell(error: str) -> None:

@@ -51,7 +51,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """The recording that follows a run into its folder or a viewer, if any."""
+    """Recorder that writes a run into its folder or to a viewer as it goes, if asked for."""
     if not recorded and not live:
         return ()
     from agrobot_mj.recording import Recording

@@ -89,17 +89,17 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Its line is the host's own, and so is its supervision."""
+        """Always False: host and boards have a line and a supervision of their own."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that runs it."""
+        """Command that runs this guidance."""
         return "link"
 
     @property
     def needs(self) -> dict[str, str]:
-        """Two antennas, where their sentence is asked for."""
+        """Two antennas, if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
@@ -115,7 +115,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What the host does."""
+        """Columns of the host's requests."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),

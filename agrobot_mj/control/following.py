@@ -26,13 +26,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
 ASTRAY_M, ASTRAY = 0.3, radians(20.0)
-"""Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
+"""Cross-track [m] and heading error [rad] above which the speed correction fades, to zero at twice these. Estimate."""
 TURNING_S = 1.0
 """Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
 STEEP = radians(10.0)
-"""Heading error from which it comes onto the path rather than follows it [rad]. Estimate."""
+"""Heading error above which the tractor is approaching the path rather than following it [rad]. Estimate."""
 SWING = radians(6.0)
-"""Turn of the heading beyond which it waits for wheels that are still turning to their command. Estimate."""
+"""Turn of the heading beyond which the tractor waits for wheels that still turn to their command [rad]. Estimate."""
 RISE_M_S2 = 1.0
 """Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))

@@ -34,7 +34,7 @@ from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.machine.tractor import TractorParameters
 
 BIAS = 3
-"""Where the steering bias stands in the state."""
+"""Index of the steering bias in the state."""
 
 
 class Levels(NamedTuple):

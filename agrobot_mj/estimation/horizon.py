@@ -36,7 +36,7 @@ HISTORY_TICKS = 110
 
 
 class Horizon(NamedTuple):
-    """The core, the readings that it has not seen yet, and where it came from."""
+    """State of the filter at the newest fix, with the readings since then and the states before it."""
 
     core: Core
     """Beliefs at the time of the core."""
@@ -79,7 +79,7 @@ class Horizon(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What is believed of this moment."""
+    """Estimate at the present time."""
 
     x: float
     """R, east [m]."""

@@ -19,7 +19,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of the columns of the implement, if there are any."""
+        """Metrics of the implement, empty without one."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # no such column

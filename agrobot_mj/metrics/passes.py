@@ -69,7 +69,7 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of `pass_to_pass`."""
+        """Metrics from `pass_to_pass`."""
         if not isinstance(view.path, Parallel):
             return {}
         return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}

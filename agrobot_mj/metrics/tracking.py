@@ -35,7 +35,7 @@ class Tracking(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of all rows, and of the rows of each turn."""
+        """Errors over all rows, and over the rows of each turn."""
         t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
         turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
         return {**found[0], "per_turn": turns}

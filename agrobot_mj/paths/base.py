@@ -61,7 +61,7 @@ class ReferencePath(Spec):
     """Heading of the tractor at its start from that of the path, left positive [deg]."""
 
     def check(self) -> None:
-        """Read what the path takes from files. Raises ValueError where that makes no path, naming the key."""
+        """Read the path's files. Raises ValueError, naming the key, where they give no path."""
 
     @property
     def duration_s(self) -> float:

@@ -76,7 +76,7 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """Where it is."""
+        """Where the curvature is largest."""
         return self.course.sharpest()
 
     def when(self, distance: float) -> float:

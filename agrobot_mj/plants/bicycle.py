@@ -56,7 +56,7 @@ class Bicycle(Spec):
     """C_alpha,r of the rear axle [N/rad]. Estimate (18e3-40e3), likewise."""
 
     def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Stiffnesses that are not those of tyres under the static loads: lines that begin with a key."""
+        """Stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):

@@ -1,4 +1,4 @@
-"""The run of the Python API: as `simulation.run.run`, with a warning for what the scenario hardly means."""
+"""The run of the Python API: as `simulation.run.run`, with a warning for each hint on the scenario."""
 
 import warnings
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """A key of a scenario that is legal, but has no effect, or hardly the one that is meant."""
+    """A key of a scenario that is legal, but has no effect or probably not the intended one."""
 
 
 def run(

@@ -22,7 +22,7 @@ CONTROLLERS = ("pd", "pd_t2fnn")
 MOST_RUNS = 2000
 """Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Keys that a variant leaves to an option."""
+"""Keys that variants may not set, since an option sets them."""
 
 
 class ComparedVariant(NamedTuple):

@@ -28,8 +28,8 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 LEAST_SHARE = 0.2
 """Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
 KNOWN_LOADS = (0.5, 2.0)
-"""Loads over the reference between which the change with load is known [-]. Estimate: what a tyre of one size at one
-pressure is made for."""
+"""Loads over the reference between which the linear change with load holds [-]. Estimate: what a tyre of one size at
+one pressure is made for."""
 
 
 class CurveLaw(NamedTuple):
@@ -139,7 +139,7 @@ class AxleTyre(Spec):
     """Longitudinal curve, over the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """What is held at its least share, `df` of the reference load above it, in words; else nothing."""
+        """Coefficients clamped to their least share at a load `df` above the reference, as text; empty if none."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),

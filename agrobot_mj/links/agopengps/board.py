@@ -88,15 +88,15 @@ class BoardState(NamedTuple):
 
 
 class Board(NamedTuple):
-    """A steer module of certain keys."""
+    """A steer module with the keys of a scenario."""
 
     spec: AgOpenGps
     limit: float
     """Largest steering angle, either way [rad]."""
     inertial_unit: bool = False
-    """Answers to the host's hello, too."""
+    """Whether an inertial unit answers the host's hello, too."""
     address: tuple[int, int, int, int] = LOOPBACK
-    """Told to a host that scans."""
+    """Address that a scanning host is given."""
 
     def init(self) -> BoardState:
         """Power-up."""

@@ -50,7 +50,7 @@ class GuideState(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """A host with certain settings."""
+    """A small guidance host with its settings."""
 
     settings: HostSettings
 

@@ -37,7 +37,7 @@ NOT_MEASURED = [-1.0, *[0.0] * 8]
 
 
 class Site(NamedTuple):
-    """What the messages need of a scenario."""
+    """Data of a scenario that the messages need."""
 
     origin: Origin
     """Where x = y = 0 lies."""

@@ -73,7 +73,7 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Deflection `z` of a spring after its stiffness has changed: what is new of it is not deflected yet."""
+    """Deflection `z` of a spring after its stiffness has changed; the added part starts undeflected."""
     return z * before / now if now > before else z
 
 

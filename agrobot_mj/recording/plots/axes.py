@@ -15,15 +15,15 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 MOST_STEPS = 42.0
-"""Steps between numbers one above the other that have room on a tab 1080 pixels high; plots share them."""
+"""Largest number of steps between axis numbers on a tab 1080 pixels high; plots share them."""
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [share of the range]."""
 ROOM = 1.02
-"""Time axis over the run."""
+"""Length of the time axis over that of the run [-]."""
 EDGE = 0.045
 """Share of the time axis at its end where a number would be cut."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""A plot that may be cut ends at CUT_AT times this quantile if its largest value is over CUT_ABOVE times that end."""
+"""A plot that may be cut ends at CUT_AT times this quantile, if its largest value is above CUT_ABOVE times that end."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),

@@ -10,7 +10,7 @@ from agrobot_mj.studies.statistics import runs_needed
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """The verdict on what was tried, from the start of the range on, with what it does not show."""
+    """Verdict on the values that were tried, from the start of the range on, with what they do not show."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_doubts(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:

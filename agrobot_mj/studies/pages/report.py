@@ -19,10 +19,10 @@ PAGES: dict[str, Callable[[Path], Document]] = {
     "validation.json": validation_page,
     "signals.parquet": run_page,
 }
-"""Maker of a page by the file that shows what a folder holds."""
+"""Function that makes the page, by the file that identifies a folder's content."""
 
 FILES = ("report.html", "ranking.png", "curves.png")
-"""What reports leave."""
+"""Files of a report."""
 
 
 def write_report(folder: Path) -> list[Path]:

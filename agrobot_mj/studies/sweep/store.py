@@ -37,7 +37,7 @@ IN_A_PIECE = 2000
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """What the rows of a sweep depend on, part by part; the same for the same files in another place."""
+    """Digests of what the rows of a sweep depend on, by part; equal for equal files in another place."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]

@@ -1,4 +1,4 @@
-"""Importance for readers: table, sentences that say what the samples tell, and figure."""
+"""Importance for readers: a table, sentences on what the samples show, and a figure."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Sentences on each group: what the samples tell, and what they do not."""
+    """Sentences on what the samples of each group show and do not show."""
     return "\n".join(_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
