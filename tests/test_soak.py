@@ -31,7 +31,7 @@ def test_runaway_or_non_finite_parameters_are_detected(soak, monkeypatch):
 
 def test_half_a_minute_of_driving_leaves_its_row(soak, monkeypatch, capsys):
     monkeypatch.setattr(soak, "SETTLED_S", 10.0)
-    assert soak.work(30 / 3600, recorded=False)
+    assert soak.drive_for(30 / 3600, recorded=False)
     out = capsys.readouterr().out
     assert "work: completed after 0.01 h" in out
     assert "memory [MB]: " in out
@@ -41,7 +41,7 @@ def test_growing_memory_fails(soak, monkeypatch):
     grown = iter(range(100, 10_000, 60))
     monkeypatch.setattr(soak, "SETTLED_S", 5.0)
     monkeypatch.setattr(soak, "memory_mb", lambda peak=False: float(next(grown)))
-    assert not soak.work(30 / 3600, recorded=False)
+    assert not soak.drive_for(30 / 3600, recorded=False)
 
 
 def test_the_link_is_kept_up_for_some_seconds(soak, capfd):

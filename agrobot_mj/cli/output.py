@@ -12,14 +12,14 @@ MOST_SCENARIOS, MOST_LINES = 100, 10
 """Largest number of scenarios that are checked for hints, and of lines that are printed."""
 
 
-def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
+def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
     """Print the hints on the first scenarios to stderr, each once."""
     if quiet:
         return
-    from agrobot_mj.scenario.doubts import doubts
+    from agrobot_mj.scenario.hints import hints
 
     some = islice(scenarios, MOST_SCENARIOS)
-    lines = list(dict.fromkeys(f"{scenario.name}: {line}" for scenario in some for line in doubts(scenario)))
+    lines = list(dict.fromkeys(f"{scenario.name}: {line}" for scenario in some for line in hints(scenario)))
     for line in lines[:MOST_LINES]:
         print(line, file=sys.stderr)
     if len(lines) > MOST_LINES:
@@ -36,7 +36,7 @@ def say(text: object) -> None:
         print(f"stdout: cannot be written: {error.strerror}", file=sys.stderr)
 
 
-def error_told() -> Callable[[str], None]:
+def error_printer() -> Callable[[str], None]:
     """A function that prints the error of a run to stderr, each text once."""
     told = set[str]()
 

@@ -29,7 +29,7 @@ class Acquisition(Metric):
         """Metrics of the way onto the path, by name."""
         if not view.path.start_offset_m:
             return {}
-        t, e = view.column("t"), view.beside.offset
+        t, e = view.column("t"), view.cg_on_path.offset
         outside = t[~(np.abs(e) <= BAND_M)]
         begins = np.append(t[0], outside)
         held = np.diff(np.append(begins, t[-1])) >= HELD_S

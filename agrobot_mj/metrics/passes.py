@@ -72,7 +72,7 @@ class PassAccuracy(Metric):
         """Metrics from `pass_to_pass`."""
         if not isinstance(view.path, Parallel):
             return {}
-        return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
+        return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:

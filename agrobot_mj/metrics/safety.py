@@ -41,7 +41,7 @@ class Safety(Metric):
             return {}
         first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
         speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
-        offset = np.abs(view.beside.offset[first:])
+        offset = np.abs(view.cg_on_path.offset[first:])
         off = np.flatnonzero(offset > OFF_M)
         return {
             "safety": {

@@ -66,7 +66,7 @@ def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float 
     }
     yield lateral, view.column("e_lateral")
     yield {"longitudinal_rms": rms}, view.column("e_longitudinal")
-    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.beside.offset
+    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.cg_on_path.offset
     yield {"yaw_rate_error_rms": rms}, view.column("e_yaw_rate")
 
 

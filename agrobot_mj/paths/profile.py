@@ -79,7 +79,7 @@ class TimedCourse:
         """Where the curvature is largest."""
         return self.course.sharpest()
 
-    def when(self, distance: float) -> float:
+    def time_at(self, distance: float) -> float:
         """The time [s] at which the reference is `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
         way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]

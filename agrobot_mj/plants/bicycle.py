@@ -55,7 +55,7 @@ class Bicycle(Spec):
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """C_alpha,r of the rear axle [N/rad]. Estimate (18e3-40e3), likewise."""
 
-    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
+    def hints(self, machine: Machine, speed: float) -> Iterator[str]:
         """Stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation import run as simulation
@@ -30,6 +30,6 @@ def run(
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
-    for line in doubts(scenario):
+    for line in hints(scenario):
         warnings.warn(f"{scenario.name}: {line}", ScenarioWarning, stacklevel=2)
     return simulation.run(scenario, watchers, should_stop)

@@ -191,7 +191,7 @@ class TyreBase(Spec):
         """Carcass and contact patch."""
         raise NotImplementedError
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Where the static loads of a front and a rear wheel [N] leave the law's range: lines that begin with a key.
 
         Keys are those below the tyre. None by default.

@@ -65,7 +65,7 @@ class Linear(TyreBase):
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Estimate
     (0.005-0.05)."""
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Stiffnesses outside those of real tyres under these loads."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):

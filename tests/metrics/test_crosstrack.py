@@ -28,7 +28,7 @@ def fine_way(path: Any) -> tuple[Any, Any]:
     return fine, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
 
 
-def beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
+def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
     """Ticks, and points at signed distance `left` from the path, `ahead` metres along it from the reference."""
     t = np.arange(0, path.duration_s, 0.05)
     fine, way = fine_way(path)
@@ -41,13 +41,13 @@ def beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
 @pytest.mark.parametrize("ahead", [0.0, -2.5, 1.5])
 def test_finds_a_constant_offset_at_any_speed_and_lag(path: Any, ahead: float) -> None:
     for left in (-0.8, 0.45):
-        t, x, y = beside(path, ahead, left)
+        t, x, y = points_beside(path, ahead, left)
         assert track(path, t, x, y).offset == pytest.approx(left, abs=4e-3)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
 def test_the_time_is_that_of_the_nearest_reference(path: Any) -> None:
-    t, x, y = beside(path, 0.0, 0.3)
+    t, x, y = points_beside(path, 0.0, 0.3)
     found = track(path, t, x, y).time
     places = np.array([path.at(s)[:2] for s in found.tolist()])
     wanted = np.array([path.at(s)[:2] for s in t.tolist()])

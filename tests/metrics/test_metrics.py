@@ -29,7 +29,7 @@ class FakeLog:
         return self.columns[name]
 
 
-def beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
+def points_beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
     """Points at signed distance `left` from the path, `ahead` metres along it from its reference at `t`."""
     r = np.array([path.at(s) for s in (t + np.asarray(ahead) / path.speed_m_s)])
     return r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
@@ -195,14 +195,14 @@ def test_cross_track_equals_the_distance_to_the_path_to_a_millimetre(path: Any) 
     rng = np.random.default_rng(1)
     t = np.arange(0, path.duration_s, 0.05)
     ahead, left = rng.uniform(-2, 2, len(t)), rng.uniform(-1.5, 1.5, len(t))
-    x, y = beside(path, t, ahead, left)
+    x, y = points_beside(path, t, ahead, left)
     assert cross_track(path, t, x, y) == pytest.approx(left, abs=1e-3)
 
 
 def test_near_its_crossing_the_8_is_followed_on_the_right_branch() -> None:
     path = FigureEight()
     t = np.linspace(path.turn_s / 2 - 8, path.turn_s / 2 + 8, 200)
-    x, y = beside(path, t, -5.0, 3.0)
+    x, y = points_beside(path, t, -5.0, 3.0)
     assert cross_track(path, t, x, y) == pytest.approx(3.0, abs=1e-3)
 
 
@@ -243,7 +243,7 @@ def test_a_turn_is_complete_when_99_percent_is_driven() -> None:
 def test_field_metrics_include_those_of_the_passes() -> None:
     field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
     t = np.arange(0.0, field.duration_s, 0.05)
-    x, y = beside(field, t, 0.0, 0.12)
+    x, y = points_beside(field, t, 0.0, 0.12)
     found = metrics(FakeLog(field, t, x=x, y=y))["iso_12188_2_style"]
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.12, abs=1e-3)
     assert [one["xte_mean"] for one in found["per_pass"]] == pytest.approx([0.12] * 3, abs=1e-3)

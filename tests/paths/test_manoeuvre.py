@@ -16,7 +16,7 @@ def test_the_default_reverses_into_its_row():
     path = Manoeuvre()
     grid = np.linspace(0, path.duration_s, 4000).tolist()
     u = np.array([r.vx * np.cos(r.yaw) + r.vy * np.sin(r.yaw) for r in map(path.at, grid)])
-    end, corner = path.at(path.duration_s), path.at(path.motion.when(14.0))
+    end, corner = path.at(path.duration_s), path.at(path.motion.time_at(14.0))
     assert (u.max(), u.min()) == pytest.approx((0.8, -0.8))
     assert end.yaw == pytest.approx(pi / 2, abs=1e-5)
     assert end.vy == pytest.approx(-0.8, abs=1e-5)

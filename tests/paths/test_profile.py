@@ -29,16 +29,16 @@ def test_brakes_just_in_time_for_a_slow_piece():
 def test_a_bend_is_taken_at_its_lateral_acceleration_limit():
     course = chain(ORIGIN, [Piece(50), Piece(10 * pi, 0.1), Piece(50)])
     motion = TimedCourse(course, 5.0, 0.4, 0.5)
-    inside = motion.when(50 + 5 * pi)
+    inside = motion.time_at(50 + 5 * pi)
     assert motion.at(inside).curvature == 0.1
     assert np.hypot(*motion.at(inside)[2:4]) == pytest.approx(sqrt(0.4 / 0.1))
-    assert np.hypot(*motion.at(motion.when(20))[2:4]) > 2.5
+    assert np.hypot(*motion.at(motion.time_at(20))[2:4]) > 2.5
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.013, 7.3, 60.0, 99.99])
-def test_when_inverts_the_distance(distance: float):
+def test_time_at_inverts_the_distance(distance: float):
     motion = TimedCourse(chain(ORIGIN, [Piece(100.0, 0.0, 1.5)]), 2.0, 1.0, 0.3)
-    assert motion.at(motion.when(distance)).x == pytest.approx(distance)
+    assert motion.at(motion.time_at(distance)).x == pytest.approx(distance)
 
 
 def test_a_straight_takes_the_textbook_time():

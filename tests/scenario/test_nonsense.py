@@ -10,7 +10,7 @@ import agrobot_mj
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import in_polygon
-from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.simulation.api import ScenarioWarning
 from agrobot_mj.simulation.outcomes import Watch
 from agrobot_mj.terrain.shapes import PolygonPatch
@@ -71,7 +71,7 @@ def test_refuses_a_bend_sharper_than_the_tyres_hold():
 )
 def test_a_fault_that_never_acts_is_reported(window, said):
     scenario = load_scenario("circle", {"duration_s": 10.0, "fault": [{"kind": "gnss_loss", **window}]})
-    assert [line.startswith(said) for line in doubts(scenario)] == ([True] if said else [])
+    assert [line.startswith(said) for line in hints(scenario)] == ([True] if said else [])
     short = scenario.changed({"plant.kind": "bicycle"})
     assert bool(run(short).column("faults_active").any()) == (said is None)
 

@@ -86,11 +86,11 @@ class Mujoco(Spec):
         """Physics step of `physics = "fast"` [s]."""
         return self.tyre.fast_step_s
 
-    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
+    def hints(self, machine: Machine, speed: float) -> Iterator[str]:
         """Lines, each beginning with its key, on values that do not fit the machine's weight at the path's `speed`
         [m/s]. Raises ValueError or ScenarioError for an impossible machine or tyre."""
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)
         loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
-        yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))
+        yield from (f"plant.tyre.{line}" for line in tyre.hints(machine.tractor, loads))

@@ -119,7 +119,7 @@ def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
 
 
 @kernel
-def work(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     """Add the soil's force on the tool to the wrench of the body."""
     R = v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, a.tip)
@@ -153,6 +153,6 @@ def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     """Write the wrench of tool and depth wheel on the implement's body into `xfrc_applied`."""
     v.xfrc[a.body, :] = 0.0
     if a.working:
-        work(v, a, ground, dt)
+        apply_soil(v, a, ground, dt)
     if a.depth_wheel.stiffness > 0.0:
         roll_on(v, a, ground)

@@ -163,27 +163,27 @@ def test_needs_only_the_signals(calm, tmp_path):
 
 
 def test_refuses_a_folder_without_a_run(calm, tmp_path):
-    def told(match):
+    def refuses(match):
         with pytest.raises(ScenarioError, match=match):
             identify_command(tmp_path)
         assert not (tmp_path / "identified.json").exists()
 
     with pytest.raises(ScenarioError, match="no such folder"):
         identify_command(tmp_path / "nowhere")
-    told(r"has no signals\.parquet")
+    refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
     file.write_text("no table")
-    told("no Parquet file")
+    refuses("no Parquet file")
     pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
-    told("has no column 'valve_voltage'")
+    refuses("has no column 'valve_voltage'")
     pq.write_table(calm.signals.slice(0, 150), file)
-    told("too short")
+    refuses("too short")
     n = 600
     still = {"t": 0.05 * np.arange(n), "valve_voltage": np.full(n, 6.0), "steer_measured": np.zeros(n)}
     pq.write_table(pa.table(still), file)
-    told("hardly steers")
+    refuses("hardly steers")
     pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
-    told("'valve_voltage' is empty in every row")
+    refuses("'valve_voltage' is empty in every row")
 
 
 # --- signals of other origin --------------------------------------------------------------------------------------

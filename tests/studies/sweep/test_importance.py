@@ -207,7 +207,7 @@ def test_the_ranking_of_shipped_designs_holds(name, function):
         resolved_file = {"method": file.method, "samples": file.samples, "draws": file.draws}
         found = influence("all", resolved_file, draws, values[:, None] + noise, "xte_rms")
         wrong += any(truth[a] <= truth[b] for a, b in claims(found))
-        told += found.told
+        told += found.ordered_pairs
         flawed += bool(found.flaws)
     assert wrong <= 1
     assert flawed <= 2  # an index of 0 may be missed by chance; then nothing is claimed
@@ -225,7 +225,7 @@ def test_linear_effects_are_not_ranked_above_nonlinear_ones():
         found = influence(
             "all", {"method": "screening", "draws": dict.fromkeys("abc")}, x, ishigami(*x.T)[:, None], "m"
         )
-        assert found.told == 0
+        assert found.ordered_pairs == 0
         assert next(share.low for share in found.shares if share.key == "a") > 0.0
         assert found.unexplained > 0.6
 

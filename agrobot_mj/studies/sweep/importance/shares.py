@@ -52,7 +52,7 @@ class Influence(NamedTuple):
     """Shares by rank; tied ones in the order of the file."""
 
     @property
-    def told(self) -> int:
+    def ordered_pairs(self) -> int:
         """Number of pairs of draws whose order the samples determine."""
         return sum(share.best - 1 for share in self.shares)
 
