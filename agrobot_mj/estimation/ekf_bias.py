@@ -38,7 +38,7 @@ BIAS = 3
 
 
 class Levels(NamedTuple):
-    """Process noise, and how the error of a fix splits."""
+    """Process noise, and the split of the error of a fix into a correlated and a white part."""
 
     position_walk: float
     """Random walk of the position [m/sqrt(s)]."""

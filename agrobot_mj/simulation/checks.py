@@ -84,7 +84,7 @@ class Numbers:
             if value is not None and not np.isfinite(value).all():
                 shown = np.ravel(value)
                 raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
-        raise NotFiniteError(f"{self.name} is beyond the numbers that a computer has, made by {maker}")
+        raise NotFiniteError(f"{self.name} overflows, made by {maker}")
 
 
 def _shape(hint: Any, default: Any) -> str:

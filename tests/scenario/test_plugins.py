@@ -121,7 +121,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
         (
             "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
             'class A(Spec):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: is of no family; derive it from one of ",
+            "own.py: register: A: belongs to no family; derive it from one of ",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"

@@ -137,7 +137,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
     q = question
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two different numbers, first where laws should hold")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two numbers, the first where laws should hold")
     if not isfinite(q.stop - q.start):
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
