@@ -179,6 +179,18 @@ def test_a_users_own_law_drives_and_is_compared(walk):
     assert all(error < (0.25 if full else 0.1) for error in found.values())
 
 
+def test_a_users_own_law_is_swept(walk, monkeypatch):
+    folder, _, _ = walk
+    (line,) = re.findall(r"`agrobot-mj (sweep [^`]*)`", TEXT)
+    text = FILES["slopes.toml"].replace('["stanley", "lqr"]', '["two_gains"]').replace("seeds = 2", "seeds = 1")
+    (folder / "slopes.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    in_a_process_of_its_own([*line.split(), "--jobs", "1"])
+    table = pq.read_table(folder / line.split()[-1] / "sweep.parquet")
+    assert table["guidance.kind"].to_pylist() == ["two_gains"] * 4
+    assert set(table["outcome"].to_pylist()) == {"completed"}
+
+
 def test_the_test_host_steers(walk):
     folder, _, _ = walk
     metrics = json.loads((folder / "runs" / "linked" / "metrics.json").read_text(encoding="utf-8"))
