@@ -81,7 +81,7 @@ class AgOpenGps(GuidanceLaw):
     give_up_s: Positive = 10.0
     """A run ends when a host that drove has been silent for this long [s]. Estimate (3-60): time to start it again."""
     engage_at_s: NonNegative | None = None
-    """When the board's steer switch goes on [s]; from the start when left out."""
+    """Time at which the board's steer switch goes on [s]; from the start when left out."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """True scale of the mounted angle sensor [counts/deg]; the board's own `counts_per_degree` should match."""
     board: BoardSettings = BoardSettings()

@@ -159,7 +159,7 @@ class Following(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Where the law sees the tractor beside the path."""
+        """Columns of the tractor's position and heading relative to the path."""
         return (
             Column("path_s", "m", "distance along the path of the point nearest to the estimated CG"),
             Column("e_cross_track_hat", "m", "estimated CG from the path, left of the heading positive"),
@@ -196,7 +196,7 @@ class FollowingState(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """Where the tractor is beside the path in one tick."""
+    """Position and heading of the tractor relative to the path in one tick."""
 
     place: PathPoint
     """Point of the path nearest to the CG, on the present leg."""

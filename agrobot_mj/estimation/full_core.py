@@ -35,7 +35,7 @@ class Inputs(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """When a fix is refused."""
+    """Limits beyond which a fix is refused."""
 
     nis: float
     """NIS of a pair above which it is improbable [-]."""

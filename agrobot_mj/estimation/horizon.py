@@ -43,7 +43,7 @@ class Horizon(NamedTuple):
     waiting: tuple[Inputs, ...] = ()
     """Readings after that time, oldest first."""
     history: tuple[tuple[Core, Inputs], ...] = ()
-    """Each tick's core before it and the inputs that took it further, oldest first."""
+    """Core before each tick and the inputs of that tick, oldest first."""
 
     def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
         """The horizon after a tick of length `dt` [s]."""

@@ -1,4 +1,4 @@
-"""Where the implement works, relative to the tractor's path: what the crop sees of the guidance."""
+"""Errors and pull of the implement relative to the tractor's path: what the crop sees of the guidance."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,7 +7,7 @@ from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 
 
 class ImplementErrors(Metric):
-    """Where the implement of a tractor that has one works, and how it pulls."""
+    """Errors of the implement's working point, and its pull, if the tractor has one."""
 
     kind: Literal["implement"] = "implement"
     columns: ClassVar = (

@@ -63,7 +63,7 @@ class ArcPiece(CoursePiece):
     angle_deg: Annotated[float, Field(gt=0, le=3600)]
     """Change of heading [deg]."""
     side: Literal["left", "right"] = "left"
-    """Where the wheels are turned, and the centre lies."""
+    """Side to which the wheels are turned, on which the centre lies."""
 
     def shape(self) -> tuple[float, float, float]:
         """Length and curvature of the arc."""

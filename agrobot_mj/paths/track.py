@@ -132,7 +132,7 @@ class Course(NamedTuple):
         return Course(self.start, lengths, curvatures, np.repeat(self.speeds, parts), sharpnesses, *others)
 
     def sharpest(self) -> Place:
-        """Where the curvature is largest: the middle of the first such arc, or the sharper end of the clothoid."""
+        """Place of the largest curvature: the middle of the first such arc, or the sharper end of the clothoid."""
         x, y, _ = self.joints()
         peaks = self.peaks
         k = int(np.argmax(peaks > 0.999999 * peaks.max()))

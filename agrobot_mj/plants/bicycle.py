@@ -39,7 +39,7 @@ from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
 CRAWL = 0.05
-"""Below this speed the dynamics count as settled [m/s]."""
+"""Speed below which the dynamics count as settled [m/s]."""
 
 
 class Bicycle(Spec):

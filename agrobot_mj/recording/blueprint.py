@@ -38,9 +38,9 @@ TABS = {
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 """Further plots of a tab, which alone do not create it."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Where the following camera starts, seen from the tractor: forward, left, up [m]."""
+"""Initial position of the following camera from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Point at which it looks, from the same origin and in the same directions, until it follows [m]."""
+"""Point at which that camera looks at first, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1

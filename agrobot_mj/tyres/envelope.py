@@ -133,7 +133,8 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Where the line from `reach` behind its origin on first crosses nodes, and the distance between crossings [m]."""
+    """Distance at which the line first crosses nodes, from `reach` behind its origin on, and that between crossings
+    [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing

@@ -58,7 +58,7 @@ def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkey
 
 
 @pytest.mark.parametrize(("tyre", "limit"), [(Contact(), 8.0)], ids=["contact"])
-def test_a_creeping_tractor_is_named_and_starts_as_it_is(tyre, limit, capsys):
+def test_a_creeping_tractor_is_reported_and_starts_as_it_is(tyre, limit, capsys):
     _, truth = start(Slope(grade_deg=15), tyre, settle_limit_s=limit)
     told = capsys.readouterr().err
     assert told.startswith(f"plant.settle_limit_s: not at rest after {limit:g} s, still ")

@@ -25,7 +25,7 @@ SETTLE_LENGTHS = 25.0
 MOST_RADII = 10.0
 """Longest relaxation length over free radius, as in a scenario: longer ones take too long to settle [-]."""
 FRONT, REAR = 0, 2
-"""Which of the tractor's tyres is on the rig."""
+"""Index of the tractor's tyre that is on the rig."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 

@@ -69,19 +69,19 @@ class BoardState(NamedTuple):
     asked: SteerData | None = None
     """Last steering message."""
     heard_at: float = -inf
-    """When it came, by the board's time [s]."""
+    """Arrival time of that message, by the board's clock [s]."""
     latched: bool = True
-    """No steering before a message without the engaged bit."""
+    """Whether the board is latched: no steering before a message without the engaged bit."""
     silent: bool = True
-    """The watchdog has run out."""
+    """Whether the watchdog has run out."""
     engaged: bool = False
-    """Steering as of the last tick."""
+    """Whether it steered in the last tick."""
     steer: float = 0.0
     """Measured steering angle, true scale, left positive [rad]."""
     pwm: int = 0
     """Drive of the board's own law, left positive [PWM counts]."""
     reported_at: float = -inf
-    """When the last report went out [s]."""
+    """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
     """Last datagram and its wall time [s]."""
     tally: Tally = Tally()

@@ -45,7 +45,7 @@ class LinkOptions(NamedTuple):
     wait_s: float = 60.0
     """Longest wait for the start [s]."""
     nmea: tuple[str, int] | None = None
-    """Where GGA, RMC and VTG go, besides the host's position."""
+    """Address for GGA, RMC and VTG, besides the host's position."""
     pace: Literal["real_time", "answered"] = "real_time"
     """The wall clock paces the run, or the host by its answers."""
     live: bool = False

@@ -40,7 +40,7 @@ class Site(NamedTuple):
     """Data of a scenario that the messages need."""
 
     origin: Origin
-    """Where x = y = 0 lies."""
+    """Geographic position of x = y = 0."""
     antenna_up: float
     """Height of the antenna above the CG, level [m]."""
     cg_height: float

@@ -1,4 +1,4 @@
-"""When a tractor rests before its run starts, and what keeps it from that, in words that name the key to change."""
+"""Settling of a tractor before its run starts, and messages on why it does not come to rest, with the key to change."""
 
 from math import atan, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple

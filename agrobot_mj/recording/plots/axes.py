@@ -120,7 +120,8 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Where the time axis of a run of `run_s` [s] ends, with room for its last number and a share for a legend [s]."""
+    """End of the time axis of a run of `run_s` [s], with room for its last number and a share `room` for a legend
+    [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

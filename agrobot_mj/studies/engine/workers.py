@@ -1,4 +1,4 @@
-"""Where tasks are done: in this process, in a pool of them, or by the workers of a Dask scheduler."""
+"""Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager

@@ -32,7 +32,7 @@ class SweepOptions(NamedTuple):
     scheduler: str | None = None
     """Address of a Dask scheduler that does the work instead."""
     shard: Shard = (1, 1)
-    """Which part of the runs."""
+    """Part of the runs to do."""
     fresh: bool = False
     """Whether to discard what is there."""
     max_runs: int = MAX_RUNS
