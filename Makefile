@@ -18,7 +18,7 @@ COSMIC_RAY := cosmic-ray==8.7.0
 DEMO := runs/demo
 PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
-	tests/simulation/test_loop.py::test_physics_that_blow_up_end_the_run_before_anything_senses_them
+	tests/simulation/test_loop.py::test_diverging_physics_end_the_run_before_sensing
 KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bicycle.py tests/control/test_t2fnn_inference.py \
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/tyres/test_moments.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd

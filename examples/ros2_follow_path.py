@@ -31,15 +31,15 @@ class Follower(Node):
         if not self.points:
             return
         at, q = odometry.pose.pose.position, odometry.pose.pose.orientation
-        while self.place < len(self.points) - 1 and hypot(*self.beside(self.place, at)) < AHEAD:
+        while self.place < len(self.points) - 1 and hypot(*self.offset(self.place, at)) < AHEAD:
             self.place += 1
-        (dx, dy), yaw = self.beside(self.place, at), 2 * atan2(q.z, q.w)
+        (dx, dy), yaw = self.offset(self.place, at), 2 * atan2(q.z, q.w)
         command = Twist()
         command.linear.x = SPEED
         command.angular.z = SPEED * 2 * (cos(yaw) * dy - sin(yaw) * dx) / max(dx * dx + dy * dy, AHEAD**2)
         self.out.publish(command)
 
-    def beside(self, k: int, at) -> tuple[float, float]:
+    def offset(self, k: int, at) -> tuple[float, float]:
         """Point k from the tractor [m]."""
         return self.points[k][0] - at.x, self.points[k][1] - at.y
 

@@ -122,7 +122,7 @@ class Memory:
         """Something ended the run."""
 
 
-def work(hours: float, recorded: bool) -> bool:
+def drive_for(hours: float, recorded: bool) -> bool:
     """Drive laps for so long; True if memory stays flat after the first ten simulated minutes, to the last file.
 
     Interrupted, it tells of the hours that it has driven.
@@ -194,7 +194,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.kind == "learning":
         return int(not learning(given.ticks))
-    return int(not (work(given.hours, given.recorded) if given.kind == "work" else link(given.seconds)))
+    return int(not (drive_for(given.hours, given.recorded) if given.kind == "work" else link(given.seconds)))
 
 
 if __name__ == "__main__":

@@ -78,14 +78,14 @@ def files_of(part):
     return [module] if module.is_file() else sorted((PACKAGE / part).rglob("*.py"))
 
 
-def test_a_listing_of_the_package_is_its_architecture():
+def test_the_folders_are_exactly_the_documented_ones():
     parts = {part_of(file) for file in PACKAGE.rglob("*.py")} - {"__init__", "__main__"}
     assert parts == set(LAYERS)
     assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 22
 
 
 @pytest.mark.parametrize("part", LAYERS)
-def test_a_folder_builds_on_those_before_it(part):
+def test_a_folder_imports_only_from_those_before_it(part):
     allowed = {"core", "machine"} if part in STAGES else set(LAYERS[: LAYERS.index(part)])
     above = {name: file for name, file in parts_imported(part).items() if name not in allowed}
     assert not above
@@ -98,7 +98,7 @@ def test_controllers_see_neither_truth_nor_simulator():
 
 
 @pytest.mark.parametrize("library", OWNERS)
-def test_each_heavy_library_has_its_owners(library):
+def test_each_heavy_library_is_imported_only_by_its_owners(library):
     users = {part_of(file) for file in PACKAGE.rglob("*.py") if library in {n.split(".")[0] for n in imported(file)}}
     assert users
     assert users <= OWNERS[library]
@@ -126,12 +126,12 @@ def test_no_two_public_classes_share_a_name():
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
-def test_every_module_says_what_it_is():
+def test_every_module_has_a_docstring():
     for file in PACKAGE.rglob("*.py"):
         assert ast.get_docstring(parsed(file)), file
 
 
-def test_the_cache_of_kernels_knows_all_that_they_come_from():
+def test_the_kernel_cache_key_covers_all_sources():
     compilers = {"agrobot_mj.core.kernels.jit", "agrobot_mj.core.kernels.kernel"}
     makers = {part: [file for file in files_of(part) if compilers & set(imported(file))] for part in LAYERS}
     assert {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)

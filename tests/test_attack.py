@@ -60,7 +60,7 @@ print(json.dumps({line: found(line) for line in json.loads(sys.argv[2])}))
 """
 
 
-def test_what_must_never_happen_is_found(tmp_path):
+def test_violations_are_detected(tmp_path):
     done = python(tmp_path, "-c", JUDGE, str(ROOT / "scripts" / "attack"), json.dumps(list(BROKEN)))
     found = json.loads(done.stdout)
     for line, finding in BROKEN.items():

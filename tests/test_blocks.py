@@ -15,7 +15,7 @@ MARKED = [
 
 
 @pytest.mark.parametrize(("page", "name"), MARKED)
-def test_a_block_put_back_leaves_the_page_as_it_was(page, name):
+def test_restoring_a_block_leaves_the_page_unchanged(page, name):
     text = (DOCS / page).read_text(encoding="utf-8")
     assert put(text, name, block(text, name)) == text
     other = put(text, name, r"other \1 content")
@@ -23,6 +23,6 @@ def test_a_block_put_back_leaves_the_page_as_it_was(page, name):
     assert len(other) - len(text) == len(r"other \1 content") - len(block(text, name))
 
 
-def test_a_block_that_is_gone_is_named():
+def test_a_missing_block_is_named():
     with pytest.raises(SystemExit, match="<!-- costs --> is gone"):
         put("<!-- costs -->\n1\n", "costs", "2")

@@ -41,7 +41,7 @@ def names(folder):
 # --- list, version, help ------------------------------------------------------------------------------------------
 
 
-def test_list_prints_a_line_a_scenario(call):
+def test_list_prints_one_line_per_scenario(call):
     status, out, err = call("list")
     assert (status, err) == (0, "")
     lines = out.splitlines()
@@ -68,7 +68,7 @@ HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"], ["run", "--help"]])
-def test_what_needs_no_simulator_imports_none(elsewhere, arguments):
+def test_commands_without_the_simulator_do_not_import_it(elsewhere, arguments):
     code = f"import sys; from agrobot_mj.cli import app; app({arguments!r}, standalone_mode=False); print(*sys.modules)"
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     command = [sys.executable, "-c", code]
@@ -79,7 +79,7 @@ def test_what_needs_no_simulator_imports_none(elsewhere, arguments):
 
 
 @pytest.mark.parametrize("command", ["", *sorted(get_command(cli.app).commands)])
-def test_help_fits_80_columns_and_nothing_is_cut(call, monkeypatch, command):
+def test_help_fits_80_columns_uncut(call, monkeypatch, command):
     monkeypatch.setenv("COLUMNS", "80")
     status, out, _ = call(*command.split(), "--help")
     assert status == 0
@@ -101,7 +101,7 @@ def test_the_shell_completes_commands_and_scenarios(monkeypatch, elsewhere):
 # --- help for writing scenarios -----------------------------------------------------------------------------------
 
 
-def test_kinds_keys_and_schema_are_told(call):
+def test_kinds_keys_and_schema_are_printed(call):
     status, out, err = call("list", "--kinds")
     assert (status, err) == (0, "")
     assert any(line.split()[:2] == ["plant.tyre", "soil"] for line in out.splitlines())
@@ -114,7 +114,7 @@ def test_kinds_keys_and_schema_are_told(call):
     assert "plant" in json.loads(out)["properties"]
 
 
-def test_a_new_scenario_can_be_driven_and_is_not_written_over(call, elsewhere):
+def test_a_new_scenario_can_be_driven_and_is_not_overwritten(call, elsewhere):
     status, out, err = call("init", "mine")
     assert (status, err) == (0, "")
     assert "agrobot-mj run mine.toml" in out
@@ -148,7 +148,7 @@ def test_a_run_leaves_its_files_and_says_how_it_went(call, elsewhere):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_the_scenario_that_a_run_wrote_gives_the_same_signals(call, plant):
+def test_the_written_scenario_gives_the_same_signals(call, plant):
     changes = ("--set", f"plant.kind={plant}", "--set", "seed=11", "--set", "tractor.mass_kg=741.3")
     assert call("run", "circle", "--no-rrd", "--set", "duration_s=2", *changes, "--out", "first")[0] == 0
     assert call("run", "first/scenario.toml", "--no-rrd", "--out", "second")[0] == 0
@@ -156,7 +156,7 @@ def test_the_scenario_that_a_run_wrote_gives_the_same_signals(call, plant):
     assert Path("first/scenario.toml").read_bytes() == Path("second/scenario.toml").read_bytes()
 
 
-def test_a_recording_changes_no_signal_and_lies_beside_the_other_files(call):
+def test_a_recording_changes_no_signal(call):
     for out, more in (("with", ()), ("without", ("--no-rrd",))):
         assert call("run", "circle", "--set", "duration_s=2", "--out", out, *more)[0] == 0
     assert names("with") == FILES | {"run.rrd"}
@@ -171,7 +171,7 @@ def test_running_again_into_the_same_folder_replaces_the_files(call):
     assert pq.read_table("here/signals.parquet").num_rows == 20
 
 
-def test_values_of_overrides_are_toml_or_bare_words(call):
+def test_override_values_are_toml_or_bare_words(call):
     sets = (
         "--set",
         "path.kind=circle",
@@ -188,13 +188,13 @@ def test_values_of_overrides_are_toml_or_bare_words(call):
     assert scenario.title == "a = b"
 
 
-def test_a_scenarios_name_does_not_lead_out_of_the_folder(call, elsewhere):
+def test_a_scenario_name_cannot_escape_the_folder(call, elsewhere):
     status, _, _ = call("run", "circle", *QUICK, "--set", "name=../../evil")
     assert status in (0, 2)
     assert names(elsewhere.parent) == {elsewhere.name}
 
 
-def test_another_plant_for_a_scenario_with_tyres(call):
+def test_another_plant_can_run_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
@@ -209,7 +209,7 @@ def test_quiet_prints_nothing_when_all_is_well(call, arguments):
 # --- runs that end otherwise --------------------------------------------------------------------------------------
 
 
-def test_a_run_that_ends_as_its_scenario_expects_has_status_0(call):
+def test_an_expected_end_has_status_0(call):
     off = ("--no-rrd", "--set", "terrain.half_size_m=2", "--set", "plant.kind=bicycle", "--out", "out")
     expected = ("--set", "expected_outcome=left_terrain")
     status, out, err = call("run", "straight_line", *off, *expected)
@@ -230,7 +230,7 @@ def test_a_run_that_ends_as_its_scenario_expects_has_status_0(call):
         ("stuck", ["plant.tyre={kind='soil', cone_index_kpa=60.0}"]),
     ],
 )
-def test_a_run_that_ends_otherwise_leaves_its_files_and_status_1(call, outcome, sets):
+def test_an_unexpected_end_leaves_its_files_and_status_1(call, outcome, sets):
     options = [word for text in sets for word in ("--set", text)]
     status, out, err = call("run", "straight_line", "--no-rrd", "--set", "duration_s=20", *options, "--out", "out")
     assert status == 1
@@ -337,7 +337,7 @@ def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments
     assert names(elsewhere) == {"broken.toml", "wrong.toml"}
 
 
-def test_a_working_directory_that_is_gone_is_told(call, monkeypatch, tmp_path):
+def test_a_deleted_working_directory_is_reported(call, monkeypatch, tmp_path):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
@@ -346,7 +346,7 @@ def test_a_working_directory_that_is_gone_is_told(call, monkeypatch, tmp_path):
     assert (status, err) == (2, "the working directory no longer exists; change to another one\n")
 
 
-def test_an_out_folder_that_cannot_be_made_is_told_before_the_run(call, monkeypatch, elsewhere):
+def test_an_impossible_out_folder_is_reported_before_the_run(call, monkeypatch, elsewhere):
     (elsewhere / "file").write_text("")
     monkeypatch.setattr(simulate.Loop, "act", lambda *_: pytest.fail("ran all the same"))
     assert call("run", "circle", "--no-rrd", "--out", "file/inside")[0] == 2
@@ -370,7 +370,7 @@ def test_without_a_display_view_names_what_works(call, monkeypatch, elsewhere):
         ("mcap_ros2.writer", ("export", "run", "--mcap"), 'needs mcap_ros2; pip install "agrobot-mj[mcap]"'),
     ],
 )
-def test_a_missing_extra_is_told_with_the_command_that_installs_it(call, monkeypatch, module, arguments, command):
+def test_a_missing_extra_names_the_install_command(call, monkeypatch, module, arguments, command):
     assert call("run", "circle", *QUICK, "-q", "--out", "run")[0] == 0
     monkeypatch.setitem(sys.modules, module, None)
     status, out, err = call(*arguments)
@@ -395,14 +395,14 @@ def test_a_comparison_of_one_run_has_its_folder_rows_and_figures(call):
     assert "pd" in out
 
 
-def test_a_comparison_with_a_failed_run_ends_with_status_1(call):
+def test_a_comparison_with_a_failed_run_has_status_1(call):
     arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "terrain.half_size_m=2.0")
     status, _, _ = call("compare", "straight_line", *arguments, "--out", "cmp")
     assert status == 1
     assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
 
 
-def test_plants_that_cannot_run_it_are_left_out_unless_asked_for(call):
+def test_plants_that_cannot_run_it_are_skipped_unless_named(call):
     arguments = ("side_slope_5", "--controllers", "pd", "--no-rrd", "--set", "duration_s=1", "--out", "cmp")
     status, out, err = call("compare", *arguments)
     assert status == 0
@@ -415,7 +415,7 @@ def test_plants_that_cannot_run_it_are_left_out_unless_asked_for(call):
     assert "the bicycle plant knows only flat ground" in err
 
 
-def test_comparing_in_parallel_gives_the_runs_of_their_own(call):
+def test_parallel_comparison_equals_single_runs(call):
     arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd")
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
     rows = json.loads(Path("cmp/comparison.json").read_text())
@@ -457,7 +457,7 @@ def until(condition, seconds):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_comparison_that_is_stopped_leaves_no_process_behind(number):
+def test_a_stopped_comparison_leaves_no_process(number):
     """Days of driving lie before it, and further runs behind those where there are few processors."""
     arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=80000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]

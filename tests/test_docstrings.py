@@ -59,5 +59,5 @@ def test_fragments_are_recognised(text):
 @pytest.mark.parametrize(
     "text", ["Offset of R [m].", "Height of R [m].", "Often zero.", "Whether the wheel is driven."]
 )
-def test_sentences_are_left_alone(text):
+def test_complete_sentences_are_accepted(text):
     assert not FRAGMENT.match(text)

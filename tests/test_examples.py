@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj
 ROOT = Path(__file__).parents[1]
 
 
-def test_the_trainer_improves_and_compares_and_saves(tmp_path):
+def test_the_trainer_improves_compares_and_saves(tmp_path):
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     size = ["--generations", "4", "--population", "10", "--duration", "15", "--judge-duration", "3"]
     command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size]

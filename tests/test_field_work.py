@@ -38,6 +38,6 @@ def test_a_hectare_completes(controller: str, p95: float, turn: str) -> None:
     assert_worked(worked(controller, turn=turn, count=50), 50, p95)
 
 
-def test_only_fields_have_an_error_from_pass_to_pass() -> None:
+def test_only_fields_have_a_pass_to_pass_error() -> None:
     log = run(resolve({"duration_s": 2.0, "path": {"kind": "sinusoid"}}, "waves"))
     assert "iso_12188_2_style" not in log.metrics

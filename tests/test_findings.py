@@ -26,7 +26,7 @@ def row(value, seed, outcome="completed"):
     return {"seed": seed, "outcome": outcome, "v": value}
 
 
-def test_a_mean_of_survivors_is_marked_and_proves_nothing():
+def test_a_mean_over_survivors_is_marked_and_proves_nothing():
     whole, survivors = estimate([1.0, 1.1, 0.9]), estimate([1.0, 1.1, 0.9, nan])
     assert whole.below(2.0)
     assert whole.above(0.5)
@@ -37,7 +37,7 @@ def test_a_mean_of_survivors_is_marked_and_proves_nothing():
     assert estimate([nan, nan]).text() == estimate([nan]).short() == "failed"
 
 
-def test_a_ratio_pairs_seeds_and_counts_runs_that_failed():
+def test_a_ratio_pairs_seeds_and_counts_failed_runs():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
     found = ratio(by_seed(one, lambda r: r["v"]), by_seed(other, lambda r: r["v"]))
@@ -54,13 +54,13 @@ def plan_of(sweep):
         yield {"variant": run.variant, "seed": run.seed, **shown}
 
 
-def test_every_run_of_the_claims_has_a_place_of_its_own():
+def test_every_run_of_the_claims_has_its_own_place():
     cells = [(row["study"], row["plant"], row["law"], row["x"], row["seed"]) for row in world()]
     assert len(set(cells)) == len(cells) == 475
     assert {row["study"] for row in world()} == set(claims.STUDIES)
 
 
-def test_each_law_can_start_at_both_ends_of_each_hardship():
+def test_each_law_can_start_at_both_ends_of_each_range():
     base = load_scenario("figure_eight")
     for law, hard in survival.JOBS:
         keys = {**survival.COMMON, "duration_s": hard.duration_s, **hard.overrides, **survival.SURVIVORS[law]}
@@ -68,7 +68,7 @@ def test_each_law_can_start_at_both_ends_of_each_hardship():
             base.changed({**keys, hard.key: value}, files=False)
 
 
-def test_q_is_measured_turn_by_turn():
+def test_q_is_measured_per_turn():
     q = np.array([0.5, 1.0, 1.0, 0.0, 0.0, 0.0, 0.25])
     turns = [np.arange(7) < 4, np.arange(7) >= 4]
     found = claims.q_numbers(q, turns)
@@ -106,14 +106,14 @@ def verdicts(rows):
     return [found.verdict for found in claims.judged(claims.Claims(rows))]
 
 
-def test_claims_are_confirmed_where_the_network_alone_does_what_the_paper_says():
+def test_claims_are_confirmed_where_only_the_network_meets_them():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     found = verdicts(rows)
     assert found[:5] == ["confirmed"] * 5
     assert found[5] == "qualified"  # no law minds the soil there
 
 
-def test_type_2_is_judged_by_the_rule_of_the_page():
+def test_type_2_is_judged_by_the_pages_rule():
     """Better in every case, with type 1 at a larger alpha better as well: qualified, however the noise changes it."""
     for strong in (0.7, 0.95):  # gains more under strong noise, or less
         gains = {claims.T2: lambda s, strong=strong: strong if s > 0.1 else 0.9, claims.FASTER: lambda s: 0.9}
@@ -127,16 +127,16 @@ def test_type_2_is_judged_by_the_rule_of_the_page():
     assert verdicts(world(errors=EQUAL))[4] == "refuted"
 
 
-def test_a_null_model_that_does_the_same_qualifies_a_claim():
+def test_a_null_model_with_the_same_result_qualifies_a_claim():
     assert verdicts(world(errors={**BETTER, "pd_isgn": 0.5}))[0] == "qualified"
 
 
-def test_claims_are_refuted_where_nothing_of_them_holds():
+def test_claims_without_any_support_are_refuted():
     rows = world(errors=dict.fromkeys(BETTER, 1.0), later=1.2, share=(0.6, 0.4), q_travel=(1.0, 1.0, 4.0))
     assert verdicts(rows)[:5] == ["refuted"] * 5
 
 
-def test_the_figures_of_the_claims_have_every_law_and_the_table_every_claim(tmp_path):
+def test_the_claims_figures_have_every_law_and_the_table_every_claim(tmp_path):
     rows = world()
     assert claims.claims_table(rows).count("\n| ") == 6
     left, right = figures.drawn(figures.panels(claims.Claims(rows))["better"]).axes[:2]
@@ -154,7 +154,7 @@ def searched(law, hardship, values):
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
 
 
-def test_the_table_of_survival_says_what_was_found():
+def test_the_survival_table_states_what_was_found():
     law, other, third = list(survival.SURVIVORS)[:3]
     slope = survival.HARDSHIPS[0].name
     rows = [
@@ -173,7 +173,7 @@ def test_the_table_of_survival_says_what_was_found():
     assert survival.survived(rows[0]) == (14.0, False)
 
 
-def test_a_search_finds_where_a_law_ends(monkeypatch):
+def test_a_search_finds_a_laws_limit(monkeypatch):
     """With runs that succeed up to a dead band of 3 V, and two times out of three up to 4 V."""
 
     def performed(task):
@@ -204,7 +204,7 @@ def test_the_predicted_bend_is_kinematic_when_slow_and_understeers_when_fast():
     assert fast.sideslip < slow.sideslip
 
 
-def test_the_linear_tyre_leaves_the_bicycle_by_the_tangent_alone(monkeypatch):
+def test_the_linear_tyre_differs_from_the_bicycle_only_by_the_tangent(monkeypatch):
     """In a bend of 35 deg the tractor turns tan(delta) / delta, 14.6 %, more than the bicycle, less a little slip."""
     monkeypatch.setattr(validity, "SPEEDS_M_S", (0.5,))
     small, large = (validity.drive(("linear", steer))["bends"][0] for steer in (10.0, 35.0))
@@ -212,7 +212,7 @@ def test_the_linear_tyre_leaves_the_bicycle_by_the_tangent_alone(monkeypatch):
     assert large["yaw_rate_error"] == pytest.approx(np.tan(radians(35)) / radians(35) - 1, abs=0.02)
 
 
-def test_the_boundary_of_validity_is_a_table():
+def test_the_validity_boundary_is_a_table():
     rows = [
         {"tyre": tyre, "steer_deg": steer, "bends": [
             {"speed": speed, "yaw_rate_error": 0.05 * speed, "sideslip_error": 0.0} for speed in validity.SPEEDS_M_S
@@ -231,13 +231,13 @@ def test_a_page_shows_its_figures_and_has_its_blocks(page):
         assert len(block(text, name)) > 40, name
 
 
-def test_every_part_says_with_what_it_was_made():
+def test_every_part_states_version_and_commit():
     text = "".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in make_findings.PAGES)
     assert set(re.findall(r"<!-- standing (\w+) -->", text)) == set(make_findings.PARTS)
     assert set(re.findall(r"STUDY=(\w+)", text)) == set(make_findings.PARTS)
 
 
-def test_laws_are_compared_by_means_and_seed_by_seed():
+def test_laws_are_compared_by_means_and_per_seed():
     values = {"a": {1: 2.0, 2: 2.2, 3: nan}, "b": {1: 1.0, 2: 1.0, 3: 1.0}}
     columns, pairs = {"level": values, "soil": {"b": {1: 3.0}}}, [("a", "b"), ("a", "c")]
     means, differences = compared_tables(columns, pairs).split("\n\n")
@@ -260,7 +260,7 @@ def controllers(seeds, **offsets):
     ]
 
 
-def test_ranks_follow_paired_differences_and_ties_share_one():
+def test_ranks_follow_paired_differences_with_ties():
     first = ranking.by_ground(controllers(range(1, 21), good=0.0, fair=0.002, bad=0.03))
     assert list(first) == ["soil, slope 10"]
     assert ranking.ranks(first["soil, slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
@@ -268,7 +268,7 @@ def test_ranks_follow_paired_differences_and_ties_share_one():
     assert ranking.ranks(same) == {"a": 1, "b": 1, "c": 3}
 
 
-def test_who_fails_less_often_ranks_first_whatever_the_error():
+def test_fewer_failures_rank_first_whatever_the_error():
     laws = {
         "sure": {1: 30.0, 2: 30.0, 3: 30.0},
         "risky": {1: 1.0, 2: 1.0, 3: nan},
@@ -280,7 +280,7 @@ def test_who_fails_less_often_ranks_first_whatever_the_error():
     assert "failed (3)" in table
 
 
-def test_claims_that_rest_on_survivors_are_not_confirmed():
+def test_claims_resting_on_survivors_are_not_confirmed():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     one = next(row for row in rows if row["study"] == "paper" and row["law"] == claims.T2)
     one |= {"outcome": "stopped"}

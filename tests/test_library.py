@@ -17,12 +17,12 @@ def check(log):
     assert log.metrics["physics_warnings"] == 0
 
 
-def test_it_is_a_library():
+def test_the_library_has_enough_scenarios():
     assert len(scenario_files()) >= 20
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_it_says_what_it_shows(name):
+def test_states_what_it_shows(name):
     head = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     assert head[0].startswith("# ")
     assert any(line.startswith("# ") and "Look at: " in line for line in head)
@@ -30,7 +30,7 @@ def test_it_says_what_it_shows(name):
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_it_begins_well_or_ends_as_expected(name):
+def test_begins_well_or_ends_as_expected(name):
     scenario = load_scenario(name)
     if scenario.expected_outcome == "completed":
         scenario = scenario.changed({"duration_s": BRIEFLY_S})
@@ -45,7 +45,7 @@ def test_it_stops_at_the_cusps_and_drives_on(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenario_files())
-def test_it_ends_as_expected_and_its_recording_is_sound(name, tmp_path):
+def test_ends_as_expected_with_a_valid_recording(name, tmp_path):
     file = tmp_path / "run.rrd"
     check(run(load_scenario(name), (Recording(file),)))
     verified = subprocess.run(

@@ -7,7 +7,7 @@ ROOT = Path(__file__).parents[1]
 PLAN = tomllib.loads((ROOT / "scripts" / "mutants.toml").read_text(encoding="utf-8"))
 
 
-def test_the_plan_names_what_there_is():
+def test_the_plan_names_existing_code():
     groups = PLAN["group"].values()
     places = [(module, tests) for group in groups for module, tests in group.items() if module != "count"]
     places += [(entry["module"], entry["tests"]) for entry in PLAN["named"]]
@@ -21,7 +21,7 @@ def test_the_plan_names_what_there_is():
             assert not name or f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), test
 
 
-def test_what_the_named_changes_replace_stands_once():
+def test_the_code_that_named_changes_replace_occurs_once():
     for entry in PLAN["named"]:
         source = (ROOT / "agrobot_mj" / entry["module"]).read_text(encoding="utf-8")
         assert source.count(entry["before"]) == 1, entry["what"]

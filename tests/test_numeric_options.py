@@ -33,14 +33,14 @@ GIVEN = {"limit": ("circle", "--key", "seed", "--range", "1:2", "--until", "x")}
 
 @pytest.mark.parametrize(("command", "option"), REAL)
 @pytest.mark.parametrize("text", ["nan", "-nan", "inf", "-inf", "9" * 400])
-def test_no_option_takes_what_is_no_number(call, command, option, text):
+def test_no_numeric_option_accepts_nan(call, command, option, text):
     if "nan" not in text and option in ENDLESS:
         return
     status, _, err = call(command, *GIVEN.get(command, ("circle",)), f"{option}={text}")
     assert (status, f"'{option}'" in err) == (2, True), err
 
 
-def test_there_are_such_options():
+def test_numeric_options_are_found():
     assert {"--tolerance", "--confidence", "--to", "--from", "--share", "--wait"} <= {option for _, option in REAL}
 
 
@@ -57,14 +57,14 @@ LIMIT = {"key": "path.speed_m_s", "start": 1.0, "stop": 2.0, "until": "xte_rms >
     ],
     ids=str,
 )
-def test_a_limit_is_asked_with_numbers_that_can_be_answered(odd, monkeypatch):
+def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
     monkeypatch.setattr("agrobot_mj.studies.limit.question.metric_names", lambda scenario: pytest.fail("a run"))
     with pytest.raises(ScenarioError, match=rf"--(tolerance|range).*(at most|between 0 and {MOST_CONFIDENT}|wide)"):
         check(Question(**{**LIMIT, **odd}), {"paper": load_scenario("circle")})
 
 
 @pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
-def test_a_search_too_large_is_refused_before_its_cases_are_built(budget, seeds, monkeypatch, tmp_path):
+def test_refuses_too_large_a_search_before_building_cases(budget, seeds, monkeypatch, tmp_path):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
     with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
         tune(
@@ -76,10 +76,10 @@ def test_a_search_too_large_is_refused_before_its_cases_are_built(budget, seeds,
         )
 
 
-def test_a_search_of_ordinary_size_is_none_too_large():
+def test_accepts_a_search_of_ordinary_size():
     check_size(read_tuning("surfaces"), 64, 20)
 
 
-def test_a_shard_of_too_many_digits_is_told(call):
+def test_a_shard_of_too_many_digits_is_reported(call):
     status, _, err = call("sweep", "x.toml", "--shard", f"1/{'9' * 5000}")
     assert (status, "write part and number of parts" in err) == (2, True)

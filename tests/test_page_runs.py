@@ -45,7 +45,7 @@ def test_runs_of_other_sources_are_not_drawn(tmp_path):
         study(tmp_path, "--only-draw").rows("printed")
 
 
-def test_work_that_is_no_sweep_is_done_once(tmp_path):
+def test_work_other_than_sweeps_is_done_once(tmp_path):
     done = []
 
     def square(job):
@@ -58,7 +58,7 @@ def test_work_that_is_no_sweep_is_done_once(tmp_path):
     assert done == [2, 3, 4]
 
 
-def test_a_page_states_what_it_was_made_with(tmp_path):
+def test_a_page_states_version_and_commit(tmp_path):
     pages = study(tmp_path)
     one, other = pages.pages
     pages.write("part", {"a": ""})
@@ -73,13 +73,13 @@ def test_a_page_states_what_it_was_made_with(tmp_path):
         pages.write("part", {"c": "new"})
 
 
-def test_a_part_that_is_not_there_is_named(tmp_path, capsys):
+def test_a_missing_part_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study(tmp_path, "parts")
     assert "parts: no such part; known: part" in capsys.readouterr().err
 
 
-def test_the_papers_filter_does_not_hear_the_sensors_of_the_other():
+def test_the_papers_filter_ignores_additional_sensors():
     """So that one grid has both estimators with the same sensors."""
     keys = {"plant.kind": "bicycle", "duration_s": 2.0}
     ours, papers = (run(load_scenario("figure_eight", {**keys, **more})) for more in (laws.GRID["set"], {}))

@@ -35,7 +35,7 @@ def left_behind(plant):
 
 
 @pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
-def test_every_round_of_the_benchmark_begins_and_ends_alike(tyre):
+def test_every_benchmark_round_begins_and_ends_alike(tyre):
     """Soil that is not restored becomes a hole, and each round dearer than the one before."""
     plant = bench.moving(tyre, bench.rough_ground(100), settle_s=0.5)
     start = plant.save()
@@ -46,12 +46,12 @@ def test_every_round_of_the_benchmark_begins_and_ends_alike(tyre):
         assert np.array_equal(one, other)
 
 
-def test_a_ratio_is_one_of_costs():
+def test_a_ratio_compares_costs():
     plant = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5)
     assert 1.0 < bench.tyred_over_bare(plant, plant.save()) < 20.0
 
 
-def test_a_second_in_the_run_is_a_second_of_both_bare_models():
+def test_the_bare_model_and_the_drawn_one_step_identically():
     """The stripped model and the one as drawn step alike, to the last bit."""
     bare = bench.BareModel(load_scenario("figure_eight", {"duration_s": 1.0}))
     drawn = bare.as_drawn()
@@ -66,7 +66,7 @@ def test_a_second_in_the_run_is_a_second_of_both_bare_models():
 @pytest.mark.parametrize("implement", [kind() for kind in every(Implement)], ids=lambda one: one.kind)
 @pytest.mark.parametrize("native", [None, Contact().native], ids=["tyres", "contact"])
 @pytest.mark.parametrize("terrain", [Flat(), Rough()], ids=lambda one: one.kind)
-def test_a_tumbling_tractor_touches_the_ground_alike(implement, native, terrain):
+def test_a_tumbling_tractor_touches_the_ground_identically(implement, native, terrain):
     """What is only drawn neither weighs nor touches, and islands change nothing: hood, roll bar and wheels bounce."""
     found = []
     for drawn in (True, False):
@@ -93,13 +93,13 @@ def test_a_tumbling_tractor_touches_the_ground_alike(implement, native, terrain)
     assert np.array_equal(v, v_too)
 
 
-def test_no_implement_is_among_the_drawn():
+def test_refuses_to_draw_a_model_with_an_implement():
     bare = bench.BareModel(load_scenario("plough", {"duration_s": 1.0}))
     with pytest.raises(TypeError, match="without an implement"):
         bare.as_drawn()
 
 
-def test_a_peer_that_is_not_installed_keeps_its_row(monkeypatch, capsys):
+def test_a_missing_peer_keeps_its_row(monkeypatch, capsys):
     def absent():
         raise ImportError("No module named 'absent'")
 

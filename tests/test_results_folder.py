@@ -64,7 +64,7 @@ def test_a_folder_has_one_writer_at_a_time(call):
     assert call("run", "circle", *QUICK)[0] == 0
 
 
-def test_what_a_killed_run_left_half_written_is_cleared_away(call):
+def test_half_written_files_of_a_killed_run_are_removed(call):
     reserve(Path("out"), FILES)
     for name in (".signals.parquet.1a2b3c4d.part", ".metrics.json.k2x_9abc", ".mine.txt.12345678", "notes.txt"):
         Path("out", name).write_text("half")
@@ -72,7 +72,7 @@ def test_what_a_killed_run_left_half_written_is_cleared_away(call):
     assert names() == FILES | {".mine.txt.12345678", "notes.txt"}
 
 
-def test_what_a_killed_sweep_or_comparison_left_half_written_is_cleared_away(call):
+def test_half_written_files_of_a_killed_study_are_removed(call):
     left = [
         ".base.toml.e4c5c495.part",
         "rows/00000/.00000001.json.1a2b3c4d.part",
@@ -89,7 +89,7 @@ def test_what_a_killed_sweep_or_comparison_left_half_written_is_cleared_away(cal
     assert [name for name in mine if not Path("out", name).exists()] == []
 
 
-def test_a_second_run_that_dies_leaves_no_signals_of_the_first_beside_its_recording():
+def test_a_dying_second_run_leaves_no_signals_of_the_first():
     class Dies:
         def start(self, scenario, scene, rows):
             raise MemoryError
@@ -103,7 +103,7 @@ def test_a_second_run_that_dies_leaves_no_signals_of_the_first_beside_its_record
     assert names() == {"run.rrd"}
 
 
-def test_files_of_another_kind_of_run_do_not_stay_beside_the_new_ones():
+def test_files_of_another_kind_of_run_do_not_remain():
     ours("link.parquet", "identified.json", "run.rrd")
     write_log(run(short()), Path("out"), recorded=False)
     assert names() == FILES
@@ -113,7 +113,7 @@ def test_files_of_another_kind_of_run_do_not_stay_beside_the_new_ones():
 
 
 @pytest.mark.parametrize(("times", "status", "files"), [(1, 0, FILES), (2, 130, set())])
-def test_a_signal_while_files_are_written_leaves_all_or_none(call, monkeypatch, times, status, files):
+def test_a_signal_while_writing_leaves_all_files_or_none(call, monkeypatch, times, status, files):
     whole = pq.ParquetWriter.write_table
 
     def interrupted(*arguments, **options):
@@ -128,7 +128,7 @@ def test_a_signal_while_files_are_written_leaves_all_or_none(call, monkeypatch, 
     assert ("stopped" in err) == (status == 130)
 
 
-def test_signals_while_files_are_put_in_place_come_after_that(call, monkeypatch):
+def test_signals_wait_until_files_are_in_place(call, monkeypatch):
     clear = storage.clear
 
     def interrupted(*arguments, **options):
@@ -141,13 +141,13 @@ def test_signals_while_files_are_put_in_place_come_after_that(call, monkeypatch)
     assert names() == FILES
 
 
-def test_a_comparison_that_is_stopped_says_so(call, monkeypatch):
+def test_a_stopped_comparison_says_so(call, monkeypatch):
     monkeypatch.setattr(tasks, "run", lambda *arguments: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
     assert (status, err) == (130, "stopped before its end\n")
 
 
-def test_pictures_that_are_stopped_leave_no_viewer(call, monkeypatch):
+def test_stopped_pictures_leave_no_viewer(call, monkeypatch):
     processes = []
 
     def stopped(process, port, seconds):
@@ -162,7 +162,7 @@ def test_pictures_that_are_stopped_leave_no_viewer(call, monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux ends children with their parent when asked")
-def test_a_viewer_ends_with_a_command_that_is_killed():
+def test_a_viewer_ends_with_its_killed_command():
     code = (
         "import os, signal, sys; from agrobot_mj.recording.transport.viewer import started\n"
         "with started((sys.executable, '-c', 'import time; time.sleep(60)'), os.environ) as viewer:\n"
@@ -187,7 +187,7 @@ def alive(pid):
 # --- disks --------------------------------------------------------------------------------------------------------
 
 
-def test_a_full_disk_is_named_with_the_file_and_is_no_bad_input(call, monkeypatch):
+def test_a_full_disk_is_named_with_the_file_and_is_not_bad_input(call, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28]")
 
@@ -197,7 +197,7 @@ def test_a_full_disk_is_named_with_the_file_and_is_no_bad_input(call, monkeypatc
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
-def test_a_stdout_that_takes_nothing_changes_no_outcome():
+def test_a_full_stdout_changes_no_outcome():
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     command = [sys.executable, "-m", "agrobot_mj", "run", "circle", *QUICK]
     with Path("/dev/full").open("w") as full:
@@ -206,7 +206,7 @@ def test_a_stdout_that_takes_nothing_changes_no_outcome():
     assert names() == FILES
 
 
-def test_a_recording_leaves_the_room_of_the_signals(monkeypatch, capsys):
+def test_a_recording_leaves_room_for_the_signals(monkeypatch, capsys):
     room = iter([10**9, 10**9, 1000, 1000, 1000])
     monkeypatch.setattr(sink.shutil, "disk_usage", lambda path: type("Usage", (), {"free": next(room)}))
     log = run(short(duration_s=40.0), (Recording(Path("out/run.rrd")),))
@@ -214,7 +214,7 @@ def test_a_recording_leaves_the_room_of_the_signals(monkeypatch, capsys):
     assert "It ends early, but opens" in capsys.readouterr().err
 
 
-def test_a_link_in_the_place_of_a_recording_is_replaced_and_a_pipe_refused(call):
+def test_replaces_a_link_in_place_of_a_recording_but_refuses_a_pipe(call):
     Path("target").write_text("precious")
     Path("out").mkdir()
     Path("out/run.rrd").symlink_to("../target")
@@ -229,7 +229,7 @@ def test_a_link_in_the_place_of_a_recording_is_replaced_and_a_pipe_refused(call)
     assert "out/run.rrd: is not a regular file" in err
 
 
-def test_a_limit_of_file_sizes_below_a_recordings_head_is_told(call, monkeypatch):
+def test_too_small_a_file_size_limit_is_reported(call, monkeypatch):
     monkeypatch.setattr(sink.resource, "getrlimit", lambda which: (1000, 1000))
     status, err = call("run", "circle", *QUICK[1:])
     assert status == 1
@@ -237,7 +237,7 @@ def test_a_limit_of_file_sizes_below_a_recordings_head_is_told(call, monkeypatch
 
 
 @pytest.mark.parametrize("name", ["metrics.json", "run.rrd"])
-def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(call, name):
+def test_a_folder_in_place_of_a_file_is_reported_before_the_run(call, name):
     Path("out", name).mkdir(parents=True)
     ours("signals.parquet")
     status, err = call("run", "circle", *QUICK)
@@ -246,14 +246,14 @@ def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(call, name):
     assert Path("out/signals.parquet").read_text() == "old"
 
 
-def test_a_link_to_nothing_is_no_folder(call):
+def test_refuses_a_dangling_link_as_folder(call):
     Path("out").symlink_to("nowhere")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
     assert "--out out: is a link to nothing" in err
 
 
-def test_files_have_the_rights_that_the_user_gives_to_new_files():
+def test_files_have_the_users_default_permissions():
     before = os.umask(0o077)
     try:
         write_json(Path("a.json"), {})
@@ -288,7 +288,7 @@ def own_files():
     return Path("home/mine.toml")
 
 
-def test_a_results_folder_names_no_place_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
+def test_a_results_folder_contains_no_paths_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
     assert call("run", own_files, "--set", "duration_s=1", "--out", "out")[0] == 0
     assert names() == FILES | {"run.rrd", "route.csv", "ground.npy"}
     for path in Path("out").iterdir():
@@ -303,13 +303,13 @@ def test_a_results_folder_names_no_place_and_runs_elsewhere(call, own_files, tmp
     assert Path("../again/signals.parquet").read_bytes() == signals
 
 
-def test_two_data_files_of_one_name_are_told_apart():
+def test_two_data_files_of_one_name_are_distinguished():
     data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
     assert relocate_files(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
     assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
 
 
-def test_the_content_of_a_data_file_decides_not_its_place(own_files):
+def test_a_data_files_content_decides_not_its_path(own_files):
     before = load_scenario(own_files).hash8
     Path("home").rename("elsewhere")
     assert load_scenario("elsewhere/mine.toml").hash8 == before
@@ -318,7 +318,7 @@ def test_the_content_of_a_data_file_decides_not_its_place(own_files):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
-def test_a_pipe_is_no_file_to_export_to(call):
+def test_refuses_a_pipe_as_export_file(call):
     assert call("run", "circle", *QUICK)[0] == 0
     os.mkfifo("pipe")
     status, err = call("export", "out", "--mcap", "--out", "pipe")
@@ -326,13 +326,13 @@ def test_a_pipe_is_no_file_to_export_to(call):
     assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
 
 
-def test_a_folder_may_be_named_as_a_drive_is(call):
+def test_a_folder_may_have_a_drives_name(call):
     assert call("run", "circle", *QUICK[:-1], "a:") == (0, "")
     assert call("report", "a:", "--quiet") == (0, "")
     assert call("identify", "a:")[0] == 2  # a second is too short, and that is read
 
 
-def test_no_file_takes_the_place_of_a_device(monkeypatch):
+def test_no_file_replaces_a_device(monkeypatch):
     monkeypatch.setattr(Path, "is_char_device", lambda path: path.name == "null")
     with pytest.raises(OSError, match="is a device; name a file"):
         write_json(Path("null"), {})
@@ -341,7 +341,7 @@ def test_no_file_takes_the_place_of_a_device(monkeypatch):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
 @pytest.mark.parametrize("arguments", [("rig", "pipe.toml"), ("replay", "out", "--map", "pipe.toml")])
-def test_a_pipe_is_not_waited_for(call, arguments):
+def test_does_not_wait_for_a_pipe(call, arguments):
     assert call("run", "circle", *QUICK)[0] == 0
     os.mkfifo("pipe.toml")
     status, err = call(*arguments)

@@ -23,28 +23,28 @@ def test_learning_keeps_its_parameters_bounded(soak, capsys):
     assert out.count(" ticks: q ") == 10
 
 
-def test_parameters_that_run_away_or_are_no_numbers_are_seen(soak, monkeypatch):
+def test_runaway_or_non_finite_parameters_are_detected(soak, monkeypatch):
     assert soak.largest(soak.PdT2fnn().network.init(0.0, 0.0)._replace(q=float("nan"))) == float("inf")
     monkeypatch.setattr(soak, "BOUND", 0.1)
     assert not soak.learning(100)
 
 
-def test_half_a_minute_of_work_leaves_its_row(soak, monkeypatch, capsys):
+def test_half_a_minute_of_driving_leaves_its_row(soak, monkeypatch, capsys):
     monkeypatch.setattr(soak, "SETTLED_S", 10.0)
-    assert soak.work(30 / 3600, recorded=False)
+    assert soak.drive_for(30 / 3600, recorded=False)
     out = capsys.readouterr().out
     assert "work: completed after 0.01 h" in out
     assert "memory [MB]: " in out
 
 
-def test_memory_that_grows_fails(soak, monkeypatch):
+def test_growing_memory_fails(soak, monkeypatch):
     grown = iter(range(100, 10_000, 60))
     monkeypatch.setattr(soak, "SETTLED_S", 5.0)
     monkeypatch.setattr(soak, "memory_mb", lambda peak=False: float(next(grown)))
-    assert not soak.work(30 / 3600, recorded=False)
+    assert not soak.drive_for(30 / 3600, recorded=False)
 
 
-def test_the_link_is_kept_for_some_seconds(soak, capfd):
+def test_the_link_is_kept_up_for_some_seconds(soak, capfd):
     assert soak.link(2.0)
     out = capfd.readouterr().out
     assert "link: completed, status 0" in out

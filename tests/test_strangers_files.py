@@ -113,7 +113,7 @@ def refused(status, err):
     return status == 2 and len(err.strip().splitlines()) == 1
 
 
-def test_every_command_is_tried():
+def test_every_command_is_covered():
     assert set(get_command(cli.app).commands) == set(WRITERS) | READERS
     for name, command in get_command(cli.app).commands.items():
         options = {option for parameter in command.params for option in parameter.opts}
@@ -123,7 +123,7 @@ def test_every_command_is_tried():
 
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
 @pytest.mark.parametrize("dot", [False, True])
-def test_a_folder_of_a_strangers_files_is_refused(call, sources, place, name, arguments, dot, monkeypatch):
+def test_refuses_a_folder_of_other_peoples_files(call, sources, place, name, arguments, dot, monkeypatch):
     folder = place / "theirs"
     full(folder)
     before = contents(place)
@@ -135,7 +135,7 @@ def test_a_folder_of_a_strangers_files_is_refused(call, sources, place, name, ar
 
 
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
-def test_files_that_a_stranger_put_into_our_folder_stay(call, sources, place, name, arguments):
+def test_foreign_files_in_a_results_folder_stay(call, sources, place, name, arguments):
     folder = place / "ours"
     reserve(folder, ())
     full(folder)
@@ -166,7 +166,7 @@ def test_links_are_not_followed(call, sources, place, name, arguments, marked):
     assert status in (0, 1, 2)
 
 
-def test_a_mark_that_is_a_link_is_none(place):
+def test_a_mark_that_is_a_link_does_not_count(place):
     full(place / "theirs")
     (place / "list").write_text("notes.txt\n")
     (place / "theirs" / MARK).symlink_to(place / "list")
@@ -177,12 +177,12 @@ def test_a_mark_that_is_a_link_is_none(place):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/a", "..\\a", "a\nb", "a\0", MARK, 3, None])
-def test_only_names_in_a_folder_itself_are_bare(name):
+def test_only_plain_file_names_are_accepted(name):
     assert not is_bare(name)
     assert is_bare("way.csv")
 
 
-def test_a_mark_torn_by_a_kill_does_not_close_a_new_folder(place):
+def test_a_truncated_mark_does_not_lock_a_new_folder(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
     with exclusive(place / "out"):
@@ -190,7 +190,7 @@ def test_a_mark_torn_by_a_kill_does_not_close_a_new_folder(place):
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 
 
-def test_an_empty_mark_hands_a_folder_over(call, place):
+def test_an_empty_mark_hands_over_a_folder(call, place):
     full(place / "old")
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
@@ -206,7 +206,7 @@ def test_an_empty_mark_hands_a_folder_over(call, place):
         write_json(place / "old/later.csv", {})
 
 
-def test_a_data_file_does_not_take_the_place_of_another_of_its_name(call, sources, place):
+def test_a_data_file_does_not_replace_another_of_its_name(call, sources, place):
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
     reserve(place / "other", ())
@@ -216,7 +216,7 @@ def test_a_data_file_does_not_take_the_place_of_another_of_its_name(call, source
     assert (place / "other/way.csv").read_text() == "x_m,y_m\n0,0\n9,0\n"
 
 
-def test_a_recording_from_python_leaves_what_lies_beside_it(place):
+def test_a_recording_from_python_leaves_other_files(place):
     full(place)
     (place / RECORDING).unlink()
     before = contents(place)
@@ -227,7 +227,7 @@ def test_a_recording_from_python_leaves_what_lies_beside_it(place):
     assert contents(place).items() >= before.items()
 
 
-def test_a_file_is_exported_once_and_again_only_over_our_own(call, sources, place):
+def test_exports_overwrite_only_our_own_files(call, sources, place):
     arguments = ("export", sources / "driven", "--mcap", "--out")
     assert call(*arguments, "a.mcap")[0] == 0
     status, _, err = call(*arguments, "a.mcap")
@@ -236,7 +236,7 @@ def test_a_file_is_exported_once_and_again_only_over_our_own(call, sources, plac
     assert [call(*arguments, "ours/a.mcap")[0] for _ in range(2)] == [0, 0]
 
 
-def test_what_is_written_in_our_folder_is_named_in_its_mark(place):
+def test_every_written_file_is_named_in_the_mark(place):
     reserve(place / "ours", ())
     with atomic(place / "ours" / "a.txt") as part:
         part.write_text("new")
@@ -252,7 +252,7 @@ def rows(folder):
     return sorted(path.name for path in Path(folder, "rows").rglob("*.json"))
 
 
-def test_fresh_deletes_only_what_the_sweep_wrote(call, sources, place):
+def test_fresh_deletes_only_the_sweeps_files(call, sources, place):
     command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
     assert call(*command)[0] == 0
     for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
@@ -266,7 +266,7 @@ def test_fresh_deletes_only_what_the_sweep_wrote(call, sources, place):
 
 
 @pytest.mark.parametrize("torn", ["{", "{}", "[]", '{"of": {}, "runs": 4, "files": ["../x"]}'])
-def test_a_torn_plan_is_told_and_fresh_begins_anew(call, sources, place, torn):
+def test_a_truncated_plan_is_reported_and_fresh_starts_over(call, sources, place, torn):
     command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
     assert call(*command)[0] == 0
     (place / "out/plan.json").write_text(torn)
@@ -277,7 +277,7 @@ def test_a_torn_plan_is_told_and_fresh_begins_anew(call, sources, place, torn):
     assert len(rows("out")) == 4
 
 
-def test_a_fresh_shard_leaves_the_rows_of_the_others(call, sources, place):
+def test_a_fresh_shard_keeps_the_others_rows(call, sources, place):
     def shard(k, *more):
         return call("sweep", sources / "small.toml", "--jobs", 1, "--shard", f"{k}/2", "--out", "sh", *more)[0]
 
@@ -292,7 +292,7 @@ def test_a_fresh_shard_leaves_the_rows_of_the_others(call, sources, place):
     assert len(rows("sh")) == 4
 
 
-def test_a_foreign_plan_writes_nothing_elsewhere(call, sources, place):
+def test_a_foreign_plan_cannot_write_elsewhere(call, sources, place):
     shard = place / "download/a/shard"
     shutil.copytree(sources / "swept", shard)
     (place / "download/bashrc").write_text("EVIL")
@@ -306,7 +306,7 @@ def test_a_foreign_plan_writes_nothing_elsewhere(call, sources, place):
         assert not (place / "results/out").exists()
 
 
-def test_links_in_a_foreign_shard_are_left_out(call, sources, place):
+def test_links_in_a_foreign_shard_are_ignored(call, sources, place):
     shutil.copytree(sources / "swept", "shard")
     (place / "secret").mkdir()
     (place / "secret/metrics.json").write_text("{}")

@@ -41,7 +41,7 @@ def test_rox_control_steers_a_stepped_simulation(tmp_path):
     assert json.loads(called(tmp_path, EXAMPLES / "rox_drive.py", "straight_line", *aside))["xte_rms"] < 0.5
 
 
-def test_their_code_is_that_of_the_index(tmp_path):
+def test_third_party_code_is_unmodified(tmp_path):
     """Versions and files as pip has installed them: nothing of theirs is changed."""
     code = (
         "from importlib.metadata import distribution as d; import base64, hashlib\n"

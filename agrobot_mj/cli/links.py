@@ -21,7 +21,7 @@ from agrobot_mj.cli.options import (
     results_file,
     results_folder,
 )
-from agrobot_mj.cli.output import say, tell_doubts
+from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.runs import Live, leave_unexpected, recordings
 from agrobot_mj.core.errors import ScenarioError
 
@@ -146,7 +146,7 @@ def _drive(
 
     source, keys, sets = given
     scenario = load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
-    tell_doubts([scenario], quiet)
+    print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
     watchers = recordings(folder, options.recorded, options.live)
     with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:

@@ -52,7 +52,7 @@ def number(value: float | None) -> float | None:
 
 
 def finite(value: float | None) -> float | None:
-    """A number that is neither infinite nor too large to be told from that."""
+    """A finite number: infinities, and numbers too large for a float, are refused."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -157,7 +157,7 @@ def results_folder(out: Path | None, default: str) -> Path:
 
 
 def results_file(out: Path) -> Path:
-    """The file that `--out` names. Raises `ScenarioError` where it can be none."""
+    """File that `--out` names. Raises `ScenarioError` where no file can be written there."""
     utf8(str(out), "--out")
     if not out.name or out.is_dir():
         raise ScenarioError(f"--out {out}: is a folder; name a file in it")

@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, which may be closed or full without harm, and doubts on stderr."""
+"""What commands print: results on stdout, which may be closed or full without harm, and hints on stderr."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -9,17 +9,17 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Scenarios that are looked at, and lines that are told of them."""
+"""Largest number of scenarios that are checked for hints, and of lines that are printed."""
 
 
-def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
-    """Tell the doubts of the first scenarios, each once."""
+def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
+    """Print the hints on the first scenarios to stderr, each once."""
     if quiet:
         return
-    from agrobot_mj.scenario.doubts import doubts
+    from agrobot_mj.scenario.hints import hints
 
     some = islice(scenarios, MOST_SCENARIOS)
-    lines = list(dict.fromkeys(f"{scenario.name}: {line}" for scenario in some for line in doubts(scenario)))
+    lines = list(dict.fromkeys(f"{scenario.name}: {line}" for scenario in some for line in hints(scenario)))
     for line in lines[:MOST_LINES]:
         print(line, file=sys.stderr)
     if len(lines) > MOST_LINES:
@@ -27,7 +27,7 @@ def tell_doubts(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
 
 
 def say(text: object) -> None:
-    """Print a result; told on stderr where stdout takes nothing."""
+    """Print a result; a stdout that cannot be written is reported on stderr."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -36,8 +36,8 @@ def say(text: object) -> None:
         print(f"stdout: cannot be written: {error.strerror}", file=sys.stderr)
 
 
-def error_told() -> Callable[[str], None]:
-    """What tells the errors of runs, each once."""
+def error_printer() -> Callable[[str], None]:
+    """A function that prints the error of a run to stderr, each text once."""
     told = set[str]()
 
     def tell(error: str) -> None:

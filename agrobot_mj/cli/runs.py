@@ -8,7 +8,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
 from agrobot_mj.cli.options import Jobs, NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
-from agrobot_mj.cli.output import say, tell_doubts
+from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.variants import variants
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def run(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
-    tell_doubts([scenario], quiet)
+    print_hints([scenario], quiet)
     with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
@@ -51,7 +51,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """The recording that follows a run into its folder or a viewer, if any."""
+    """Recorder that writes a run into its folder or to a viewer as it goes, if asked for."""
     if not recorded and not live:
         return ()
     from agrobot_mj.recording import Recording
@@ -109,7 +109,7 @@ def compare(
     todo, left_out = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
     if left_out:
         print(*left_out, sep="\n", file=sys.stderr)
-    tell_doubts((case.scenario for case in todo[::seeds]), quiet)
+    print_hints((case.scenario for case in todo[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
         rows = drive_all(todo, folder, not no_rrd, jobs, lambda k: advance())

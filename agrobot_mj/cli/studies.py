@@ -8,7 +8,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, overrides, results_folder
-from agrobot_mj.cli.output import error_told, say, tell_doubts
+from agrobot_mj.cli.output import error_printer, print_hints, say
 
 if TYPE_CHECKING:
     from agrobot_mj.bench.manoeuvres import Check
@@ -85,11 +85,11 @@ def tune(
     file = read_tuning(cases)
     folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
     parts = ("training", "test")
-    tell_doubts((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
+    print_hints((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
     evaluations = budget or file.budget
     with interruptible(), task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
         found = search(
-            scenario, file, folder, budget, seeds, jobs, None, lambda n: [advance() for _ in range(n)], error_told()
+            scenario, file, folder, budget, seeds, jobs, None, lambda n: [advance() for _ in range(n)], error_printer()
         )
     if not quiet:
         for part in parts:

@@ -10,7 +10,7 @@ import typer
 
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, names, overrides, results_folder
-from agrobot_mj.cli.output import error_told, say, tell_doubts
+from agrobot_mj.cli.output import error_printer, print_hints, say
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def sweep(
     folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
     with interruptible():
-        found = run_sweep(sources[0], folder, options, partial(tell_doubts, quiet=quiet))
+        found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))
     if found.errors:
         print(f"{found.errors:,} runs raised an error; column error says which", file=sys.stderr)
     if not quiet:
@@ -125,8 +125,8 @@ def limit(
             print(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}", flush=True)
 
     with interruptible():
-        doubts = partial(tell_doubts, quiet=quiet)
-        found = search(scenario, question, kinds, folder, jobs, tell, doubts, sound, error_told())
+        hints = partial(print_hints, quiet=quiet)
+        found = search(scenario, question, kinds, folder, jobs, tell, hints, sound, error_printer())
     if not quiet:
         _print_answers(found, folder)
 

@@ -81,7 +81,7 @@ class AgOpenGps(GuidanceLaw):
     give_up_s: Positive = 10.0
     """A run ends when a host that drove has been silent for this long [s]. Estimate (3-60): time to start it again."""
     engage_at_s: NonNegative | None = None
-    """When the board's steer switch goes on [s]; from the start when left out."""
+    """Time at which the board's steer switch goes on [s]; from the start when left out."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """True scale of the mounted angle sensor [counts/deg]; the board's own `counts_per_degree` should match."""
     board: BoardSettings = BoardSettings()
@@ -89,17 +89,17 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Its line is the host's own, and so is its supervision."""
+        """Always False: host and boards have a line and a supervision of their own."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that runs it."""
+        """Command that runs this guidance."""
         return "link"
 
     @property
     def needs(self) -> dict[str, str]:
-        """Two antennas, where their sentence is asked for."""
+        """Two antennas, if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
@@ -115,7 +115,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What the host does."""
+        """Columns of the host's requests."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),

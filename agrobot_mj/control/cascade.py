@@ -22,7 +22,7 @@ SPEED_COLUMNS = (
 
 
 UNDER_WAY = radians(5.0)
-"""Angle by which the wheels may be behind their command before what integrates waits for them [rad]. Estimate."""
+"""Lag of the wheels behind their command beyond which integrals are held [rad]. Estimate."""
 
 
 class CascadeState(NamedTuple):

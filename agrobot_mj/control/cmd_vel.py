@@ -33,7 +33,7 @@ class CmdVel(GuidanceLaw):
 
     kind: Literal["cmd_vel"] = "cmd_vel"
     timeout_s: Positive = 0.5
-    """Age from which a request counts no more and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
+    """Age at which a request expires and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
     """Speed below which a yaw rate moves no wheel [m/s]. Estimate (0.02-0.2): 1 % of the tractor's top speed."""
     give_up_s: Positive = 10.0
@@ -45,16 +45,16 @@ class CmdVel(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Its way is its own, and so is its supervision."""
+        """Always False: the program outside has a path and a supervision of its own."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that runs it."""
+        """Command that runs this guidance."""
         return "ros2"
 
     def init(self) -> VelocityRequest:
-        """Nothing asked for."""
+        """State before the first request."""
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
@@ -69,7 +69,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What was asked for."""
+        """Columns of the requests."""
         return (
             Column("cmd_speed", "m/s", "speed asked for on /cmd_vel; null before the first request"),
             Column("cmd_yaw_rate", "rad/s", "yaw rate asked for on /cmd_vel, left positive; null before the first"),

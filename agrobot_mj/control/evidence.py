@@ -18,7 +18,7 @@ MOVING_M_S = 0.4
 
 
 class Evidence(NamedTuple):
-    """Fixes beside each other."""
+    """Consistency of the newest fixes with each other."""
 
     fix: Fix | None = None
     """Last fix; None before the first."""
@@ -31,13 +31,13 @@ class Evidence(NamedTuple):
     north: float = 0.0
     """Position less travelled velocity, north [m]."""
     moving: bool = False
-    """Whether the tractor moved when the position was last a new one."""
+    """Whether the tractor was moving when the position last changed."""
     repeated_s: float = 0.0
-    """Time since then, where it moved [s]."""
+    """Time for which the position has not changed although the tractor was moving [s]."""
 
     @property
     def drift(self) -> float:
-        """Distance of the position from where its velocities lead [m]."""
+        """Distance between the position and the integral of the fixes' velocities [m]."""
         return hypot(self.east, self.north)
 
     def after(self, measured: Measurement) -> "Evidence":

@@ -26,13 +26,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
 ASTRAY_M, ASTRAY = 0.3, radians(20.0)
-"""Cross-track [m] and heading error [rad] from which it stops catching up, at twice as much altogether. Estimate."""
+"""Cross-track [m] and heading error [rad] above which the speed correction fades, to zero at twice these. Estimate."""
 TURNING_S = 1.0
 """Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
 STEEP = radians(10.0)
-"""Heading error from which it comes onto the path rather than follows it [rad]. Estimate."""
+"""Heading error above which the tractor is approaching the path rather than following it [rad]. Estimate."""
 SWING = radians(6.0)
-"""Turn of the heading beyond which it waits for wheels that are still turning to their command. Estimate."""
+"""Turn of the heading beyond which the tractor waits for wheels that still turn to their command [rad]. Estimate."""
 RISE_M_S2 = 1.0
 """Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
@@ -159,7 +159,7 @@ class Following(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Where the law sees the tractor beside the path."""
+        """Columns of the tractor's position and heading relative to the path."""
         return (
             Column("path_s", "m", "distance along the path of the point nearest to the estimated CG"),
             Column("e_cross_track_hat", "m", "estimated CG from the path, left of the heading positive"),
@@ -196,7 +196,7 @@ class FollowingState(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """Where the tractor is beside the path in one tick."""
+    """Position and heading of the tractor relative to the path in one tick."""
 
     place: PathPoint
     """Point of the path nearest to the CG, on the present leg."""

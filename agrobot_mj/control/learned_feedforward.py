@@ -70,7 +70,7 @@ class LearnedFeedforward(GuidanceLaw):
     holds_lane_change: ClassVar = True
 
     def init(self) -> LearnedState:
-        """Nothing learnt."""
+        """State before anything is learnt."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
@@ -108,18 +108,18 @@ class LearnedFeedforward(GuidanceLaw):
         return state.feedback
 
     def using(self, controller: YawController) -> GuidanceLaw:
-        """With the yaw controller inside the inner law, where that takes one."""
+        """The law with the yaw controller in its inner law, where that takes one."""
         inner = self.inner.using(controller)
         return self if inner is self.inner else self.model_copy(update={"inner": inner})
 
     @property
     def follows_path(self) -> bool:
-        """As the inner law."""
+        """Whether the inner law follows the path."""
         return self.inner.follows_path
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of the inner law, the map's angle, whether it learns, and every consequent."""
+        """Columns of the inner law, the map's angle, whether it learns, and every consequent."""
         own = (
             Column("steer_learned", "rad", "steering angle of the learnt map, left positive"),
             Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),

@@ -84,7 +84,7 @@ class Lqr(Following):
     """Ranges in which the gains are sought."""
 
     def memory(self) -> LqrState:
-        """Nothing under way."""
+        """State before the first tick: no command is under way."""
         return LqrState(under_way=(0.0,) * round(self.steering_delay_s / TICK_S))
 
     def steering(self, memory: LqrState, beside: Beside, situation: Situation, dt: float) -> tuple[LqrState, float]:
@@ -135,7 +135,7 @@ class Lqr(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of every path-following law, and the integral."""
+        """Columns of every path-following law, and the integral."""
         return (*super().columns, Column("steer_integral", "rad", "steering angle held by the integral of the law"))
 
     def report(self, state: FollowingState) -> Sequence[float]:

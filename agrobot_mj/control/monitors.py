@@ -18,25 +18,26 @@ from agrobot_mj.core.spec import NonNegative, Positive
 OVERSPEED_M_S = 0.15
 """Speed that is no overspeed at any command [m/s]. Estimate: four times the noise of a reading."""
 HEAVIEST = 3.0
-"""Most that a signal far above its limit counts for [-]. Estimate."""
+"""Largest ratio of a signal to its limit that counts in the time above the limit [-]. Estimate."""
 
 
 class Monitor(NamedTuple):
     """One limit of autonomous driving."""
 
     signal: float
-    """What is watched; NaN where it is not known in this tick."""
+    """Monitored signal; NaN where it is not known in this tick."""
     limit: float
-    """Value above which it counts."""
+    """Limit of the signal, in the same unit."""
     lasting_s: float
-    """Time above the limit at which the tractor is stopped; at twice the limit half of it [s]."""
+    """Time above the limit after which the tractor is stopped; half of it at twice the limit [s]."""
     reason: str
-    """Why it stops, with a place for the signal."""
+    """Reason for the stop, a format string with a place for the signal."""
     cut: bool = False
     """Whether the pedal is in doubt, so that its valve loses power."""
 
     def over(self, time: float, dt: float) -> float:
-        """Time [s] above the limit after a tick of length `dt` [s]; a signal that is not known changes nothing."""
+        """Time above the limit [s] after a tick of `dt` [s], weighted by the excess; unchanged if the signal is not
+        known."""
         if self.signal != self.signal:
             return time
         return time + min(self.signal / self.limit, HEAVIEST) * dt if self.signal > self.limit else 0.0
@@ -54,7 +55,7 @@ class Watched(NamedTuple):
     mismatch: float = 0.0
     """Commanded less measured steering angle where the wheels do not follow, else 0 [rad]."""
     evidence: Evidence = Evidence()
-    """What the fixes say of themselves."""
+    """Consistency of the fixes with each other."""
     pedal_mismatch: float = 0.0
     """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
     pedal_rate: float = 0.0
@@ -100,14 +101,16 @@ class SupervisorLimits(Reporting):
     max_wheel_lag_m_s: Positive = 0.35
     """Speed by which wheels may be slower than the fixes [m/s]. Estimate (0.2-0.5): sway of the antenna."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Share of the speed of the fixes by which they may be slower besides [-]. Estimate (0.2-0.4): wheels on a bump."""
+    """Further lag of the wheels that is allowed, as a share of the fixes' speed [-]. Estimate (0.2-0.4): wheels on a
+    bump."""
     wheel_lag_s: Positive = 0.3
     """Duration of such a difference at which it stops [s]. Estimate (0.2-0.5): over half a swing of the antenna."""
     max_angle_mismatch_deg: Positive = 8.0
     """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Estimate (6-15): a worn
     sensor, side slip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Share of the larger angle beside that [-]. Estimate (0.3-0.6): front wheels slide under an implement."""
+    """Further difference allowed, as a share of the larger angle [-]. Estimate (0.3-0.6): wheels slide under an
+    implement."""
     angle_mismatch_s: Positive = 1.0
     """Duration of such a difference at which it stops [s]. Estimate (0.5-1.5): lag of wheels and tyres."""
     max_repeat_s: Positive = 0.4

@@ -161,7 +161,7 @@ class Nmpc(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of every path-following law, and the disturbances."""
+        """Columns of every path-following law, and the disturbances."""
         return (
             *super().columns,
             Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),

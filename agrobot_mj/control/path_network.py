@@ -79,7 +79,7 @@ class PathNetwork(Spec):
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
-        """Nothing learnt."""
+        """State before anything is learnt."""
         rules = int(np.prod(self.shape))
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
@@ -94,17 +94,18 @@ class PathNetwork(Spec):
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """With the trace after `dt` [s] in which the rules fired as `w`."""
+        """State with its trace after `dt` [s] in which the rules fired as `w`."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
-        """With consequents that have learnt from the feedback `e` for `dt` [s], |f| <= `bound` [unit of the output]."""
+        """State with consequents that have learnt from feedback `e` for `dt` [s], |f| <= `bound` [unit of the
+        output]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
 
 
 class Sets(NamedTuple):
-    """The sets of one input."""
+    """Fuzzy sets over one input of the network."""
 
     centres: Array
     """Centres of the sets [unit of the input]."""

@@ -18,7 +18,7 @@ class SpeedNetworkState(NamedTuple):
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the speed error [m/s]."""
     network: T2FnnState | None = None
-    """None before the first error, about which the network's sets are laid."""
+    """State of the network; None before the first error, around which its sets are placed."""
     tau_c: float = 0.0
     """Last output of the proportional law [m/s]."""
     tau_n: float = 0.0

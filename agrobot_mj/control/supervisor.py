@@ -31,7 +31,8 @@ BEHIND_S = 0.8
 STANDING_M_S = 0.15
 """Speed below which the tractor counts as standing [m/s]. Estimate: four times the noise of a reading."""
 OVERDUE_S = 1.0
-"""Time that the tractor takes to rest once the pedal is in neutral [s]. Estimate: three lags of the pump."""
+"""Longest time in which the tractor comes to rest once the pedal is in neutral [s]. Estimate: three lags of the
+pump."""
 
 
 class Mode(IntEnum):
@@ -49,7 +50,7 @@ class SupervisorState(NamedTuple):
 
     mode: Mode = Mode.IDLE
     watched: Watched = Watched()
-    """What the monitors need."""
+    """Signals that the monitors need."""
     over_s: tuple[float, ...] = ()
     """Time for which the signal of each monitor has been above its limit [s]."""
     readings: tuple[float, float] | None = None
@@ -71,7 +72,7 @@ class SupervisorState(NamedTuple):
 
 
 class Supervisor(SupervisorLimits):
-    """What is done while the limits are kept, and where they are not."""
+    """Supervisor: limits, and what is done when one is exceeded."""
 
     enabled: bool = True
     """Whether the supervisor acts; off in the scenarios of the paper, which has none."""

@@ -11,10 +11,7 @@ Message = TypeVar("Message")
 
 @contextmanager
 def without_exit() -> Iterator[None]:
-    """Code of somebody's own kinds within the block does not end the program, with a status that it chose.
-
-    Raises `ScenarioError` where it tries.
-    """
+    """Raise `ScenarioError` in place of the SystemExit that a plugin's code raises within the block."""
     try:
         yield
     except SystemExit as error:

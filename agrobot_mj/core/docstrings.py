@@ -14,7 +14,7 @@ from itertools import pairwise
 
 @cache
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """Texts that stand below the attributes of a class, its bases included, by attribute; none without a source."""
+    """Docstrings below the attributes of a class and of its bases, by attribute; empty if there is no source."""
     found: dict[str, str] = {}
     for base in reversed(owner.__mro__):
         found.update(_own(base))

@@ -1,4 +1,4 @@
-"""Bad input, told to a person. Imports nothing heavy: the command line needs it before anything else."""
+"""Errors with the text that a user reads. Imports nothing heavy: the command line needs it before anything else."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches

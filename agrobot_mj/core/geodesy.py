@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Origin(NamedTuple):
-    """Where x = y = 0 lies on the Earth."""
+    """Geographic position of x = y = 0."""
 
     latitude: float
     """North positive [deg]."""

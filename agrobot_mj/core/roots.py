@@ -7,7 +7,7 @@ XTOL, RTOL = 2e-12, 8.881784197001252e-16
 
 
 def root(function: Callable[[float], float], low: float, high: float, xtol: float = XTOL, rtol: float = RTOL) -> float:
-    """Where `function` is zero between `low` and `high`. Raises ValueError unless it changes its sign between them.
+    """Zero of `function` between `low` and `high`. Raises ValueError unless it changes its sign between them.
 
     scipy.optimize is imported by the first call: most runs never ask, and it takes an eighth of a second.
     """

@@ -6,7 +6,7 @@ from agrobot_mj.core.signals import Array
 
 
 def moving_mean(values: Array, count: int) -> Array:
-    """Mean over the `count` rows around each of the rows of `values` (n,), of those that are finite; NaN if none is."""
+    """Mean of the finite values among the `count` rows around each row of `values` (n,); NaN where there are none."""
     finite, window = np.isfinite(values), np.ones(max(1, min(len(values), count)))
     total = np.convolve(np.where(finite, values, 0.0), window, "same")
     counted = np.convolve(finite, window, "same")

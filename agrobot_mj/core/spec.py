@@ -34,7 +34,7 @@ def whole_ticks(seconds: float) -> float:
 
 
 UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Characters that command a terminal or turn a line round: controls, separators, directions, halves of others."""
+"""Characters that control a terminal or reverse text: controls, separators, bidirectional marks, lone surrogates."""
 
 
 def printable(text: str) -> str:
@@ -69,7 +69,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Text below a key in the source, or what its field says, printable; empty where there is neither."""
+        """Printable docstring of a key, or the description of its field; empty where there is neither."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
@@ -83,7 +83,7 @@ class Spec(BaseModel):
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:
-    """The specs inside an annotation by their `kind`, or kinds (by class name where they have none)."""
+    """Specs within an annotation by `kind`; one without a kind by its class name."""
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         kind = annotation.model_fields.get("kind")
         return dict.fromkeys(

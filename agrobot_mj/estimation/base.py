@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant over which the NIS is smoothed [s]. Estimate: 100 fixes, so that a healthy one stays below 2.6."""
+"""Time constant of the smoothed NIS [s]. Estimate: 100 fixes, over which a consistent filter stays below 2.6."""
 NIS_MOST = 200.0
 """NIS beyond which an innovation counts no further towards the smoothed one [-]. Estimate: fourteen sigma, so that a
 single wild fix adds 2 to it, and wild fixes for five seconds 126."""
@@ -28,7 +28,7 @@ class Health(NamedTuple):
     """Smoothed NIS of the position, 2 if consistent [-]."""
 
     def after(self, nis: float, fix_t: float | None, dt: float) -> "Health":
-        """With the NIS of a tick, NaN without a fix, and the time of its fix, None unless it was accepted [s]."""
+        """Health after a tick with this NIS (NaN without a fix) and this time of the fix (None unless accepted) [s]."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(self.fix_t if fix_t is None else fix_t, smooth)
@@ -52,7 +52,7 @@ class StateEstimator(Reporting):
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
-        """State before the first tick, told to stand at R = (x, y) [m] with heading `yaw` [rad]."""
+        """State before the first tick, at R = (x, y) [m] with heading `yaw` [rad]."""
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:

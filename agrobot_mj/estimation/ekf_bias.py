@@ -34,11 +34,11 @@ from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.machine.tractor import TractorParameters
 
 BIAS = 3
-"""Where the steering bias stands in the state."""
+"""Index of the steering bias in the state."""
 
 
 class Levels(NamedTuple):
-    """Process noise, and how the error of a fix splits."""
+    """Process noise, and the split of the error of a fix into a correlated and a white part."""
 
     position_walk: float
     """Random walk of the position [m/sqrt(s)]."""

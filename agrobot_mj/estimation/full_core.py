@@ -35,7 +35,7 @@ class Inputs(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """When a fix is refused."""
+    """Limits beyond which a fix is refused."""
 
     nis: float
     """NIS of a pair above which it is improbable [-]."""
@@ -60,7 +60,7 @@ class Core(NamedTuple):
     """All that the filter believes and remembers at the time of its last tick."""
 
     mean: Array
-    """States, shape (13,), or (14,) once a heading has been heard."""
+    """Mean of the states, shape (13,), or (14,) after the first heading from two antennas."""
     covariance: Array
     """Covariance of `mean`."""
     search: Search | None = Search()
@@ -80,17 +80,17 @@ class Core(NamedTuple):
     rejected_velocities: int = 0
     """Velocities refused since the start."""
     restarts: int = 0
-    """How often the position was restarted or the yaw searched again."""
+    """How often the position was restarted or the search for the yaw repeated."""
     seen_t: float = -1.0
     """Time of the last fix [s]."""
     accepted_t: float = 0.0
     """Time of the last accepted fix, the start before the first [s]."""
     probation: int = 0
-    """Fixes without a refusal after which, since a restart, one counts as accepted."""
+    """Consecutive fixes without a refusal that are still due, after a restart, until one counts as accepted."""
     fix_speed: float = 0.0
     """Speed of the last fix [m/s]."""
     leapt: bool = False
-    """Whether that has leapt since wheels and fixes last agreed."""
+    """Whether the fixes' speed has jumped since it last agreed with the wheels'."""
     slip: WheelSlip = WheelSlip()
     """How much the slip of the wheels changes."""
     cruise: float = 0.0
@@ -100,7 +100,7 @@ class Core(NamedTuple):
 
 
 def alone(covariance: Array, index: int, sigma: float) -> Array:
-    """A covariance in which one state has a new standard deviation and nothing to do with the others."""
+    """Covariance with the standard deviation of one state reset and its correlations removed."""
     P = covariance.copy()
     P[index], P[:, index] = 0.0, 0.0
     P[index, index] = sigma * sigma
@@ -108,14 +108,14 @@ def alone(covariance: Array, index: int, sigma: float) -> Array:
 
 
 def forget_correlated(core: Core) -> Core:
-    """Correlated error in its stationary distribution: that of a float solution is another one."""
+    """State with the correlated error reset to its stationary distribution, as for another fix quality."""
     mean = core.mean.copy()
     mean[[G_E, G_N]] = 0.0
     return core._replace(mean=mean, covariance=alone(alone(core.covariance, G_E, 1.0), G_N, 1.0))
 
 
 def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """Position of the fix, as uncertain as one fix."""
+    """State with the position and its uncertainty reset to those of the fix."""
     core, sigma = forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
     mean = core.mean.copy()
     mean[X], mean[Y] = fix.x, fix.y
@@ -123,19 +123,19 @@ def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
 
 
 def turned(core: Core, angle: float, sigma: float) -> Core:
-    """The end of the search: the yaw corrected by an `angle` [rad], as uncertain as `sigma` [rad]."""
+    """State after the search: yaw corrected by `angle` [rad], with the uncertainty `sigma` [rad]."""
     mean = core.mean.copy()
     mean[PSI] += angle
     return core._replace(mean=mean, covariance=alone(core.covariance, PSI, sigma), search=None)
 
 
 def accepted(core: Core, t: float) -> Core:
-    """After a position that passed the gate at `t` [s]."""
+    """State after a position that passed the gate at `t` [s]."""
     if core.probation > 1:
         return core._replace(refused_position=0, probation=core.probation - 1)
     return core._replace(refused_position=0, probation=0, accepted_t=t)
 
 
 def restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """After too many refusals: the position restarts from the fix."""
+    """State restarted at the fix after too many refusals."""
     return at_fix(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)

@@ -70,9 +70,9 @@ ALIGNED_SIGMA = radians(1.0)
 UNALIGNED_SIGMA = radians(104.0)
 """Uncertainty of a yaw of which nothing is known: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
-"""Wheel speed from which on velocities tell the yaw [m/s]. Estimate: three times their noise."""
+"""Wheel speed above which velocities are used to find the yaw [m/s]. Estimate: three times their noise."""
 SLIPPING_SPEED = 0.3
-"""Speed from which on a fix tells the slip of the wheels [m/s]. Estimate: ten times the noise of its velocity."""
+"""Speed above which a fix is used to observe wheel slip [m/s]. Estimate: ten times the noise of its velocity."""
 CRUISE_S = 1.0
 """Time constant of the speed without noise [s]. Estimate: 20 readings, and a start takes two seconds."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10

@@ -49,7 +49,7 @@ class FullLevels(NamedTuple):
     wheel_sigma: float
     """Noise of the wheel speed [m/s]."""
     steer_sigma: float
-    """Noise of the yaw rate that the steering angle tells [rad/s]."""
+    """Noise of the yaw rate that follows from the steering angle [rad/s]."""
     velocity_sigma: float
     """Noise of the GNSS velocity, per axis [m/s]."""
     lean_slip_walk: float = 0.001
@@ -59,7 +59,7 @@ class FullLevels(NamedTuple):
     sideslip_walk: float = radians(0.1)
     """Random walk of the sideslip beyond the modelled one [rad/sqrt(s)]."""
     sideslip_sigma: float = radians(2.0)
-    """Standard deviation of that sideslip when the first heading is heard [rad]."""
+    """Standard deviation of that sideslip at the first heading from two antennas [rad]."""
 
 
 class FixNoise(NamedTuple):
@@ -167,7 +167,7 @@ def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
 
 
 def wheel_scale(mean: Array, pitch: float) -> float:
-    """Speed of the wheels over that of R in the plan [-]: their error, their slip on a climb, and its length."""
+    """Wheel speed over the speed of R in the horizontal plane [-]: scale error, slip on a climb, slope."""
     return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
 
 

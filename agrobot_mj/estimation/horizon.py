@@ -36,14 +36,14 @@ HISTORY_TICKS = 110
 
 
 class Horizon(NamedTuple):
-    """The core, the readings that it has not seen yet, and where it came from."""
+    """State of the filter at the newest fix, with the readings since then and the states before it."""
 
     core: Core
     """Beliefs at the time of the core."""
     waiting: tuple[Inputs, ...] = ()
     """Readings after that time, oldest first."""
     history: tuple[tuple[Core, Inputs], ...] = ()
-    """Each tick's core before it and the inputs that took it further, oldest first."""
+    """Core before each tick and the inputs of that tick, oldest first."""
 
     def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
         """The horizon after a tick of length `dt` [s]."""
@@ -79,7 +79,7 @@ class Horizon(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What is believed of this moment."""
+    """Estimate at the present time."""
 
     x: float
     """R, east [m]."""

@@ -14,7 +14,7 @@ from agrobot_mj.estimation.equations import posterior, prior, tick
 
 
 class Workspace:
-    """A filter of filterpy in which ticks are computed; it remembers nothing that the next tick reads."""
+    """A filter of filterpy used as a workspace: nothing in it is carried over to the next tick."""
 
     kf: Any
     """`KalmanFilter` or `ExtendedKalmanFilter`; its x, P, F, Q, y, H, R and S are those of the last tick."""

@@ -29,7 +29,7 @@ class SmoothedTilt(NamedTuple):
     """Rate of the pitch [rad/s]."""
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """With the next readings [rad], `dt` [s] later."""
+        """Tilt after the next readings [rad], `dt` [s] later."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)

@@ -26,7 +26,7 @@ class Lever(NamedTuple):
     """Rate of the offset [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """With the next offset [m], `dt` [s] later, its rate through a low pass of time constant `filter_s` [s]."""
+        """Lever after the next offset [m], `dt` [s] later, its rate low-passed with time constant `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (was_east, was_north), (v_e, v_n) = offset, self.offset, self.swing
         swing = keep * v_e + (1.0 - keep) * (east - was_east) / dt, keep * v_n + (1.0 - keep) * (north - was_north) / dt

@@ -28,7 +28,7 @@ class WheelSlip(NamedTuple):
     """Mean of that variance [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """With the relative residual of a tick of length `dt` [s] and its `variance`; that of the scale is known."""
+        """State after a tick of `dt` [s] with this relative residual, its `variance` and that of the wheel scale."""
         keep, forget = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance
@@ -36,7 +36,7 @@ class WheelSlip(NamedTuple):
         return WheelSlip(low, change, forget * self.memory + (1.0 - forget) * change)
 
     def unseen(self) -> "WheelSlip":
-        """Without a fix: as much may change now as did before."""
+        """State after a tick without a fix: the slip is taken to change as it has before."""
         return WheelSlip(change=self.memory, memory=self.memory)
 
     @property

@@ -65,7 +65,7 @@ class GnssFrozen(Scripted):
 
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
-    """What it says of its velocity: `nothing` for standstill, the last `velocity` again, or `live_velocity`."""
+    """Velocity it reports: `nothing` for standstill, the last `velocity` again, or the `live_velocity`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the solution."""

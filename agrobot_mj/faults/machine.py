@@ -73,7 +73,7 @@ class SoftTyre(Scripted):
 
     @property
     def subject(self) -> str:
-        """Its wheel: another tyre may be soft at the same time."""
+        """The wheel: a different tyre may be soft at the same time."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -102,7 +102,7 @@ class Payload(Scripted):
 
     @property
     def subject(self) -> str:
-        """Its place: payloads elsewhere may be there at the same time."""
+        """The position: payloads elsewhere may act at the same time."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property

@@ -31,13 +31,13 @@ class Solution(NamedTuple):
     altitude: float
     """Antenna above the ellipsoid's stand-in z = 0 [m]."""
     speed: float
-    """Over ground [m/s]."""
+    """Speed over ground [m/s]."""
     course: float
     """Direction of motion, from east, counter-clockwise [rad]."""
     quality: int = RTK_FIX
     """As in GGA."""
     satellites: int = 14
-    """In use. Estimate."""
+    """Number of satellites in use [-]. Estimate."""
     hdop: float = 0.7
     """Horizontal dilution of precision [-]. Estimate."""
     age: float = 1.0

@@ -17,7 +17,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """The program outside has not come, so that there was no run."""
+    """The program outside has not started in time, so that there was no run."""
 
 
 class LinkSession(Protocol):
@@ -25,7 +25,7 @@ class LinkSession(Protocol):
 
     sim: Simulation
     ended: str | None
-    """Outcome that the link gives the run, None where the run's own stands."""
+    """Outcome that the link gives the run; None keeps the run's own."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Drive to the end; `tell` is called after each tick. Raises `NotBegunError`."""

@@ -17,8 +17,8 @@ up to 45 and 100 in the tables of makers."""
 HIGHEST_BAR = 250.0
 """Pressure beyond which no steering works [bar]. Estimate: 100-200."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Pull over weight of a tractor that works on field and slope, and that which power must give at speed [-]. Estimate:
-0.05-0.07 go into rolling resistance alone."""
+"""Least pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
+Estimate: 0.05-0.07 go into rolling resistance alone."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:

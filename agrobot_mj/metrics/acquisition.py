@@ -8,7 +8,7 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
-"""Distance from the path within which it is reached [m]. Estimate: twice the claim of RTK guidance."""
+"""Distance from the path within which it counts as reached [m]. Estimate: twice the claim of RTK guidance."""
 HELD_S = 5.0
 """Time for which it must stay within the band [s]. Estimate: longer than half a weave."""
 END_S = 2.0
@@ -26,10 +26,10 @@ class Acquisition(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of the tractor's offset."""
+        """Metrics of the way onto the path, by name."""
         if not view.path.start_offset_m:
             return {}
-        t, e = view.column("t"), view.beside.offset
+        t, e = view.column("t"), view.cg_on_path.offset
         outside = t[~(np.abs(e) <= BAND_M)]
         begins = np.append(t[0], outside)
         held = np.diff(np.append(begins, t[-1])) >= HELD_S

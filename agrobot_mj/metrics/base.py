@@ -61,7 +61,7 @@ class RunView:
         return self.log.column(name)
 
     @cached_property
-    def beside(self) -> BesidePath:
+    def cg_on_path(self) -> BesidePath:
         """Position of the true CG relative to the path at each tick."""
         return self.beside_path("x", "y")
 

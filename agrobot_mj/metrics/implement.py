@@ -1,4 +1,4 @@
-"""Where the implement works, relative to the tractor's path: what the crop sees of the guidance."""
+"""Errors and pull of the implement relative to the tractor's path: what the crop sees of the guidance."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,7 +7,7 @@ from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 
 
 class ImplementErrors(Metric):
-    """Where the implement of a tractor that has one works, and how it pulls."""
+    """Errors of the implement's working point, and its pull, if the tractor has one."""
 
     kind: Literal["implement"] = "implement"
     columns: ClassVar = (
@@ -19,7 +19,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of the columns of the implement, if there are any."""
+        """Metrics of the implement, empty without one."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # no such column

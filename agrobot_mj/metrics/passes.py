@@ -69,10 +69,10 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of `pass_to_pass`."""
+        """Metrics from `pass_to_pass`."""
         if not isinstance(view.path, Parallel):
             return {}
-        return {"iso_12188_2_style": pass_to_pass(view.path, view.beside.time, view.column("x"), view.column("y"))}
+        return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:

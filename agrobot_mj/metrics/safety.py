@@ -12,9 +12,9 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0
 """Distance from which the tractor counts as off its path [m]."""
 SLOWEST_M_S = 0.5
-"""Command below which a speed is compared with this one [m/s]."""
+"""Least command that a speed is compared with [m/s]."""
 MEMORY = 40
-"""Ticks in which a tractor may still follow an earlier command: two seconds, in which it can stop."""
+"""Ticks for which an earlier, larger command counts: two seconds, in which the tractor can stop."""
 
 
 class Safety(Metric):
@@ -31,7 +31,7 @@ class Safety(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those after the first fault."""
+        """Metrics from the first fault on."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")
@@ -41,7 +41,7 @@ class Safety(Metric):
             return {}
         first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
         speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))
-        offset = np.abs(view.beside.offset[first:])
+        offset = np.abs(view.cg_on_path.offset[first:])
         off = np.flatnonzero(offset > OFF_M)
         return {
             "safety": {

@@ -18,7 +18,7 @@ ERRORS = (
     *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
     "acquisition",
 )
-"""First letters of the names of tracking errors."""
+"""Prefixes of the names of tracking errors."""
 MOST_REASONS = 3
 """Reasons that a text lists."""
 Row = Mapping[str, Any]

@@ -35,7 +35,7 @@ class Tracking(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Those of all rows, and of the rows of each turn."""
+        """Errors over all rows, and over the rows of each turn."""
         t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
         turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
         return {**found[0], "per_turn": turns}
@@ -66,7 +66,7 @@ def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float 
     }
     yield lateral, view.column("e_lateral")
     yield {"longitudinal_rms": rms}, view.column("e_longitudinal")
-    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.beside.offset
+    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.cg_on_path.offset
     yield {"yaw_rate_error_rms": rms}, view.column("e_yaw_rate")
 
 

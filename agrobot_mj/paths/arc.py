@@ -1,7 +1,7 @@
 """Geometry of a piece of path: poses along an arc or a clothoid, and the reference of a point that moves there.
 
 Distances [m] count along the heading of the tractor, so that they are negative where it reverses. Curvature [1/m] is
-left positive, yaw from east, counter-clockwise. `progress` and its inverse `when` belong to paths of constant speed
+left positive, yaw from east, counter-clockwise. `progress` and its inverse `time_at` belong to paths of constant speed
 after a ramp from rest.
 """
 

@@ -37,7 +37,7 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 
 
 def start_of(path: "ReferencePath") -> Reference:
-    """Where the tractor stands at first: beside the path's start and turned from it by the keys of the path.
+    """Initial pose of the tractor: the path's start, offset and turned by the keys of the path.
 
     Raises `ScenarioError` as `reference_at`.
     """
@@ -61,7 +61,7 @@ class ReferencePath(Spec):
     """Heading of the tractor at its start from that of the path, left positive [deg]."""
 
     def check(self) -> None:
-        """Read what the path takes from files. Raises ValueError where that makes no path, naming the key."""
+        """Read the path's files. Raises ValueError, naming the key, where they give no path."""
 
     @property
     def duration_s(self) -> float:
@@ -80,7 +80,7 @@ class ReferencePath(Spec):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest; the first such place."""
+        """First place of the largest curvature."""
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:

@@ -18,7 +18,7 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.transition import Transitions
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
-"""Where the first turn begins, and each one after it."""
+"""Start of every turn."""
 
 
 class Circle(Transitions, ReferencePath):
@@ -32,7 +32,7 @@ class Circle(Transitions, ReferencePath):
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """How often to go round [-]."""
     direction: Literal["left", "right"] = "left"
-    """Which way it turns: left is counter-clockwise seen from above."""
+    """Direction of the turn: left is counter-clockwise seen from above."""
 
     @property
     def turn_s(self) -> float:
@@ -56,7 +56,7 @@ class Circle(Transitions, ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest first: the beginning of the circle."""
+        """First place of the largest curvature: the beginning of the circle."""
         return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:

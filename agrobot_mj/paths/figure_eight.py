@@ -104,7 +104,7 @@ class FigureEight(Transitions, ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest: the beginning of the first arc."""
+        """First place of the largest curvature: the beginning of the first arc."""
         arc = next(p for p in reversed(_lap(self)[0]) if abs(p.curvature) > 0.999999 * self.max_curvature)
         return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
 

@@ -26,7 +26,7 @@ STRAIGHT = 1e-9
 SHARPEST = pi - 0.02
 """A corner of more turns straight back [rad]."""
 BRISKEST = 1e6
-"""Sharpness of clothoids that are as good as none [1/m2]."""
+"""Sharpness beyond which a clothoid counts as none [1/m2]."""
 
 
 class Rounding(NamedTuple):

@@ -22,13 +22,13 @@ class LaneChange(Timed):
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """To the other line, left positive [m]. Estimate (2-4): a lane, three track widths."""
+    """Distance to the other line, left positive [m]. Estimate (2-4): a lane, three track widths."""
     change_m: Positive = 12.0
     """Length of the change along the line [m]. Estimate (8-20): with the offset, bends of 8.8 m radius."""
     straight_m: Positive = 20.0
     """Length of each straight, before, between and after [m]. Estimate (10-30): room to swing in."""
     double: bool = False
-    """Whether it comes back."""
+    """Whether the path changes back to the first line."""
     heading_deg: float = 0.0
     """Direction of the lines from east, counter-clockwise [deg]."""
     start_x_m: Coordinate = 0.0

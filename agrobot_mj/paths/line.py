@@ -39,7 +39,7 @@ class Line(ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest: it is zero everywhere, so the start."""
+        """Place of the largest curvature: it is zero everywhere, so the start."""
         return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:

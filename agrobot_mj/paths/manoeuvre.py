@@ -27,7 +27,7 @@ class CoursePiece(Spec):
 
     kind: str
     reverse: bool = False
-    """Whether it is driven in reverse."""
+    """Whether the piece is driven in reverse."""
     speed_m_s: Speed | None = None
     """Speed allowed on it; the path's own when left out [m/s]."""
 
@@ -50,7 +50,7 @@ class StraightPiece(CoursePiece):
     """Length [m]."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Its length, without curvature."""
+        """Length of the straight, without curvature."""
         return self.length_m, 0.0, 0.0
 
 
@@ -63,10 +63,10 @@ class ArcPiece(CoursePiece):
     angle_deg: Annotated[float, Field(gt=0, le=3600)]
     """Change of heading [deg]."""
     side: Literal["left", "right"] = "left"
-    """Where the wheels are turned, and the centre lies."""
+    """Side to which the wheels are turned, on which the centre lies."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Its length and curvature."""
+        """Length and curvature of the arc."""
         curvature = (1.0 if self.side == "left" else -1.0) / self.radius_m
         return self.radius_m * radians(self.angle_deg), curvature, 0.0
 
@@ -83,7 +83,7 @@ class ClothoidPiece(CoursePiece):
     """Curvature at its end, left positive [1/m]."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Its length, first curvature and its change."""
+        """Length of the clothoid, its first curvature and the change per metre."""
         return self.length_m, self.from_per_m, (self.to_per_m - self.from_per_m) / self.length_m
 
 

@@ -81,7 +81,7 @@ class Parallel(Transitions, Timed):
         pieces, motion, ends, way = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:
-                ends.append((motion.when(way + self.run_in_m), motion.when(way + piece.length)))
+                ends.append((motion.time_at(way + self.run_in_m), motion.time_at(way + piece.length)))
             way += piece.length
         return tuple(ends)
 

@@ -1,4 +1,4 @@
-"""When a course is where: the fastest speed from rest within all limits, and the reference that follows from it.
+"""Speed profile of a course: the fastest speed from rest within all limits, and the reference that follows from it.
 
 The limits are the path's `speed_m_s`, the speed that a piece of the course allows, the lateral acceleration v^2 kappa
 and the acceleration along the path. At a cusp the speed is zero. The squared speed is linear in the distance between
@@ -66,7 +66,7 @@ class TimedCourse:
 
     @property
     def duration(self) -> float:
-        """From rest to the end of the course [s]."""
+        """Time from rest to the end of the course [s]."""
         return self._starts[-1]
 
     @cached_property
@@ -76,10 +76,10 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """Where it is."""
+        """Place of the largest curvature."""
         return self.course.sharpest()
 
-    def when(self, distance: float) -> float:
+    def time_at(self, distance: float) -> float:
         """The time [s] at which the reference is `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
         way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
@@ -133,7 +133,7 @@ class Timed(ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """From rest to the end [s]."""
+        """Time from rest to the end [s]."""
         return self.motion.duration
 
     @property
@@ -143,7 +143,7 @@ class Timed(ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Where the curvature is largest."""
+        """Place of the largest curvature."""
         return self.motion.sharpest
 
     def at(self, t: float) -> Reference:

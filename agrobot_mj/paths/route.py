@@ -1,4 +1,4 @@
-"""Where a point is beside a path: the nearest point, and what lies ahead; for the laws, and for the metrics of a run.
+"""Nearest point of a path and the path ahead of it, for the laws and for the metrics of a run.
 
 A path is a function of time. `Route` samples it every STEP_M along its length, as far as the questions reach, and seeks
 the nearest point in a window about a place that the caller names (its last one), so that neither the other branch of a

@@ -21,7 +21,7 @@ class Sinusoid(Timed):
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """From the axis to a crest, positive: the first to the left [m]. Estimate: bends of 11.4 m radius."""
+    """Height of a crest over the axis, positive if the first is to the left [m]. Estimate: bends of 11.4 m radius."""
     wavelength_m: Positive = 30.0
     """Length of a wave along the axis [m]. Estimate: with the amplitude, bends of 11.4 m radius."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4

@@ -132,7 +132,7 @@ class Course(NamedTuple):
         return Course(self.start, lengths, curvatures, np.repeat(self.speeds, parts), sharpnesses, *others)
 
     def sharpest(self) -> Place:
-        """Where the curvature is largest: the middle of the first such arc, or the sharper end of the clothoid."""
+        """Place of the largest curvature: the middle of the first such arc, or the sharper end of the clothoid."""
         x, y, _ = self.joints()
         peaks = self.peaks
         k = int(np.argmax(peaks > 0.999999 * peaks.max()))
@@ -161,7 +161,7 @@ def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
 
 
 def affordable(length: float) -> float:
-    """Give `length` [m] back. Raises ValueError if no course may be that long."""
+    """Return `length` [m] unchanged. Raises ValueError if it is more than a course may have."""
     if length > LONGEST_M:
         raise ValueError(f"is {length / 1000:.4g} km long, at most {LONGEST_M / 1000:g} km; make it shorter")
     return length

@@ -19,14 +19,14 @@ from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 MOST_BYTES = 2_000_000
 MOST_ROWS = 20_000
 FARTHEST_M = 100e3
-"""From the origin [m]: beyond, coordinates are those of a map, and lose digits."""
+"""Largest distance from the origin [m]: farther coordinates are those of a map grid, and lose digits."""
 CLOSEST_M = 0.001
-"""Between one waypoint and the next [m]."""
+"""Least distance between consecutive waypoints [m]."""
 COLUMNS = ("x", "y", "speed")
 
 
 def stamp_of(name: str) -> Stamp:
-    """What tells this state of the file from others. Raises ValueError if it cannot be one."""
+    """Stamp of the file's present content. Raises ValueError if it cannot be a waypoint file."""
     path = checked(name, (), MOST_BYTES)
     return stamp(name) or refuse(path, "has just vanished; write it again")
 

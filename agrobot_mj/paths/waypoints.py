@@ -72,7 +72,7 @@ class Waypoints(Transitions, Timed):
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """(start, end) of each lap, an open way being one [s]."""
         length, laps = float(self.motion.distances[-1]), self._laps
-        times = [self.motion.when(k * length / laps) for k in range(laps)] + [self.duration_s]
+        times = [self.motion.time_at(k * length / laps) for k in range(laps)] + [self.duration_s]
         return tuple(pairwise(times))
 
     @property

@@ -46,7 +46,7 @@ class RunningPlant(Protocol):
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest on the path's start, under the conditions of the first tick."""
+        """Place the tractor at rest at the start of the path, under the conditions of the first tick."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
@@ -64,7 +64,7 @@ class RunningPlant(Protocol):
         """Generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """What the four wheels report; an empty array for none."""
+        """Reports of the four wheels; an empty array without wheels."""
         return np.empty(0)
 
     @property

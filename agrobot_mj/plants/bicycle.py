@@ -39,7 +39,7 @@ from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
 CRAWL = 0.05
-"""Below this speed the dynamics count as settled [m/s]."""
+"""Speed below which the dynamics count as settled [m/s]."""
 
 
 class Bicycle(Spec):
@@ -55,8 +55,8 @@ class Bicycle(Spec):
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """C_alpha,r of the rear axle [N/rad]. Estimate (18e3-40e3), likewise."""
 
-    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Stiffnesses that are not those of tyres under the static loads: lines that begin with a key."""
+    def hints(self, machine: Machine, speed: float) -> Iterator[str]:
+        """Stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):

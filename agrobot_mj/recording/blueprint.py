@@ -17,16 +17,16 @@ from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"
-"""The camera follows an entity that has geometry."""
+"""Entity that the camera follows; it must have geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""Entities that stay from their time on."""
+"""Entities that stay visible from their time on."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
-"""Behind the ground: from the side, and from above, where a field ends."""
+"""Colours behind the ground, in the view from the side and in that from above."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""Beginnings of the paths of the plots beside the scene."""
+"""Prefixes of the paths of the plots beside the scene."""
 TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/",),
@@ -36,11 +36,11 @@ TABS = {
 }
 """Parts of each further tab by its name; a tab is there if any entity begins with one of them."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""What a tab shows besides, which alone is no reason for it."""
+"""Further plots of a tab, which alone do not create it."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Where the following camera starts, seen from the tractor: forward, left, up [m]."""
+"""Initial position of the following camera from the tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Point at which it looks, from the same origin and in the same directions, until it follows [m]."""
+"""Point at which that camera looks at first, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1

@@ -40,9 +40,9 @@ BESIDE = 3
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and from one track to the next: enough for tracks seen aslant [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the highest track, and how much wider each is than the one above it [pixels]."""
+"""Half width of the top track, and how much wider each track is than the one above it [pixels]."""
 PAINTED = 0.12
-"""Parts whose brightest and darkest channels differ by more are painted in the colour of the run, others stay grey."""
+"""Difference of brightest and darkest channel above which parts take the colour of the run; others stay grey."""
 GHOST = 0.22
 """Opacity of the tractors that are not solid."""
 

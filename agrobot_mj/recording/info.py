@@ -14,15 +14,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
-"""Units of the metrics of a program outside that carry none in their name."""
+"""Units of the link's metrics whose names have none."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
-"""Units by the ends of names that carry one."""
+"""Units by the ending of a metric's name."""
 LINKS = ("link", "ros2")
-"""Blocks of the metrics about a program outside."""
+"""Names of the metrics blocks of links."""
 
 
 def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
-    """Name the recording, and tell of the scenario in its properties and as TOML with every key."""
+    """Name the recording, and add the scenario to its properties, also as TOML with every key."""
     stream.send_recording_name(name)
     about = rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
     stream.send_property("scenario", about)

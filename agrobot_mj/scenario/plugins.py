@@ -133,7 +133,7 @@ def _family(member: type[Spec]) -> list[Key]:
     # A family's base declares its kind as a plain text, its members as a literal.
     public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
     names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
-    raise ScenarioError(f"register: {member.__name__}: is of no family; derive it from one of {names}")
+    raise ScenarioError(f"register: {member.__name__}: belongs to no family; derive it from one of {names}")
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:

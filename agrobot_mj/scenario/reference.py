@@ -64,7 +64,7 @@ def kinds_text() -> str:
 
 
 def document(place: TableClass, name: str) -> Doc:
-    """Documentation of the key `name` at a place."""
+    """Documentation of the key `name` of a table class."""
     text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
     if source:
@@ -160,7 +160,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """The kind of a table that names none; None in a list, where every item must."""
+    """Default kind of a table that names none; None in a list, where every item must name one."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)

@@ -13,11 +13,11 @@ class Key(NamedTuple):
     """A key of the schema."""
 
     dotted: str
-    """Its name with those of the tables above it."""
+    """Dotted name of the key."""
     owner: type[Spec]
-    """The class that has it."""
+    """Class that defines the key."""
     name: str
-    """Its own name."""
+    """Name of the key within its table."""
 
     @property
     def kinds(self) -> dict[str, type[Spec]]:
@@ -34,11 +34,11 @@ class TableClass(NamedTuple):
     owner: type[Spec]
     """The class."""
     default: Spec
-    """Its values where the file says nothing."""
+    """Default values of the table."""
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Every key from `owner` down; a class inside itself is entered once."""
+    """Every key from `owner` down; a recursive class is entered once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():

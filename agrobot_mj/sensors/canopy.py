@@ -25,7 +25,7 @@ class CanopyState(NamedTuple):
     generator: Generator
     """Random stream of the lapses; advances in place."""
     lapsed: bool
-    """Whether there is a lapse, for whoever stands below."""
+    """Whether there is a lapse at present for an antenna below the canopy."""
     outside_s: float = inf
     """Time since the antenna left it, infinite if it has not been below [s]."""
 

@@ -25,7 +25,7 @@ class DualAntennaState(NamedTuple):
     wander: GaussMarkov
     """Slow error; its stream gives the white one too."""
     line: SignalLine = SignalLine()
-    """What carries the heading."""
+    """Line that carries the heading."""
 
 
 class DualAntenna(Spec):

@@ -42,7 +42,7 @@ class Gyro(OptionalSensor):
     """Random walk of the bias [deg/s/sqrt(s)]. Estimate (0.001-0.01: MEMS, as it warms up)."""
 
     def init(self, seed: int) -> GyroState:
-        """No walk yet."""
+        """State with a bias walk of zero."""
         return GyroState(stream(seed, "gyro"), stream(seed, "gyro.bias"))
 
     def measure(self, state: GyroState, truth: Truth, conditions: Conditions, dt: float) -> tuple[GyroState, float]:

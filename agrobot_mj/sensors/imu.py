@@ -39,7 +39,7 @@ class Attitude(NamedTuple):
 
 
 class UnitMotion(NamedTuple):
-    """What a tick leaves behind for the next one's acceleration."""
+    """Motion at the end of a tick, from which the next tick's acceleration follows."""
 
     velocity: Vector
     """Velocity of the unit, ENU [m/s]."""

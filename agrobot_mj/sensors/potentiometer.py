@@ -62,7 +62,7 @@ class Potentiometer(Sensor):
         return 180.0 / pi
 
     def init(self, seed: int) -> Generator:
-        """Its random stream, which advances in place."""
+        """Random stream of the sensor, which advances in place."""
         return stream(seed, self.place)
 
     def read(self, history: Array, generator: Generator) -> float:
@@ -91,7 +91,7 @@ class SteeringPotentiometer(Potentiometer):
     """Error at 45 deg that changes sign with the angle: levers of unequal length [deg]."""
 
     def characteristic(self, delta: Array) -> Array:
-        """What it reads of true angles (n,), without noise [rad]."""
+        """Readings of true angles (n,), without noise [rad]."""
         if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
             return delta
         share = delta / FULL_LOCK

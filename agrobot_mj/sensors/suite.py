@@ -67,7 +67,7 @@ class Sensors(Spec):
     def measure(
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
-        """What arrives at the controller's computer in the tick of length `dt` [s] that ends at `truth.t`."""
+        """Measurement that reaches the controller in the tick of length `dt` [s] that ends at `truth.t`."""
         states, readings = {}, {}
         for name, last in state.states.items():
             found = getattr(self, name).measure(last, truth, conditions, dt)

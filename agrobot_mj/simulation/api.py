@@ -1,10 +1,10 @@
-"""The run of the Python API: as `simulation.run.run`, with a warning for what the scenario hardly means."""
+"""The run of the Python API: as `simulation.run.run`, with a warning for each hint on the scenario."""
 
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation import run as simulation
@@ -12,7 +12,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """A key of a scenario that is legal, but has no effect, or hardly the one that is meant."""
+    """A key of a scenario that is legal, but has no effect or probably not the intended one."""
 
 
 def run(
@@ -30,6 +30,6 @@ def run(
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
-    for line in doubts(scenario):
+    for line in hints(scenario):
         warnings.warn(f"{scenario.name}: {line}", ScenarioWarning, stacklevel=2)
     return simulation.run(scenario, watchers, should_stop)

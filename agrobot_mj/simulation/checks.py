@@ -45,7 +45,8 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """The numbers of a message that must be finite: all but those whose default is NaN, which says "not told"."""
+    """The numbers of a message that must be finite: all but those whose default is NaN, which stands for "not
+    given"."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
         """Those of the class `message`, without the fields `but`; of a field that may be None, where it is not."""
@@ -58,7 +59,7 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def total(self, message: Any) -> float:
-        """Their sum, which is finite if they are."""
+        """Sum of the numbers, which is finite if all of them are."""
         total: float = sum(self._ones(message))
         for k in self._few:
             total += sum(message[k])
@@ -83,7 +84,7 @@ class Numbers:
             if value is not None and not np.isfinite(value).all():
                 shown = np.ravel(value)
                 raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
-        raise NotFiniteError(f"{self.name} is beyond the numbers that a computer has, made by {maker}")
+        raise NotFiniteError(f"{self.name} overflows, made by {maker}")
 
 
 def _shape(hint: Any, default: Any) -> str:
@@ -97,7 +98,7 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples")), Numbers(Truth)
-"""The samples of the plant are looked at only where a reading is no number."""
+"""The plant's samples are checked only where a reading is not finite."""
 CONDITIONS = Numbers(Conditions)
 
 
@@ -146,13 +147,13 @@ class Stage(Generic[Message]):
 
 
 class Reception(NamedTuple):
-    """The sensors between two ticks, and what came of their readings so far."""
+    """The sensors between two ticks, with the counts of rejected readings."""
 
     sensors: SensorState
     steer: float = 0.0
-    """Last steering angle that was a number [rad]."""
+    """Last finite steering angle [rad]."""
     pedal: float = 0.0
-    """Last pedal position that was a number [-]."""
+    """Last finite pedal position [-]."""
     rejected: tuple[tuple[str, int], ...] = ()
     """How often each reading was rejected, by field."""
 
@@ -199,7 +200,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """The estimate for those who may only look at it: its covariance is the filter's own array."""
+    """The estimate with a read-only view of its covariance, which is the filter's own array."""
     covariance = estimate.covariance.view()
     covariance.flags.writeable = False
     return estimate._replace(covariance=covariance)

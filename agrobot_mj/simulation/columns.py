@@ -169,7 +169,7 @@ _SOURCES = tuple(signal.value or (lambda k: nan) for signal in SIGNALS)
 
 
 def row(tick: Tick) -> list[float]:
-    """Values of `COLUMNS` in a tick; NaN for what a stage reports."""
+    """Values of `COLUMNS` in a tick; NaN for columns that a stage reports."""
     return [value(tick) for value in _SOURCES]
 
 

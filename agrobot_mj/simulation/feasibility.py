@@ -11,11 +11,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
 LEVEL = plane(0.0, 0.0, 10.0, 10.0)
-"""Ground under a tractor that is only looked at."""
+"""Ground under a tractor that is only checked, not driven."""
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """All that decides whether the tractor can be; scenarios with the same key share the answer."""
+    """All data that decides whether the tractor is possible; scenarios with equal keys share the check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return None
@@ -24,7 +24,7 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` for a tractor that cannot be: an impossible chassis, tyres that are not stable."""
+    """Raise `ScenarioError` for an impossible tractor: its chassis, or tyres that are not stable."""
     s = scenario
     if isinstance(s.plant, Mujoco):
         with naming(s):
@@ -33,7 +33,7 @@ def check_tractor(scenario: Scenario) -> None:
 
 @contextmanager
 def naming(scenario: Scenario) -> Iterator[None]:
-    """A ValueError within the block becomes a `ScenarioError` that begins with the scenario's name."""
+    """Within the block, turn ValueError into a `ScenarioError` that begins with the scenario's name."""
     try:
         yield
     except ValueError as error:
@@ -41,6 +41,6 @@ def naming(scenario: Scenario) -> Iterator[None]:
 
 
 def check_tractors(scenarios: Iterable[Scenario]) -> None:
-    """`check_tractor` of scenarios, once for all that share a tractor."""
+    """Run `check_tractor` on scenarios, once for all that share a tractor."""
     for scenario in {tractor_key(scenario): scenario for scenario in scenarios}.values():
         check_tractor(scenario)

@@ -118,7 +118,7 @@ class Loop:
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """What is sensed in this tick: the sensors are read once."""
+        """The sensed measurement and situation of this tick; the sensors are read once."""
         if self.sensed is None or self.sensed[1].t != self.truth.t:
             self.sensed = self.sense()
         return self.sensed

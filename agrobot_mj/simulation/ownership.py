@@ -17,12 +17,12 @@ HEAD = "# agrobot_mj wrote the files named here and may replace them; it leaves 
 
 
 def is_bare(name: object) -> bool:
-    """Whether `name` can only be that of a file in a folder itself: no path, no way up, not the mark."""
+    """Whether `name` is a plain file name: no path, no parent folder, not the mark."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Names in `folder` that are ours, by its mark; None where it has none."""
+    """Names of our files in `folder` by its mark; None where it has none."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -48,7 +48,7 @@ def _is_torn_mark(path: Path) -> bool:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` unless each of these names is free in `folder`, or ours."""
+    """Raise `ScenarioError` unless each of these names is free in `folder` or one of our files."""
     ours = owned(folder) or frozenset()
     for name in names:
         if not is_bare(name):
@@ -88,7 +88,7 @@ def reserve(folder: Path, names: Iterable[str]) -> None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete those of the files that are there and ours."""
+    """Delete those of the named files that exist and are ours."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:

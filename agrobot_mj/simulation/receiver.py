@@ -18,7 +18,7 @@ SLOWLY_S = 3.0
 
 
 class ImplementReceiver(NamedTuple):
-    """An antenna behind the rear axle, and the heading along which it is taken to be."""
+    """An antenna behind the rear axle, and the heading with which its fixes are moved to the axle."""
 
     behind: float
     """Distance behind the rear axle, 0 for an antenna on the tractor [m]."""
@@ -30,7 +30,7 @@ class ImplementReceiver(NamedTuple):
     """Estimated speed of the last tick [m/s]."""
 
     def yaw_rate(self, measured: Measurement) -> float:
-        """Yaw rate by the gyro, or by steering angle and speed where there is none [rad/s]."""
+        """Yaw rate from the gyro, or from steering angle and speed without one [rad/s]."""
         return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
 
     def reduced(self, measured: Measurement) -> Measurement:

@@ -35,7 +35,7 @@ RECORDING = "run.rrd"
 RUTS = "ruts.parquet"
 """Name of the map of ruts, of a run on soil that remembers."""
 SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, "signals.parquet", "scenario.toml")
-"""Files beside the recording that belong to one run; the first is there only if all are."""
+"""Files of one run beside the recording; the first exists only if all do."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files of a run, also those of earlier versions."""
 PATIENCE_S = 60.0
@@ -162,7 +162,7 @@ def _tidy(folder: Path) -> None:
 
 
 def sweep_up(folder: Path, names: Container[str]) -> None:
-    """Remove from `folder` what was being written as a file of these names when the writer was killed."""
+    """Remove half-written files of these names that a killed writer has left in `folder`."""
     for path in [] if folder.is_symlink() else folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in names and path.is_file():
             path.unlink(missing_ok=True)

@@ -82,7 +82,7 @@ def _draw(shown: Sequence[Case], folder: Path, numbers: Mapping[str, dict[str, A
 
 
 FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
-"""What a comparison leaves beside the folders of its runs."""
+"""Files of a comparison beside the folders of its runs."""
 
 
 def drawn(todo: Sequence[Case]) -> list[Case]:

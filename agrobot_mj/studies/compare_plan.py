@@ -22,7 +22,7 @@ CONTROLLERS = ("pd", "pd_t2fnn")
 MOST_RUNS = 2000
 """Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Keys that a variant leaves to an option."""
+"""Keys that variants may not set, since an option sets them."""
 
 
 class ComparedVariant(NamedTuple):
@@ -210,7 +210,7 @@ def _check_names(laws: Sequence[CompetingLaw]) -> None:
     names = [law.name for law in laws]
     for law in laws:
         if law.variant is not None and names.count(law.name) > 1:
-            raise ScenarioError(f"--variant {law.variant!r}: a law of that name is compared, too; name it otherwise")
+            raise ScenarioError(f"--variant {law.variant!r}: is also the name of a compared law; choose another name")
 
 
 def _check_number(laws: int, plants: int, seeds: int, most: int) -> None:

@@ -1,4 +1,4 @@
-"""Which runs cover the same piece of path: only their errors can be compared."""
+"""Groups of runs over the same section of a path: only their errors can be compared."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,7 @@ from agrobot_mj.paths import Path, sample
 from agrobot_mj.scenario.schema import LONGEST_S, Scenario
 
 SAMPLES, STATIONS = 400, 50
-"""Points along a piece, by time, and places at equal distances at which two pieces are compared."""
+"""Points along a section, by time, and stations at equal distances at which two sections are compared."""
 APART = 0.01
 """Distance between two equal pieces at the same station, as a share of their length [-]. Estimate: rounding to ticks,
 and bends that the samples cut."""

@@ -142,7 +142,7 @@ def q(runs: Runs) -> Figure | None:
 
 FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
 FIGURES += [control_signals, yaw_rate_error, q]
-"""Each draws one figure, a PNG of its name."""
+"""Functions that draw one figure each; the PNG has the name of its function."""
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:

@@ -1,4 +1,4 @@
-"""Folders of results that are read again: a file that is not as a command has written it is told, by its folder."""
+"""Reading folders of results: a damaged file is reported with its folder."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,12 +7,12 @@ from pathlib import Path
 from agrobot_mj.core.errors import ScenarioError
 
 DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
-"""What files give rise to that are not as a command has written them."""
+"""Exceptions raised by damaged files."""
 
 
 @contextmanager
 def reporting_damage(file: Path, done: str) -> Iterator[None]:
-    """Read `file` and those beside it within the block. Raises `ScenarioError` that says what cannot be `done`."""
+    """Report errors of reading `file` within the block as a `ScenarioError` that says what cannot be `done`."""
     try:
         yield
     except ScenarioError:

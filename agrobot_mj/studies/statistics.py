@@ -8,7 +8,7 @@ import numpy as np
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Number of runs without a failure that shows a reliability: from n / (n + z^2) >= R."""
+    """Least number of runs without a failure that demonstrates a reliability: from n / (n + z^2) >= R."""
     z = NormalDist().inv_cdf((1.0 + confidence) / 2.0)
     return ceil(z**2 * reliability / (1.0 - reliability) - 1e-9)
 

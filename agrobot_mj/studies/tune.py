@@ -43,25 +43,25 @@ LOST_M = 0.2
 TRAVEL_DEG_S = 5.0
 """Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
 MOST = 20.0
-"""Most that a run costs which succeeds [-]."""
+"""Largest cost of a run that succeeds [-]."""
 FAILED = 25.0
-"""Least that a run costs which fails; one that drove nothing of its path costs MOST more [-]."""
+"""Least cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
 POPULATION = 8
 """Candidates in a generation."""
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
 """Factor on the difference of two candidates, drawn for each generation, and share of keys that change [Storn1997]."""
 MOST_RUNS = 100_000
-"""Most runs of a search and its judgement."""
+"""Largest number of runs of a search and its judgement."""
 Overrides = dict[str, Any]
 Limits = tuple[float, float]
 """Lowest and highest value of a gain, in its unit."""
 
 
 class Judgement(NamedTuple):
-    """What one run is worth."""
+    """Cost and metrics of one run."""
 
     cost: float
-    """Its part of the objective [-]."""
+    """Cost of the run in the objective [-]."""
     row: dict[str, Any]
     """Its metrics and whether it ended as expected, see `metrics.success`."""
 
@@ -101,7 +101,7 @@ def steering(log: Log) -> dict[str, float]:
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """What a run is worth; `row` has its metrics and those of `steering`."""
+    """Judge a run; `row` has its metrics and those of `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)

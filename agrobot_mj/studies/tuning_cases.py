@@ -32,7 +32,7 @@ class CaseSpec(Spec):
     name: Name
     """Name in the table of scores."""
     measure: Literal["tracking", "acquisition"] = "tracking"
-    """What costs: the error beside the path, or the way onto the line."""
+    """Cost of the case: the error beside the path, or the way onto the line."""
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     """Speeds at which the same piece of the path is driven; that of the scenario when left out [m/s]."""
     set: dict[str, Any] = Field(default_factory=dict)
@@ -43,7 +43,7 @@ class LawSpec(Spec):
     """A law whose gains are sought."""
 
     set: dict[str, Any]
-    """Overrides that make it, with its gains before."""
+    """Overrides that select the law, with its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
     """Gains that are known to be good, with which the search begins too."""
 

@@ -19,8 +19,7 @@ from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 MOST_NODES = 4_200_000
 """Largest number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
 MOST_STEPS = 1000
-"""Largest number of cells along the longer side of a rectangular plane; the shorter side is right within a thousandth
-of it [-]."""
+"""Largest number of cells along the longer side of a rectangular plane; the shorter side is right within 0.1 % [-]."""
 
 
 class Surface(NamedTuple):

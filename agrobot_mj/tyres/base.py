@@ -27,7 +27,7 @@ slides from end to end [-]. [Pacejka2012] chapter 3."""
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
 VANISHING = 1e-150
-"""Length of a slip over its peak forces whose square a computer still has [1/N]."""
+"""Smallest length of a slip over its peak forces whose square does not underflow [1/N]."""
 
 
 class Footing(NamedTuple):
@@ -191,7 +191,7 @@ class TyreBase(Spec):
         """Carcass and contact patch."""
         raise NotImplementedError
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Where the static loads of a front and a rear wheel [N] leave the law's range: lines that begin with a key.
 
         Keys are those below the tyre. None by default.
@@ -199,7 +199,7 @@ class TyreBase(Spec):
         yield from ()
 
     def of_implement(self) -> Self:
-        """Return the law for the wheels of an implement: without what was measured on the tractor's own loads."""
+        """The law for the wheels of an implement, without data measured at the tractor's own loads."""
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:

@@ -96,7 +96,7 @@ class SoilCell(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """What the soil under one wheel does to it."""
+    """Reaction of the soil on one wheel."""
 
     load: float
     """Force along the normal [N]."""

@@ -25,9 +25,9 @@ REACH = 0.8
 BLEND = 0.005
 """Difference of penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
 ALONG = 0.01
-"""Least cosine between a wheel's plane and a row or column that it crosses; others run along it [-]."""
+"""Least cosine between a wheel's plane and a row or column that it crosses; below it they count as parallel [-]."""
 END, COLUMN, ROW = range(3)
-"""What lies at the end of a piece of the ground's line: nothing, a column of nodes, a row of nodes."""
+"""Kind of the end of a piece of the ground's line: none, a column of nodes, or a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
@@ -57,9 +57,9 @@ class Node(NamedTuple):
     w: float
     """Above the centre, in the wheel's plane [m]."""
     s_left: float
-    """Change of `s` over a displacement of the wheel along its axle [-]."""
+    """Derivative of `s` with respect to a displacement of the wheel along its axle [-]."""
     w_left: float
-    """Change of `w`, likewise [-]."""
+    """Derivative of `w` with respect to a displacement of the wheel along its axle [-]."""
 
 
 class Spot(NamedTuple):
@@ -72,22 +72,22 @@ class Spot(NamedTuple):
     w: float
     """Above the centre [m]."""
     left: float
-    """Change of the distance over a displacement of the wheel along its axle [-]."""
+    """Derivative of the distance with respect to a displacement of the wheel along its axle [-]."""
 
 
 class Places(NamedTuple):
-    """Places at which a wheel may stand, so far along the line."""
+    """Candidate contact points of a wheel found so far along the line."""
 
     best: Spot
-    """The nearest."""
+    """Nearest point."""
     beside: Spot
-    """The nearer of those next to it."""
+    """Second nearest local minimum, next to `best`."""
     ridge: Spot
-    """The farthest point between these two."""
+    """Farthest point between these two."""
     last: Spot
-    """The last one found."""
+    """Last local minimum found."""
     gap: Spot
-    """The farthest point behind that."""
+    """Farthest point after `last`."""
 
 
 NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
@@ -122,7 +122,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """The places with the next one along the line taken in."""
+    """The candidates with the next local minimum along the line added."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -133,7 +133,8 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Where the line from `reach` behind its origin on first crosses nodes, and the distance between crossings [m]."""
+    """Distance at which the line first crosses nodes, from `reach` behind its origin on, and that between crossings
+    [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing

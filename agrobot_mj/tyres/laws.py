@@ -39,7 +39,7 @@ SLIDE = 0.1
 TRAIL_SLIP = 0.1
 """Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
 ROLLING = 0.2
-"""Speed over which the carcass' own damping fades: a rolling tyre is damped by its relaxation [m/s]. Estimate."""
+"""Speed over which the carcass' own damping fades, since a rolling tyre is damped by relaxation [m/s]. Estimate."""
 LEAST_SHARE = 0.1
 """Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3
@@ -178,7 +178,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """What carries wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
+    """Vertical support of wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -13,11 +13,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Cornering stiffness over load that tyres have [1/rad]. Estimate: 3.5-9 on soil, up to 15 on roads."""
+"""Range of cornering stiffness over load of real tyres [1/rad]. Estimate: 3.5-9 on soil, up to 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """A line that begins with `key`, where no tyre under this load [N] has this cornering stiffness [N/rad]."""
+    """A line that begins with `key`, if no tyre under this load [N] has this cornering stiffness [N/rad]."""
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""
@@ -65,8 +65,8 @@ class Linear(TyreBase):
     """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Estimate
     (0.005-0.05)."""
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Stiffnesses that are not those of tyres under these loads."""
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+        """Stiffnesses outside those of real tyres under these loads."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
             if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):

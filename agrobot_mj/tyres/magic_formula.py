@@ -28,8 +28,8 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 LEAST_SHARE = 0.2
 """Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
 KNOWN_LOADS = (0.5, 2.0)
-"""Loads over the reference between which the change with load is known [-]. Estimate: what a tyre of one size at one
-pressure is made for."""
+"""Loads over the reference between which the linear change with load holds [-]. Estimate: what a tyre of one size at
+one pressure is made for."""
 
 
 class CurveLaw(NamedTuple):
@@ -139,7 +139,7 @@ class AxleTyre(Spec):
     """Longitudinal curve, over the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """What is held at its least share, `df` of the reference load above it, in words; else nothing."""
+        """Coefficients clamped to their least share at a load `df` above the reference, as text; empty if none."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -177,7 +177,7 @@ class MagicFormula(CarcassTyre):
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Loads far from the reference."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0

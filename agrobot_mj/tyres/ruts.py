@@ -121,7 +121,7 @@ class Ruts(CarcassTyre):
         """Theories of firm ground do not predict it; it has validation cases of its own."""
         return False
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil in which wheels would sink deeper than the law of sinkage reaches."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):

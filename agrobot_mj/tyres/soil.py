@@ -115,7 +115,7 @@ class Soil(CarcassTyre):
     section_height_share: Positive = 0.75
     """Section height over section width [-]. Estimate (0.7-0.85)."""
 
-    def doubts(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
+    def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil softer than that of the fits under these loads."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width

@@ -46,7 +46,7 @@ def compared_numbers(row: Row, run: KeptRun) -> Row:
     """A run's row with its errors per turn, or on passes and headlands [cm], and the travel of the steering [deg]."""
     found = {"steering travel [deg]": float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))}
     if hasattr(run.scenario.path, "passes_s"):
-        t, offset = run.column("t"), RunView(run).beside.offset
+        t, offset = run.column("t"), RunView(run).cg_on_path.offset
         on_pass = np.any([(t > start) & (t <= end) for start, end in run.scenario.path.passes_s], axis=0)
         places = {"passes [cm]": on_pass, "headlands [cm]": ~on_pass}
         errors = {name: float(np.sqrt(np.mean(offset[there] ** 2))) for name, there in places.items()}

@@ -32,13 +32,13 @@ def way(law, start):
 
 @each_start
 @pytest.mark.parametrize("law", ["lqr", "stanley", "pure_pursuit"])
-def test_a_line_is_acquired_and_kept(law, start):
+def test_acquires_and_holds_a_line(law, start):
     assert way(law, start)["acquired_s"] is not None
 
 
 @each_start
 @pytest.mark.parametrize("law", ["lqr", "stanley", "pure_pursuit"])
-def test_little_overshoot(law, start):
+def test_overshoots_a_line_only_little(law, start):
     """Pure pursuit turns onto the line evenly, and comes too late from a steep angle close to it."""
     steep = law == "pure_pursuit" and start == (-1.5, 45.0, 4.0)
     assert way(law, start)["overshoot_m"] <= (0.15 if steep else 0.10)

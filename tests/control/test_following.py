@@ -41,7 +41,7 @@ def test_converges_from_an_offset_and_a_heading_error(law: Following, speed: flo
 @pytest.mark.parametrize("curvature", [0.1, -0.2])
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
-def test_no_error_rests_on_an_arc(law: Following, speed: float, curvature: float) -> None:
+def test_leaves_no_steady_error_on_an_arc(law: Following, speed: float, curvature: float) -> None:
     d = drive(law, Bend(speed, curvature), 40.0)
     assert abs(d.offset[-100:]).max() < 0.01
     assert np.mean(d.steer[-100:]) == pytest.approx(
@@ -101,7 +101,7 @@ def test_a_known_steering_bias_leaves_no_offset(law: Following) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_commands_keep_to_angle_and_lateral_acceleration(law: Following) -> None:
+def test_commands_respect_angle_and_lateral_acceleration_limits(law: Following) -> None:
     d = drive(law, Bend(3.0, 0.05), 20.0, offset=3.0, heading=-1.0)
     steer = np.array([c.steer for c in d.commands])
     assert abs(steer).max() <= MACHINE.steer_limit + 1e-12
@@ -112,7 +112,7 @@ def test_commands_keep_to_angle_and_lateral_acceleration(law: Following) -> None
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
-def test_the_speed_never_turns_against_the_leg(law: Following, speed: float) -> None:
+def test_commanded_speed_keeps_the_direction_of_the_leg(law: Following, speed: float) -> None:
     """However far the tractor is ahead of its reference it waits; it does not go back."""
     path = Bend(speed)
     m, route = MACHINE, SampledRoute(path)
@@ -129,7 +129,7 @@ def test_the_speed_never_turns_against_the_leg(law: Following, speed: float) -> 
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_who_is_late_catches_up_near_the_path_only(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_late_tractor_catches_up_only_near_the_path(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
     """On its way back to the path it drives at the path's speed: haste would make the steering too slow."""
     monkeypatch.setattr(following, "SWING", np.inf)  # the wheels stand straight, whatever the law asks for
     path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
@@ -147,7 +147,7 @@ def test_who_is_late_catches_up_near_the_path_only(law: Following, monkeypatch: 
 
 
 @pytest.mark.parametrize("law", [p for p in LAWS if not isinstance(p.values[0], Nmpc)])  # which begins at the wheels
-def test_a_tractor_waits_for_wheels_that_are_far_from_their_command(law: Following) -> None:
+def test_the_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None:
     """At rest, 10 degrees off, with the wheels at the wrong stop it creeps until they have turned."""
     path, l_r = Bend(3.0), MACHINE.cg_to_rear_axle
     r, route, yaw = path.at(1.0), SampledRoute(path), path.at(1.0).yaw + radians(10.0)
@@ -160,7 +160,7 @@ def test_a_tractor_waits_for_wheels_that_are_far_from_their_command(law: Followi
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_the_rear_axle_follows_the_path_behind_and_in_reverse_the_path_ahead() -> None:
+def test_the_rear_axle_follows_the_path_forward_and_in_reverse() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
@@ -170,7 +170,7 @@ def test_the_rear_axle_follows_the_path_behind_and_in_reverse_the_path_ahead() -
     assert sideslip(route, 5.1, -1.0, leg, l_r) == pytest.approx(np.arcsin(0.05))
 
 
-def test_pure_pursuit_on_its_path_steers_for_the_radius_of_the_rear_axle() -> None:
+def test_pure_pursuit_on_the_path_steers_the_rear_axles_radius() -> None:
     path = Circle(radius_m=8.0, speed_m_s=1.0, ramp_s=0.0)
     r, m, route = path.at(20.0), MACHINE, SampledRoute(path)
     beta = np.arcsin(m.cg_to_rear_axle / 8.0)
@@ -190,7 +190,7 @@ def test_pure_pursuit_on_its_path_steers_for_the_radius_of_the_rear_axle() -> No
     assert command.steer == pytest.approx(np.arctan(m.wheelbase_m / np.sqrt(8.0**2 - m.cg_to_rear_axle**2)), rel=1e-3)
 
 
-def test_the_integral_of_the_lqr_rests_at_the_limits() -> None:
+def test_the_lqr_integral_holds_at_the_steering_limits() -> None:
     """Off the path and hardly allowed to steer, it gathers a fraction of the angle that the plain integral would."""
     law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
     d = drive(law, Bend(1.2), 20.0, offset=1.5)
@@ -200,7 +200,7 @@ def test_the_integral_of_the_lqr_rests_at_the_limits() -> None:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_integral_of_the_lqr_grows_to_its_own_limit_and_no_farther(side: int) -> None:
+def test_the_lqr_integral_stops_at_its_own_limit(side: int) -> None:
     """Behind a bias larger than it may hold it stands at the limit, so that the rest shows as an offset."""
     law = Lqr(integral_limit_deg=4.0)
     d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
@@ -212,7 +212,7 @@ def test_the_integral_of_the_lqr_grows_to_its_own_limit_and_no_farther(side: int
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_behind_a_cusp_the_reference_tells_the_direction(law: Following) -> None:
+def test_after_a_cusp_the_reference_gives_the_direction(law: Following) -> None:
     """A law that has driven forward all the way reverses as soon as its reference does."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
@@ -226,7 +226,7 @@ def test_behind_a_cusp_the_reference_tells_the_direction(law: Following) -> None
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.5, 3.0])
-def test_slip_in_a_steady_bend_is_that_of_the_bicycle(speed: float) -> None:
+def test_steady_slip_in_a_bend_equals_the_bicycles(speed: float) -> None:
     """Forces of both axles hold the circle: their slip angles are the moments' shares over the stiffnesses."""
     law, m, gamma = Lqr(), MACHINE, 0.1
     force = m.mass_kg * speed * gamma
@@ -241,9 +241,7 @@ def test_slip_in_a_steady_bend_is_that_of_the_bicycle(speed: float) -> None:
     ("key", "gain", "grows"),
     [("offset_m", 0, True), ("heading_deg", 1, True), ("integral_m_s", -1, True), ("steer_deg", 0, False)],
 )
-def test_an_error_that_costs_more_is_corrected_harder_and_steering_that_costs_more_less(
-    key: str, gain: int, grows: bool
-) -> None:
+def test_larger_weights_correct_harder_or_steer_less(key: str, gain: int, grows: bool) -> None:
     """A key says how large a deviation costs 1: half of it means four times the price."""
     law = Lqr()
     dear = law.model_copy(update={key: 0.5 * getattr(law, key)})
@@ -252,7 +250,7 @@ def test_an_error_that_costs_more_is_corrected_harder_and_steering_that_costs_mo
 
 
 @given(st.sampled_from(SPEEDS), st.booleans())
-def test_the_closed_loop_of_the_lqr_is_stable_at_every_speed_of_its_grid(speed: float, reverse: bool) -> None:
+def test_the_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
     a, wheelbase = _slip(law, MACHINE, u)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
@@ -274,7 +272,7 @@ def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
-def test_the_model_of_the_lqr_answers_a_command_as_many_ticks_later_as_the_valve(n: int) -> None:
+def test_the_lqr_model_responds_after_the_valves_delay(n: int) -> None:
     a, wheelbase = _slip(Lqr(), MACHINE, 1.0)
     (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
     x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
@@ -308,7 +306,7 @@ def test_columns_and_report_agree() -> None:
 
 
 @pytest.mark.parametrize("u", [0.62, 1.2, 2.9, -1.7])
-def test_the_gains_of_the_lqr_between_speeds_are_those_between_its_grid(u):
+def test_lqr_gains_between_grid_speeds_lie_between_the_grids(u):
     """Straight between the neighbours of the grid, and so near those of the speed itself."""
     law = Lqr()
     k = next(k for k, speed in enumerate(SPEEDS) if speed > abs(u))

@@ -24,7 +24,7 @@ def shipped(law: str) -> Scenario:
 
 
 @pytest.mark.parametrize("law", SEARCH.laws)
-def test_gains_are_what_the_search_found(law):
+def test_shipped_gains_equal_the_search_result(law):
     found, scenario = json.loads((TRACES / f"{law}.json").read_text()), shipped(law)
     assert {key: attrgetter(key)(scenario) for key in found["gains"]} == found["gains"]
     assert found["law"] == scenario.law
@@ -37,12 +37,12 @@ def test_gains_are_what_the_search_found(law):
 
 
 @pytest.mark.parametrize("law", SEARCH.laws)
-def test_no_law_is_worse_than_before_on_the_cases_of_the_search(law):
+def test_no_law_got_worse_on_the_search_cases(law):
     training = json.loads((TRACES / f"{law}.json").read_text())["training"]
     assert training["score"]["mean"] <= training["score_before"]["mean"]
 
 
-def test_every_law_of_the_table_was_searched():
+def test_every_law_of_the_table_has_been_searched():
     assert set(TUNED) <= {shipped(law).law for law in SEARCH.laws}
 
 
@@ -61,12 +61,12 @@ def test_the_figure_eight_of_the_paper_keeps_its_gains(kind):
 
 
 @pytest.mark.parametrize("keys", [{"controller.kind": "pi"}, {"guidance.kind": "feedforward", "controller.kind": "pd"}])
-def test_laws_that_are_not_the_papers_are_tuned_in_its_scenario_too(keys):
+def test_other_laws_use_tuned_gains_in_the_papers_scenario(keys):
     paper, other = load_scenario("figure_eight", keys), load_scenario("lane_change", keys)
     assert (paper.guidance, paper.controller) == (other.guidance, other.controller)
 
 
-def test_a_gain_that_is_given_stays_and_one_of_the_set_goes_with_its_law():
+def test_given_gains_stay_and_tuned_ones_follow_the_law():
     given = load_scenario("lane_change", {"controller.kp": 0.33})
     assert given.controller.kp == 0.33
     assert given.changed({"controller.kind": "pi"}).controller.kp == 0.33
@@ -78,7 +78,7 @@ def test_a_gain_that_is_given_stays_and_one_of_the_set_goes_with_its_law():
 
 
 @pytest.mark.parametrize("name", ["figure_eight", "lane_change"])
-def test_the_resolved_scenario_says_its_gains_and_reads_back_as_the_same(name):
+def test_the_resolved_scenario_states_its_gains_and_reads_back(name):
     scenario = load_scenario(name)
     assert f"kp = {scenario.controller.kp}" in scenario.to_toml()
     assert resolve(tomllib.loads(scenario.to_toml()), name) == scenario

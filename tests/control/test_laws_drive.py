@@ -53,7 +53,7 @@ def test_drives_a_lane_change(kind: str, plant: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FOLLOWING)
-def test_following_laws_hold_an_arc_within_a_hand(kind: str) -> None:
+def test_following_laws_hold_an_arc_within_12_cm(kind: str) -> None:
     keys = {"guidance.kind": kind, "plant.kind": "bicycle", "path.turns": 1, "duration_s": 60.0}
     log = run(load_scenario("figure_eight", keys))
     assert log.metrics["xte_abs_p95"] < 0.12

@@ -55,7 +55,7 @@ def _follow_circle(law, turn: str, seconds: float = 60.0) -> tuple[LearnedState,
     return state, feedback
 
 
-def test_on_a_circle_it_finds_the_kinematic_angle_and_leaves_the_feedback_nothing() -> None:
+def test_on_a_circle_it_learns_the_kinematic_angle_and_relieves_the_feedback() -> None:
     state, feedback = _follow_circle(LAW, "left")
     assert np.mean(np.abs(feedback[-100:])) < 0.05 * np.max(np.abs(feedback))
     sideslip = np.arcsin(MACHINE.cg_to_rear_axle / 10)
@@ -89,14 +89,14 @@ def test_it_learns_on_the_path() -> None:
     ],
     ids=["coasting", "off the path", "standing", "in reverse", "not aligned", "saturated"],
 )
-def test_it_does_not_learn_while(situation: Situation) -> None:
+def test_does_not_learn_while_inhibited(situation: Situation) -> None:
     state = _drive(LAW, situation)
     assert not state.learning
     assert not state.network.f.any()
     assert state.feedback != 0
 
 
-def test_the_map_steers_on_while_learning_rests() -> None:
+def test_the_map_keeps_steering_while_learning_is_off() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     rests, command = LAW.update(state, _situation(offset=0.3, sigma=0.5), DT)
     assert not rests.learning
@@ -127,7 +127,7 @@ def test_the_consequents_keep_their_bound() -> None:
     assert np.abs(state.network.f).max() == pytest.approx(radians(1.0))
 
 
-def test_roll_is_level_ground_where_nothing_measures_it() -> None:
+def test_roll_input_is_zero_without_an_inertial_unit() -> None:
     assert LAW.inputs(_situation()).roll == 0
     assert LAW.inputs(_situation()._replace(roll=nan)).roll == 0
     assert LAW.inputs(_situation()._replace(roll=0.1)).roll == 0.1

@@ -19,7 +19,7 @@ def test_the_parameters_give_the_logged_output(kind, rules_1, rules_2):
     assert np.ptp(f) > 0
 
 
-def test_firing_follows_from_centres_and_widths():
+def test_firing_matches_centres_and_widths():
     column = run(load_scenario("circle", {"duration_s": 8, "controller.kd": 0.01})).column
     x1 = column("e_yaw_rate")
     mu = np.array([1 - abs(x1 - column(f"c1_{i}")) / column(f"d1_upper_{i}") for i in range(3)])
@@ -27,7 +27,7 @@ def test_firing_follows_from_centres_and_widths():
     np.testing.assert_allclose(shares, mu / mu.sum(0), atol=1e-9)
 
 
-def test_only_networks_report():
+def test_only_networks_report_network_columns():
     for controller in (OpenLoop(), Pd(), PdIsgn()):
         assert controller.columns == ()
         assert controller.report(controller.init()) == ()

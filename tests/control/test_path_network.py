@@ -14,7 +14,7 @@ def _inputs(n: int = 200) -> list[PathInput]:
 
 
 @pytest.mark.parametrize("uncertainty", [0.0, 0.3, 0.49])
-def test_firing_is_a_share_everywhere_in_and_beyond_the_range(uncertainty: float) -> None:
+def test_firing_sums_to_one_inside_and_beyond_the_range(uncertainty: float) -> None:
     network = PathNetwork(uncertainty=uncertainty)
     for x in _inputs():
         w = network.firing(x)
@@ -22,7 +22,7 @@ def test_firing_is_a_share_everywhere_in_and_beyond_the_range(uncertainty: float
         assert w.sum() == pytest.approx(1)
 
 
-def test_coinciding_bounds_give_the_type_1_network() -> None:
+def test_coinciding_bounds_equal_the_type_1_network() -> None:
     """Triangles as wide as the centres are apart are a partition of unity: the output interpolates linearly."""
     network = PathNetwork(uncertainty=0.0, speed_sets=1, roll_sets=1)
     centres = np.linspace(-network.curvature_range_per_m, network.curvature_range_per_m, network.curvature_sets)
@@ -31,7 +31,7 @@ def test_coinciding_bounds_give_the_type_1_network() -> None:
         assert network.firing(x) @ f == pytest.approx(np.interp(x.curvature, centres, f))
 
 
-def test_uncertainty_makes_another_map_than_type_1() -> None:
+def test_uncertainty_changes_the_map_from_type_1() -> None:
     x = PathInput(0.08, 1.2)
     assert not np.allclose(PathNetwork(uncertainty=0.3).firing(x), PathNetwork(uncertainty=0.0).firing(x), atol=0.02)
 
@@ -46,7 +46,7 @@ def test_the_lagged_output_moves_at_the_learning_rate() -> None:
 
 
 @pytest.mark.parametrize("uncertainty", [0.0, 0.3])
-def test_it_converges_to_a_known_feed_forward_that_answers_late(uncertainty: float) -> None:
+def test_converges_to_a_known_feed_forward_through_a_lag(uncertainty: float) -> None:
     """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
     network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)
     rng, state, answered, errors = np.random.default_rng(3), network.init(), 0.0, []

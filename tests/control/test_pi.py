@@ -45,7 +45,7 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     return float(state.controller.integral)
 
 
-def test_the_integral_counts_the_feed_forward_to_the_limit() -> None:
+def test_the_integral_accounts_for_feed_forward_at_the_limit() -> None:
     """On an arc that needs most of the steering the integral stops at what is left of it."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)
@@ -53,7 +53,7 @@ def test_the_integral_counts_the_feed_forward_to_the_limit() -> None:
     assert integral_after(0.0, -0.25) > 2 * integral_after(kappa, -0.25)
 
 
-def test_the_integral_rests_on_the_way_onto_a_path_and_while_the_wheels_are_under_way() -> None:
+def test_the_integral_holds_during_acquisition_and_while_wheels_move() -> None:
     assert integral_after(0.0, -0.4) == 0.0
     law, path = Feedforward().using(Pi(kp=0.1, ki=0.2)), Bend(1.0, 0.0, 0.0)
     r = path.at(0.0)

@@ -17,7 +17,7 @@ def _run(pid: Pid, errors: list[float], low: float = -10.0, high: float = 10.0) 
     return outputs
 
 
-def test_terms_of_a_ramp() -> None:
+def test_pid_terms_on_a_ramp() -> None:
     errors = [0.1 * k for k in range(30)]
     outputs = _run(Pid(kp=2.0, ki=0.5, kd=0.3, derivative_filter_s=0.0), errors)
     integrals = 0.5 * TICK * np.cumsum(errors)
@@ -37,7 +37,7 @@ def test_derivative_filter_has_its_time_constant() -> None:
     assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)
 
 
-def test_integral_rests_at_the_limit_and_leaves_it_at_once() -> None:
+def test_the_integral_holds_at_the_limit_and_leaves_it_at_once() -> None:
     pid = Pid(kp=1.0, ki=1.0)
     outputs = _run(pid, [5.0] * 400 + [-0.5], low=-1.0, high=1.0)
     assert outputs[399] == 1.0
@@ -119,12 +119,12 @@ def test_speed_settles_without_much_overshoot(target: float) -> None:
     assert np.std(speeds[-100:]) < 0.01
 
 
-def test_speed_finds_its_pedal_without_feed_forward() -> None:
+def test_speed_loop_finds_its_pedal_without_feed_forward() -> None:
     speeds, _ = _drive(SpeedLoop(feedforward_s_m=0.0), 1.2, seconds=40.0)
     assert speeds[-100:] == pytest.approx(1.2, abs=0.05)
 
 
-def test_speed_out_of_reach_does_not_wind_up() -> None:
+def test_unreachable_speed_does_not_wind_up() -> None:
     loop = SpeedLoop()
     state = loop.init()
     for _ in range(1000):
@@ -133,7 +133,7 @@ def test_speed_out_of_reach_does_not_wind_up() -> None:
     assert loop.update(state, 2.0, 5.0, 1.0, TICK)[1][0] < 0.7
 
 
-def test_the_steering_reference_changes_no_faster_than_it_may() -> None:
+def test_the_steering_reference_respects_its_rate_limit() -> None:
     loop, seen = SteeringLoop(reference_rate_deg_s=20.0), []
     state = loop.init()._replace(reference=0.1)
     for wanted in (0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.15, -1.0):
@@ -147,7 +147,7 @@ def test_the_steering_reference_changes_no_faster_than_it_may() -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("at_once", [False, True])
-def test_neither_limit_winds_the_integral_up(side: int, at_once: bool) -> None:
+def test_neither_limit_winds_up_the_integral(side: int, at_once: bool) -> None:
     """Held at a limit, by the error alone or by the term beside it, the integral stays and comes back when it may."""
     pid, state = Pid(kp=0.0, ki=1.0), PidState(integral=0.3 * side)
     for _ in range(200):
@@ -161,7 +161,7 @@ def test_neither_limit_winds_the_integral_up(side: int, at_once: bool) -> None:
     assert state.integral == pytest.approx(before - side * 2.0 * TICK), "away from the limit it may go"
 
 
-def test_the_inner_loop_alone_keeps_the_outer_integral() -> None:
+def test_running_only_the_inner_loop_keeps_the_outer_integral() -> None:
     loop = SpeedLoop()
     state, _ = loop.update(loop.init(), 1.2, 0.7, 0.2, TICK)
     held, (pedal_ref, voltage) = loop.hold(state, 0.5, 0.4, TICK)

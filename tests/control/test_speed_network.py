@@ -21,7 +21,7 @@ def _against_a_lack(lack: float, seconds: float) -> tuple[list[float], list[floa
     return speeds, commands
 
 
-def test_it_learns_what_the_speed_lacks() -> None:
+def test_learns_the_missing_speed() -> None:
     speeds, _ = _against_a_lack(0.1, 120)
     assert speeds[10] < 1.14
     assert speeds[-1] == pytest.approx(1.2, abs=0.01)
@@ -32,13 +32,13 @@ def test_the_correction_keeps_its_bound() -> None:
     assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
 
 
-def test_without_it_the_cascade_is_the_papers() -> None:
+def test_without_the_network_the_cascade_equals_the_papers() -> None:
     assert Kinematic().speed_network is None
     plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
     assert second == (*plain, *SPEED_COLUMNS)
 
 
-def test_it_drives_and_reports() -> None:
+def test_drives_and_reports() -> None:
     log = run(
         load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s": 8, "guidance.speed_network.kp": 0.3})
     )

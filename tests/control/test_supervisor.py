@@ -36,7 +36,7 @@ def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
     return state, commands
 
 
-def test_while_all_is_well_commands_pass_untouched():
+def test_healthy_commands_pass_unchanged():
     state, commands = drive(Supervisor(), [seen(y=0.5)] * 100)
     assert state.mode is Mode.TRACKING
     assert set(commands) == {Command(0.0, 1.2)}
@@ -85,7 +85,7 @@ def watched(ticks, frozen=10**9, **readings):
     return state
 
 
-def test_sound_evidence_stops_nothing():
+def test_healthy_evidence_stops_nothing():
     noise = np.random.default_rng(3).normal(0.0, 1.0, 400)
     state = watched(400, wheel=(1.24 + 0.02 * noise).tolist(), gyro=(0.002 * noise).tolist())
     assert state.mode is Mode.TRACKING
@@ -123,40 +123,40 @@ def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
     ],
     ids=["wheels that spin", "too weak from the start", "at rest", "at rest without noise"],
 )
-def test_a_tractor_that_cannot_move_has_no_sensor_that_lies(readings):
+def test_a_tractor_that_cannot_move_raises_no_sensor_fault(readings):
     assert watched(400, **readings).mode is Mode.TRACKING
 
 
-def test_a_pedal_on_its_way_to_its_reference_is_no_fault():
+def test_a_pedal_moving_to_its_reference_is_no_fault():
     assert watched(20, pedal=[0.1 + 0.05 * k for k in range(4)]).mode is Mode.TRACKING
     assert watched(20, pedal=[0.24 - 0.01 * k for k in range(20)]).mode is Mode.STOPPING
 
 
-def test_a_pedal_in_doubt_loses_the_power_of_its_valve_and_others_keep_it():
+def test_only_a_doubtful_pedal_cuts_its_valves_power():
     assert watched(46, pedal=[0.24] * 40 + [0.0]).released
     assert not watched(48, wheel=[1.2] * 40 + [0.0]).released
 
 
-def test_a_tractor_that_does_not_come_to_rest_loses_the_power():
+def test_a_tractor_that_does_not_stop_loses_its_valves_power():
     state, commands = drive(Supervisor(), [seen()] * 5 + [seen(y=3.0)] * 40, pedal=0.24)
     assert not commands[10].released
     assert commands[-1].released, "the estimate still drives, two seconds after the stop began"
 
 
-def test_the_distance_from_the_path_counts_while_the_heading_is_sought_again():
+def test_cross_track_is_monitored_while_the_heading_is_searched_again():
     state, _ = drive(Supervisor(), [seen()] * 5 + [seen(y=2.5, aligned=False)] * 2)
     assert "off the path" in state.reason
     state, _ = drive(Supervisor(), [seen(y=2.5, aligned=False)] * 2)
     assert not state.reason, "before the first heading nothing is known of it"
 
 
-def test_in_the_middle_of_work_it_seeks_the_heading_for_a_short_time():
+def test_searches_the_heading_only_briefly_during_work():
     patience = round(Supervisor().max_realigning_s / TICK)
     state, _ = drive(Supervisor(), [seen()] * 5 + [seen(aligned=False)] * (patience + 2))
     assert "heading unknown" in state.reason
 
 
-def test_a_jump_of_the_command_from_lock_to_lock_is_no_fault_while_the_wheels_move():
+def test_a_lock_to_lock_step_is_no_fault_while_the_wheels_move():
     turning = [seen(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
     state, _ = drive(Supervisor(), [seen(steer=-0.78)] + turning, command=Command(0.78, 1.2))
     assert state.mode is Mode.TRACKING
@@ -173,7 +173,7 @@ def ramp(steer_of):
     return state
 
 
-def test_wheels_behind_a_ramp_of_the_command_are_no_fault_and_wheels_that_stay_are():
+def test_wheels_lagging_a_ramp_are_no_fault_but_stationary_wheels_are():
     late = ramp(lambda commands, k: commands[max(k - 11, 0)])  # 0.55 s, 14 deg
     assert late.mode is Mode.TRACKING
     stuck = ramp(lambda commands, k: np.radians(45))
@@ -181,25 +181,25 @@ def test_wheels_behind_a_ramp_of_the_command_are_no_fault_and_wheels_that_stay_a
     assert "steering command" in stuck.reason
 
 
-def test_a_stop_is_final_even_if_all_is_well_again():
+def test_a_stop_is_final_even_if_all_recovers():
     state, _ = drive(Supervisor(), [seen(), seen(y=3.0)] + [seen()] * 50)
     assert state.mode is Mode.STOPPING
 
 
-def test_lost_fixes_are_coasting_first():
+def test_lost_fixes_lead_to_coasting_first():
     state, commands = drive(Supervisor(), [seen(age=0.05 * k) for k in range(20)], fix=None)
     assert state.mode is Mode.COASTING
     assert commands[0] == Command(0.0, 1.2)
     assert commands[-1] == Command(0.0, 1.2, pedal=0.24)
 
 
-def test_until_the_heading_is_known_it_drives_straight_on_slowly():
+def test_drives_straight_on_slowly_until_the_heading_is_known():
     state, commands = drive(Supervisor(), [seen(aligned=False)] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING
     assert commands[-1] == Command(0.0, Supervisor().aligning_speed_m_s)
 
 
-def test_switched_off_it_says_and_does_nothing():
+def test_does_nothing_when_switched_off():
     supervisor = Supervisor(enabled=False)
     _, commands = drive(supervisor, [seen(y=9.0)] * 100)
     assert set(commands) == {Command(0.0, 1.2)}
@@ -207,7 +207,7 @@ def test_switched_off_it_says_and_does_nothing():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_without_fixes_the_tractor_really_stops_and_says_so(plant):
+def test_stops_and_says_so_without_fixes(plant):
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 60.0}
     log = run(load_scenario("circle", {"plant.kind": plant, "fault": [lost], "duration_s": 60.0}))
     assert log.outcome == "stopped"
@@ -219,7 +219,7 @@ def test_without_fixes_the_tractor_really_stops_and_says_so(plant):
     assert np.hypot(np.diff(log.column("x")), np.diff(log.column("y")))[age[1:] > 0].sum() < 1.3 * 8.0 + 3.0
 
 
-def test_the_speed_holds_while_coasting_in_a_bend():
+def test_holds_speed_while_coasting_in_a_bend():
     """The paper's filter takes the turning of the velocity for a loss of speed."""
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 18.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 19.0}))

@@ -37,7 +37,7 @@ def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnSt
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
 @pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
-def test_first_input_lies_inside_every_set_and_on_no_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
+def test_the_first_input_lies_inside_every_set_but_on_no_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
     state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
     assert state.f.shape == size
     assert _memberships(state, *x).min() > 0.05
@@ -51,7 +51,7 @@ def test_widths_that_would_miss_the_first_input_are_refused() -> None:
         T2Fnn(width_upper_1=0.55)
 
 
-def test_why_a_network_outside_its_sets_would_be_dead_for_ever() -> None:
+def test_a_network_outside_its_sets_never_learns() -> None:
     state = start = _single(5.0)
     for k in range(100):
         state, tau_n = T2Fnn().update(state, np.sin(k), np.cos(k), 1.0, TICK)
@@ -70,7 +70,7 @@ def test_width_denominator_is_floored_with_its_sign(x_minus_c: float, tau_c: flo
     assert rate == pytest.approx(-np.sign(tau_c) * magnitude)
 
 
-def test_width_of_a_set_on_the_input_rests() -> None:
+def test_a_set_centred_on_the_input_keeps_its_width() -> None:
     assert derivatives(T2Fnn(), _single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
 
 
@@ -101,7 +101,7 @@ def test_f_denominator_is_floored() -> None:
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
 @pytest.mark.parametrize("x_minus_c", [1e-9, -1e-4, 0.003, 0.2, 0.49])
 @pytest.mark.parametrize("alpha", [0.05, 5.0, 500.0])
-def test_large_steps_keep_limits_order_and_the_input(alpha: float, x_minus_c: float, tau_c: float) -> None:
+def test_large_steps_keep_width_limits_order_and_the_input_inside(alpha: float, x_minus_c: float, tau_c: float) -> None:
     network, state = T2Fnn(alpha=alpha), _single(x_minus_c)
     for _ in range(300):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
@@ -112,7 +112,7 @@ def test_large_steps_keep_limits_order_and_the_input(alpha: float, x_minus_c: fl
 
 @pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float, d_min: float) -> None:
+def test_a_family_at_a_limit_is_frozen_and_keeps_the_firing(tau_c: float, d_min: float) -> None:
     network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):
@@ -126,12 +126,12 @@ def test_a_family_at_a_limit_rests_and_keeps_the_firing(tau_c: float, d_min: flo
     assert not np.array_equal(back.d1_upper, state.d1_upper)
 
 
-def test_widths_built_outside_the_limits_are_brought_back() -> None:
+def test_widths_outside_the_limits_are_brought_back() -> None:
     state, _ = T2Fnn().update(_single(0.1, lower=500.0, upper=300.0), 0.0, 0.0, 0.1, TICK)
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
 
 
-def test_an_upper_set_alone_keeps_the_input() -> None:
+def test_an_upper_set_alone_keeps_covering_the_input() -> None:
     state = _single(0.6, lower=0.3)
     for _ in range(300):
         state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
@@ -172,7 +172,7 @@ def test_initial_consequents_are_small_and_give_q_a_denominator() -> None:
 # Guard 5
 
 
-def test_no_rule_fires_and_nothing_breaks() -> None:
+def test_no_firing_rule_breaks_nothing() -> None:
     state = _single(3.0)
     rates = derivatives(T2Fnn(), state, 0.0, 0.0, 1.0)
     assert T2Fnn().infer(state, 0.0, 0.0) == 0
@@ -184,7 +184,7 @@ def test_no_rule_fires_and_nothing_breaks() -> None:
 # Guard 6
 
 
-def test_learning_can_be_held_while_centres_follow() -> None:
+def test_centres_follow_while_learning_is_held() -> None:
     network = T2Fnn()
     state = network.init(0.1, 0.2)
     held, tau_held = network.update(state, 0.4, 0.1, 0.3, TICK, learn=False)

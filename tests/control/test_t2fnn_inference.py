@@ -37,7 +37,7 @@ def test_agrees_with_pyit2fls_on_1000_states() -> None:
         compared += 1
 
 
-def test_upper_sets_alone_carry_the_output() -> None:
+def test_upper_sets_alone_give_an_output() -> None:
     rng, compared = np.random.default_rng(2), 0
     while compared < 50:
         state, (x1, x2) = random_state(rng), rng.uniform(-1.5, 1.5, 2)
@@ -49,7 +49,7 @@ def test_upper_sets_alone_carry_the_output() -> None:
         compared += 1
 
 
-def test_infer_changes_nothing_and_does_not_follow() -> None:
+def test_infer_changes_no_state() -> None:
     network = T2Fnn()
     state = network.init(0.0, 0.0)
     before = [np.copy(part) for part in state]
@@ -57,7 +57,7 @@ def test_infer_changes_nothing_and_does_not_follow() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(before, state, strict=True))
 
 
-def test_integers_lists_and_strided_arrays_are_welcome() -> None:
+def test_accepts_integers_lists_and_strided_arrays() -> None:
     whole = T2FnnState([0, 1], [0], [2, 2], [3, 3], [1], [2], [[1], [2]], 1)  # type: ignore[arg-type]
     arrays = T2FnnState(*(np.array(part, dtype=float) for part in whole[:7]), 1.0)
     assert T2Fnn().infer(whole, 0.2, 0.1) == T2Fnn().infer(arrays, 0.2, 0.1)
@@ -65,7 +65,7 @@ def test_integers_lists_and_strided_arrays_are_welcome() -> None:
     assert T2Fnn().infer(strided, 0.2, 0.1) == T2Fnn().infer(arrays, 0.2, 0.1)
 
 
-def test_equal_bounds_are_a_type_1_network() -> None:
+def test_equal_bounds_give_a_type_1_network() -> None:
     network, rng = T1Fnn(rules_1=4, rules_2=2, alpha=0.5), np.random.default_rng(3)
     state = network.init(0.2, -0.1)
     for _ in range(500):

@@ -22,7 +22,7 @@ def _assert_equal(a: Rates, b: Rates) -> None:
         assert left == pytest.approx(right, rel=1e-6, abs=1e-6), name
 
 
-def test_small_step_equals_the_printed_laws() -> None:
+def test_a_small_step_equals_the_printed_laws() -> None:
     rng, compared = np.random.default_rng(4), 0
     while compared < 300:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.8, 0.8, 2), rng.normal()
@@ -94,7 +94,7 @@ def _noisy_run(network: T2Fnn, ticks: int, seed: int) -> tuple[list[T2FnnState],
     return states, np.array(outputs), np.array(signs)
 
 
-def test_firing_never_changes_while_centres_follow() -> None:
+def test_firing_is_constant_while_centres_follow() -> None:
     states, _, _ = _noisy_run(T2Fnn(adapt_widths=False), 400, 6)
     first, last = states[0], states[-1]
     assert last.x1 is not None
@@ -104,7 +104,7 @@ def test_firing_never_changes_while_centres_follow() -> None:
         assert a == pytest.approx(b, abs=1e-12)
 
 
-def test_network_is_an_integrator_while_q_is_frozen() -> None:
+def test_the_network_is_an_integrator_while_q_is_frozen() -> None:
     network = T2Fnn(adapt_widths=False, adapt_q=False, alpha=0.2)
     _, outputs, signs = _noisy_run(network, 400, 7)
     integral = np.concatenate([[0.0], np.cumsum(signs[:-1]) * 0.05])
@@ -112,7 +112,7 @@ def test_network_is_an_integrator_while_q_is_frozen() -> None:
     assert np.abs(integral).max() > 0.3
 
 
-def test_width_laws_leave_the_firing_as_it_is() -> None:
+def test_width_laws_leave_the_firing_unchanged() -> None:
     states, _, _ = _noisy_run(T2Fnn(alpha=0.5), 2000, 8)
     first, last = states[0], states[-1]
     assert np.abs(last.d1_upper / first.d1_upper - 1).max() > 0.1
@@ -161,13 +161,13 @@ def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
 @pytest.mark.parametrize("warm_up", [0, 500])
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("alpha", [0.05, 0.5])
-def test_theorem_1(alpha: float, seed: int, warm_up: int) -> None:
+def test_theorem_1_holds(alpha: float, seed: int, warm_up: int) -> None:
     _reaching(T2Fnn(alpha=alpha, delta_s=1e-6), seed, warm_up)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(300))
-def test_theorem_1_at_length(seed: int) -> None:
+def test_theorem_1_holds_in_long_runs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     size = {"rules_1": int(rng.integers(1, 6)), "rules_2": int(rng.integers(1, 6))}
     _reaching(T2Fnn(alpha=10 ** rng.uniform(-2, 0.5), delta_s=1e-6, **size), seed, int(rng.integers(3000)))
@@ -175,7 +175,7 @@ def test_theorem_1_at_length(seed: int) -> None:
 
 @pytest.mark.parametrize("kind", [T2Fnn, T1Fnn])
 @pytest.mark.parametrize("changes", [{}, {"centres": "fixed"}, {"adapt_widths": False}, {"adapt_q": False}])
-def test_a_compiled_tick_is_the_steps_it_joins(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
+def test_a_compiled_tick_equals_its_separate_steps(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
     """To the last bit, over a hundred ticks with and without learning."""
     network, rng = kind(alpha=0.3, **changes), np.random.default_rng(5)
     state = network.init(0.1, -0.2)

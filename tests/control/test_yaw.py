@@ -31,7 +31,7 @@ def test_every_controller_keeps_the_steering_limit(kind) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in every(Controller) if kind is not OpenLoop])
-def test_every_closed_loop_commands_the_difference(kind) -> None:
+def test_every_closed_loop_controller_uses_the_yaw_rate_error(kind) -> None:
     _, commands = _run(kind(), _errors())
     wanted = [np.clip(c.tau_c - c.tau_n, -LIMIT, LIMIT) for c in commands]
     assert [c.steer for c in commands] == pytest.approx(wanted, abs=1e-15)
@@ -49,14 +49,14 @@ def test_every_controller_keeps_its_state_outside(kind) -> None:
     assert str(_run(controller, _errors(50))) == str(_run(controller, _errors(50)))
 
 
-def test_open_loop_steps_at_its_time() -> None:
+def test_open_loop_steps_at_the_set_time() -> None:
     _, commands = _run(OpenLoop(steer_deg=-3.0, at_s=1.0), [9.0] * 30)
     assert [c.steer for c in commands] == [0.0] * 20 + [radians(-3.0)] * 10
     assert commands[0].tau_c == commands[0].tau_n == 0
     assert _run(OpenLoop(steer_deg=60.0, at_s=0.0), [0.0], limit=0.2)[1][0].steer == 0.2
 
 
-def test_pd_terms() -> None:
+def test_pd_command_is_the_sum_of_its_terms() -> None:
     _, commands = _run(Pd(kp=0.7, kd=0.1, derivative_filter_s=0.0), [0.0, 0.02, 0.04, 0.04])
     assert [c.steer for c in commands] == pytest.approx([0.0, 0.014 + 0.04, 0.028 + 0.04, 0.028])
     assert commands[0].q is nan
@@ -98,7 +98,7 @@ def test_network_starts_at_the_first_error_and_follows() -> None:
     assert later.network.c1 - state.network.c1 == pytest.approx([0.1] * 3)
 
 
-def test_command_tells_output_and_q_of_the_network_before_it_learns() -> None:
+def test_the_command_reports_output_and_q_from_before_learning() -> None:
     controller, shares = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
     state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
     for k, e in enumerate(_errors()):
@@ -111,7 +111,7 @@ def test_command_tells_output_and_q_of_the_network_before_it_learns() -> None:
 
 
 @pytest.mark.parametrize("kind", [PdT2fnn, PdT1fnn])
-def test_anti_windup_holds_learning_while_the_command_saturates(kind) -> None:
+def test_anti_windup_stops_learning_while_the_command_saturates(kind) -> None:
     _, free = _run(kind(), [2.0] * 300, limit=0.3)
     state, held = _run(kind(anti_windup=True), [2.0] * 300, limit=0.3)
     assert abs(free[-1].tau_n) > 0.1
@@ -121,7 +121,7 @@ def test_anti_windup_holds_learning_while_the_command_saturates(kind) -> None:
     assert state.saturated
 
 
-def test_type_1_stays_type_1() -> None:
+def test_type_1_bounds_stay_equal_while_learning() -> None:
     with pytest.raises(ValidationError):
         PdT1fnn.model_validate({"network": {"type_1": False}})
     assert PdT1fnn.model_validate({"network": {"alpha": 0.1}}).network.type_1

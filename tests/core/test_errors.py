@@ -71,43 +71,43 @@ def faults(data):
         ({"box": {"height_m": 1e-3}}, "box.height_m: too flat; raise it"),
     ],
 )
-def test_a_fault_names_its_key_and_what_would_be_right(data, line):
+def test_a_fault_names_the_key_and_the_fix(data, line):
     assert [text.replace("0.0", "0").replace("45.0", "45") for text in faults(data)] == [f"shelf.toml: {line}"]
 
 
-def test_a_misspelt_key_is_told_with_its_neighbours():
+def test_a_misspelt_key_is_reported_with_similar_keys():
     (line,) = faults({"box": {"widht_m": 1}})
     assert line.startswith("shelf.toml: box.widht_m: unknown key; did you mean 'width_m'?")
     assert "height_m" in line
 
 
-def test_a_misspelt_key_inside_a_union_is_told_with_the_members_keys():
+def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
     (line,) = faults({"box": {"filling": {"kind": "foam", "densty": 0.1}}})
     assert line.startswith("shelf.toml: box.filling.densty: unknown key; did you mean 'density'?")
     assert "pressure_bar" not in line
 
 
 @pytest.mark.parametrize("filling", [{"kind": "foma"}, {"kind": "foma", "density": 3}])
-def test_an_unknown_kind_is_told_with_the_known_ones(filling):
+def test_an_unknown_kind_lists_the_known_ones(filling):
     (line,) = faults({"box": {"filling": filling}})
     assert line == "shelf.toml: box.filling.kind: unknown kind 'foma'; did you mean 'foam'? (known: air, foam)"
 
 
-def test_a_wrong_choice_is_told_with_the_choices():
+def test_a_wrong_choice_lists_the_choices():
     (line,) = faults({"box": {"filling": {"kind": "foam", "colour": "red"}}})
     assert line.startswith("shelf.toml: box.filling.colour: must be one of")
     assert "grey" in line
     assert "black" in line
 
 
-def test_every_fault_is_told_at_once():
+def test_every_fault_is_reported_at_once():
     lines = faults({"box": {"width_m": -1, "filling": {"kind": "foam", "density": 2}}, "depht_m": 1})
     assert len(lines) == 3
     for key in ("box.width_m", "box.filling.density", "depht_m"):
         assert sum(f" {key}: " in line for line in lines) == 1
 
 
-def test_the_message_speaks_no_jargon():
+def test_messages_contain_no_jargon():
     words = " ".join(faults({"box": {"filling": 3, "width_m": [1], "copies": "two"}, "depth_m": {}})).lower()
     for jargon in ("input", "validation", "pydantic", "dict", "object", "instance", "https", "discriminator"):
         assert jargon not in words
@@ -119,6 +119,6 @@ def test_suggestions_are_close_or_absent():
     assert suggestion("x", []) == ""
 
 
-def test_the_error_is_its_message():
+def test_the_error_text_is_the_message():
     assert str(ScenarioError("a: b")) == "a: b"
     assert issubclass(ScenarioError, ValueError)

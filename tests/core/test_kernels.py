@@ -38,7 +38,7 @@ def arrays_made(work):
 
 @compiled
 @pytest.mark.parametrize("tyre", [tyre() for tyre in every(Tyre)], ids=lambda tyre: tyre.kind)
-def test_kernels_make_no_arrays(tyre):
+def test_kernels_allocate_no_arrays(tyre):
     """They would never free them. Both grounds, every tyre, all loads; the count sees an array where there is one."""
     making = jit(doubled)
     assert making(1.0) == 4.0
@@ -55,7 +55,7 @@ def test_kernels_make_no_arrays(tyre):
 
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")
-def test_code_for_records_from_outside_the_package_is_not_kept():
+def test_code_for_records_from_outside_is_not_cached():
     """Another process may lack their class, and a change of their source would go unseen."""
 
     def kept():
@@ -70,7 +70,7 @@ def test_code_for_records_from_outside_the_package_is_not_kept():
     assert kept() == before
 
 
-def test_a_bound_kernel_says_the_same():
+def test_a_bound_kernel_gives_the_same_result():
     ground = plane(0.1, -0.2, 5.0)
     height = bound(height_and_gradient, ground, 0.0, 0.0)
     for x, y in np.random.default_rng(0).uniform(-6.0, 6.0, (20, 2)):

@@ -18,32 +18,32 @@ def arrived(values, distortions):
     return found
 
 
-def test_a_sound_line_changes_nothing():
+def test_a_healthy_line_changes_nothing():
     assert arrived([1.0, -2.0, 3.0], [SOUND] * 3) == [1.0, -2.0, 3.0]
 
 
-def test_a_stuck_line_repeats_what_arrived_last_or_carries_zero():
+def test_a_stuck_line_repeats_the_last_value_or_zero():
     values = [1.0, 2.0, 3.0, 4.0]
     assert arrived(values, [SOUND, *[Distortion(stuck="last")] * 2, SOUND]) == [1.0, 1.0, 1.0, 4.0]
     assert arrived(values, [SOUND, *[Distortion(stuck="zero")] * 2, SOUND]) == [1.0, 0.0, 0.0, 4.0]
     assert arrived(values, [Distortion(stuck="last")] * 4) == [1.0] * 4
 
 
-def test_scale_comes_before_offset():
+def test_scale_is_applied_before_offset():
     assert arrived([2.0], [Distortion(scale=-1.0, offset=0.5)]) == [-1.5]
 
 
-def test_a_late_line_repeats_its_last_value_while_the_delay_sets_in():
+def test_a_late_line_repeats_its_last_value_until_the_delay_is_reached():
     late = Distortion(delay_s=2 * DT)
     assert arrived([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [SOUND, late, late, late, late, SOUND]) == [1, 1, 1, 2, 3, 6]
 
 
-def test_a_lost_reading_is_no_number_and_no_reading_stays_none():
+def test_a_lost_reading_is_nan_and_no_reading_stays_none():
     assert all(isnan(value) for value in arrived([1.0, 2.0], [Distortion(lost=True)] * 2))
     assert all(isnan(value) for value in arrived([nan, nan], [Distortion(stuck="zero"), Distortion(offset=1.0)]))
 
 
-def test_a_valve_that_has_lost_its_power_stays_without():
+def test_a_valve_without_power_stays_without():
     """The cut is a way of its own: no fault of the line brings the voltage back."""
     for distortion in (Distortion(stuck="last"), Distortion(scale=-1.0), Distortion(delay_s=0.5)):
         ill = NOMINAL._replace(pedal_valve=distortion)

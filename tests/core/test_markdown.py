@@ -5,16 +5,16 @@ import pytest
 from agrobot_mj.core.markdown import markdown_table
 
 
-def test_writes_words_to_the_left_and_numbers_to_the_right():
+def test_aligns_words_left_and_numbers_right():
     table = markdown_table(("law", "error [m]"), [("pd", 0.5), ("stanley", "-")], numbers_from=1)
     assert table == "| law | error [m] |\n|---|---:|\n| pd | 0.5 |\n| stanley | - |"
 
 
-def test_escapes_what_would_end_a_cell():
+def test_escapes_cell_separators():
     assert markdown_table(("a",), [("x|y",)]).splitlines()[2] == "| x\\|y |"
 
 
-def test_fills_cells_up_for_a_terminal():
+def test_pads_cells_for_a_terminal():
     lines = markdown_table(("law", "m"), [("stanley", 1), ("", 10)], numbers_from=1, aligned=True).splitlines()
     assert lines == ["| law     |  m |", "|---------|---:|", "| stanley |  1 |", "|         | 10 |"]
 

@@ -18,7 +18,7 @@ def test_the_stream_of_a_name_is_fixed_across_processes():
     ]
 
 
-def test_other_streams_do_not_matter():
+def test_a_stream_does_not_depend_on_other_streams():
     alone = stream(7, "gyro").standard_normal(10)
     for name in NAMES[:3]:
         stream(7, name).standard_normal(1000)
@@ -32,12 +32,12 @@ def test_streams_of_different_names_and_seeds_are_uncorrelated():
     assert np.abs(correlation).max() < 5 / np.sqrt(n)
 
 
-def test_a_negative_seed_is_refused():
+def test_refuses_a_negative_seed():
     with pytest.raises(ValueError, match="non-negative"):
         stream(-1, "gnss")
 
 
-def test_a_gauss_markov_process_keeps_its_variance_and_forgets_at_its_rate():
+def test_a_gauss_markov_process_has_unit_variance_and_its_correlation_time():
     rng, value, seen = np.random.default_rng(1), 0.0, []
     for white in rng.standard_normal(200_000).tolist():
         value = gauss_markov(value, white, 0.05, 0.5)

@@ -14,11 +14,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
 UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "m/s2", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
 
 
-def test_the_page_is_the_table():
+def test_the_page_equals_the_table():
     assert PAGE.read_text(encoding="utf-8") == reference(), "run `make reference`"
 
 
-def test_every_column_says_its_unit_and_what_it_is():
+def test_every_column_has_a_unit_and_a_description():
     columns = [signal.column for signal in SIGNALS] + list(WHEEL_SIGNALS)
     assert len({column.name for column in columns}) == len(columns)
     for column in columns:

@@ -114,14 +114,14 @@ IN_OURS = [command for command in ALL if command.program == OURS]
 CLI = typer.main.get_command(app)
 
 
-def test_there_are_commands_of_every_kind():
+def test_commands_of_every_kind_are_found():
     assert len(IN_OURS) > 40
     assert {command.verb for command in IN_OURS} >= set(CLI.commands) - {"schema"}
     assert {command.page for command in IN_OURS} >= {"README.md", *ELSEWHERE} - {"docs/gym.md"}
 
 
 @pytest.mark.parametrize("command", IN_OURS, ids=str)
-def test_the_command_line_takes_it(command):
+def test_the_command_line_accepts_it(command):
     """Verb, options and the types of their values, by the application itself."""
     assert command.verb in CLI.commands
     context = CLI.commands[command.verb].make_context(command.verb, command.words[2:])
@@ -133,7 +133,7 @@ PLUGINS = ("guidance.", "plant.tyre.kind", "sensors.accelerometer.")
 
 
 @pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
-def test_its_keys_exist_and_its_values_are_allowed(command):
+def test_its_keys_exist_with_allowed_values(command):
     words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
     for text in [b for a, b in pairwise(words) if a == "--variant"]:
         sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
@@ -145,7 +145,7 @@ def test_its_keys_exist_and_its_values_are_allowed(command):
 
 
 @pytest.mark.parametrize("command", [c for c in ALL if c.program != OURS], ids=str)
-def test_what_it_starts_exists(command):
+def test_the_files_it_names_exist(command):
     words = command.words
     if command.program == "make":
         assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
@@ -175,7 +175,7 @@ def call(monkeypatch, folder, words):
     return leaving.value.code
 
 
-def test_the_short_ones_of_every_page_run(tmp_path, monkeypatch, capsys):
+def test_short_commands_of_every_page_run(tmp_path, monkeypatch, capsys):
     """Half a second of each, one after another in the order of the page, so that files lead to files."""
     done = 0
     for command in IN_OURS:
@@ -215,7 +215,7 @@ def supplied(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", sorted({command.page for command in IN_OURS} - set(ELSEWHERE)))
-def test_all_of_a_page_run_in_its_order(page, tmp_path, monkeypatch, capsys):
+def test_all_commands_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys):
     supplied(tmp_path)
     (tmp_path / "runs").mkdir()
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))

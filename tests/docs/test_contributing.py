@@ -25,7 +25,7 @@ def tracked_folders():
     return {file.partition("/")[0] for file in files if "/" in file and not file.startswith(".")}
 
 
-def test_verbs_that_it_names_are_those_of_the_makefile():
+def test_makefile_verbs_it_names_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
@@ -39,7 +39,7 @@ def test_folders_of_the_tree_are_listed():
     assert sorted(first_cells(r"([a-z_]+)/")) == sorted(tracked_folders())
 
 
-def test_folders_of_the_package_are_listed_in_the_order_in_which_they_build_on_each_other():
+def test_package_folders_are_listed_in_import_order():
     package = ROOT / "agrobot_mj"
     listed = first_cells(r"agrobot_mj/([a-z_]+)/")
     assert sorted(listed) == sorted(file.parent.name for file in package.glob("*/__init__.py"))

@@ -68,11 +68,11 @@ def test_every_tag_stands_exactly_once():
     assert sorted(tag for tag, _ in in_code()) == sorted(IN_CODE)
 
 
-def test_the_other_equations_of_the_paper_are_accounted_for():
+def test_the_other_equations_of_the_paper_are_listed():
     assert sorted(beside_the_table()) == sorted(BESIDE)
 
 
-def test_every_tag_is_the_comment_of_a_line_of_code():
+def test_every_tag_comments_a_line_of_code():
     for file in PACKAGE.rglob("*.py"):
         for line in file.read_text(encoding="utf-8").splitlines():
             if "agrobots:" in line:
@@ -84,13 +84,13 @@ def test_the_table_lists_every_tag_where_it_stands():
     assert {tag: place for tag, _, place, _ in in_table()} == dict(in_code())
 
 
-def test_the_table_lists_no_tag_twice_and_describes_each():
+def test_the_table_has_each_tag_once_with_a_description():
     rows = in_table()
     assert len({row[0] for row in rows}) == len(rows)
     assert all(len(what.split()) >= 3 for _, what, _, _ in rows)
 
 
-def test_the_table_says_how_each_line_deviates():
+def test_the_table_states_how_each_line_deviates():
     deviations = {tag: deviation for tag, _, _, deviation in in_table()}
     assert all(deviation == "none" or len(deviation.split()) >= 2 for deviation in deviations.values())
     assert {tag for tag in GUARDED if deviations[tag] == "none"} == set()

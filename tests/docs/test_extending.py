@@ -29,8 +29,8 @@ LISTS = (
 """Tests of all members together."""
 ANNOUNCED = {
     "test_models_doc.py::test_every_estimate_has_a_row",
-    "test_scenarios_doc.py::test_the_faults_have_their_keys",
-    "test_scenarios_doc.py::test_the_kinds_are_complete",
+    "test_scenarios_doc.py::test_every_fault_is_listed_with_its_keys",
+    "test_scenarios_doc.py::test_every_kind_is_listed",
 }
 """Tests that fail until the new kinds are described, as the page says."""
 
@@ -107,13 +107,13 @@ def failed(folder, *arguments, compiled=False):
     return set(re.findall(r"^FAILED tests/(?:\w+/)*(\S+)", done.stdout, re.M)), passed
 
 
-def test_the_tests_of_all_members_together_fail_only_where_the_page_says_so(checkout):
+def test_contract_tests_fail_only_where_the_page_says_so(checkout):
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     subprocess.run([sys.executable, "scripts/make_reference.py"], cwd=checkout, check=True, env=environment)
     assert failed(checkout, *LISTS)[0] == ANNOUNCED
 
 
-def test_the_contract_tests_of_the_new_members_pass(checkout):
+def test_contract_tests_of_the_new_members_pass(checkout):
     """Those of the tyre drive in compiled kernels, below."""
     files = ("control/test_laws_drive.py", "faults", "metrics", "paths", "sensors", "terrain/test_terrains.py")
     found, passed = failed(checkout, *(f"tests/{name}" for name in files), "-k", f"({NEW}) and not brush")
@@ -122,7 +122,7 @@ def test_the_contract_tests_of_the_new_members_pass(checkout):
 
 
 @pytest.mark.slow
-def test_those_of_the_tyre_and_of_columns_and_plots_pass(checkout):
+def test_tests_of_the_tyre_columns_and_plots_pass(checkout):
     folders = ("bench", "core", "plants", "scenario", "simulation", "tyres")
     found, passed = failed(checkout, *(f"tests/{name}" for name in folders), "-k", "brush", compiled=True)
     assert found == set()
@@ -130,7 +130,7 @@ def test_those_of_the_tyre_and_of_columns_and_plots_pass(checkout):
     assert failed(checkout, "tests/recording/test_recording_signals.py", compiled=True)[0] == set()
 
 
-def test_the_scenario_says_what_was_chosen(results):
+def test_the_scenario_states_what_was_chosen(results):
     scenario = tomllib.loads((results / "scenario.toml").read_text(encoding="utf-8"))
     assert (scenario["terrain"]["kind"], scenario["terrain"]["height_m"]) == ("dome", 2.0)
     assert (scenario["fault"][0]["kind"], scenario["fault"][0]["east_m"]) == ("gnss_shift", 0.25)
@@ -139,7 +139,7 @@ def test_the_scenario_says_what_was_chosen(results):
     assert scenario["sensors"]["accelerometer"]["sigma_m_s2"] == 0.05
 
 
-def test_the_new_members_do_what_they_say(results):
+def test_the_new_members_work_as_described(results):
     table = pq.read_table(results / "signals.parquet")
     signals = {name: np.array(column, dtype=float) for name, column in table.to_pydict().items()}
     assert signals["z_ref"][0] == pytest.approx(2.0, abs=0.01), "the reference runs over the top"
@@ -155,7 +155,7 @@ def test_the_new_members_do_what_they_say(results):
     assert 0 < used.max() < 0.7 + 0.06
 
 
-def test_columns_and_metrics_are_written_with_what_they_are(results):
+def test_columns_and_metrics_carry_their_descriptions(results):
     schema = pq.read_schema(results / "signals.parquet")
     assert schema.field("lateral_acceleration").metadata[b"unit"] == b"m/s2"
     assert schema.field("bearing").metadata[b"description"].startswith(b"bearing of the carrot")

@@ -20,19 +20,19 @@ ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "link.md").read_text(encoding="utf-8")
 
 
-def test_every_option_that_it_names_exists():
+def test_every_option_it_names_exists():
     command = typer.main.get_command(app).commands["link"]
     known = {option for parameter in command.params for option in parameter.opts}
     known |= {option for action in parser()._actions for option in action.option_strings}
     assert set(re.findall(r"--[a-z][a-z-]*", TEXT)) <= known
 
 
-def test_every_key_that_it_names_exists():
+def test_every_key_it_names_exists():
     named = set(re.findall(r"`(?:guidance\.)?([a-z_]+)(?: = |`)", TEXT)) & set(AgOpenGps.model_fields)
     assert {"watchdog_s", "released", "give_up_s", "position_rate_hz", "host", "origin_lat_deg"} <= named
 
 
-def test_the_table_has_the_rows_of_the_demo():
+def test_the_table_has_a_row_per_demo():
     spec = importlib.util.spec_from_file_location("demo_link", ROOT / "scripts" / "demo_link.py")
     assert spec is not None
     demo = importlib.util.module_from_spec(spec)
@@ -42,7 +42,7 @@ def test_the_table_has_the_rows_of_the_demo():
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_it_explains_every_metric(live):
+def test_explains_every_metric(live):
     scenario = load_scenario("straight_line", {"guidance.kind": "agopengps", "duration_s": 0.1})
     with UdpSockets("127.0.0.1", 0, 9) as sockets:
         channel = RealTime(sockets) if live else Replayed([])

@@ -61,13 +61,14 @@ def test_every_page_is_in_the_menu_of_the_site_once():
         assert (ROOT / "docs" / name).is_file() or f'"{name}"' in hooks, name
 
 
-def test_every_page_is_two_clicks_from_the_first():
+@pytest.mark.parametrize("start", ["README.md", "docs/index.md"])
+def test_every_page_is_two_clicks_from_the_first(start):
     def linked(page):
         return {(page.parent / target.partition("#")[0]).resolve() for target in LINK.findall(prose(page))}
 
-    first = linked(ROOT / "docs" / "index.md")
+    first = linked(ROOT / start)
     second = {page for each in first if each.suffix == ".md" for page in linked(each)}
-    assert set((ROOT / "docs").glob("*.md")) <= first | second | {ROOT / "docs" / "index.md"}
+    assert set((ROOT / "docs").glob("*.md")) <= first | second | {ROOT / start}
 
 
 def test_every_picture_of_the_docs_is_shown_somewhere():

@@ -31,7 +31,7 @@ def estimates(model: type[Spec]) -> set[str]:
     return found
 
 
-def test_the_tables_are_those_of_the_code():
+def test_the_tables_equal_the_codes():
     assert with_numbers(TEXT) == TEXT, "run `make reference`"
 
 
@@ -40,5 +40,5 @@ def test_every_estimate_has_a_row():
     assert not missing, "mark a table on the page, as `<!-- numbers of [table] kind -->`, and run `make reference`"
 
 
-def test_every_row_says_its_range_or_its_source():
+def test_every_row_gives_a_range_or_a_source():
     assert [number.row[0] for number in NUMBERS if not number.row[3].strip(" .")] == []

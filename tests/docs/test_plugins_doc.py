@@ -38,7 +38,7 @@ def python(folder, *arguments, path=(), **variables):
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_commands_of_the_page_work_and_the_run_repeats(folder):
+def test_the_pages_commands_work_and_the_run_repeats(folder):
     for line in COMMANDS.splitlines():
         short = ["--set", "duration_s=2", "--no-rrd"] if line.split()[1] == "run" else []
         done = command(folder, *line.split()[1:], *short)
@@ -49,7 +49,7 @@ def test_the_commands_of_the_page_work_and_the_run_repeats(folder):
         assert (folder / "mine" / name).read_bytes() == (folder / "again" / name).read_bytes()
 
 
-def test_tyre_sensor_and_metric_are_plugins_as_they_stand(folder):
+def test_tyre_sensor_and_metric_work_as_plugins(folder):
     """The runs without compiled kernels, which would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"
@@ -87,7 +87,7 @@ def test_without_the_plugin_the_message_names_the_option(folder):
     assert done.stderr.count("\n") == 1
 
 
-def test_the_script_of_the_page_works(folder):
+def test_the_pages_script_works(folder):
     done = program(folder, SCRIPT)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "completed\n")
 
@@ -116,7 +116,7 @@ if __name__ == "__main__":
 """
 
 
-def test_an_installed_plugin_needs_no_option_not_even_in_workers(folder):
+def test_an_installed_plugin_needs_no_option_even_in_workers(folder):
     site = installed(folder / "site", LAW)
     done = python(folder, "-m", "agrobot_mj", "list", "--kinds", path=[site])
     assert (done.returncode, done.stderr) == (0, "")
@@ -134,14 +134,14 @@ def test_an_installed_plugin_needs_no_option_not_even_in_workers(folder):
         (LAW.replace("my_law", "lqr"), "register: guidance.kind 'lqr' is there already; choose another"),
     ],
 )
-def test_a_broken_installed_plugin_is_told_by_name(tmp_path, law, message):
+def test_a_broken_installed_plugin_is_named(tmp_path, law, message):
     done = python(tmp_path, "-m", "agrobot_mj", "run", "straight_line", path=[installed(tmp_path / "site", law)])
     assert (done.returncode, done.stderr) == (2, f"plugin my_law of my-package: {message}\n")
     assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow  # workers of a sweep know their plugin by default: tests/studies/sweep
-def test_a_comparison_in_several_processes_knows_the_plugin(folder):
+def test_parallel_comparisons_know_the_plugin(folder):
     options = ["--plugin", "my_law.py", "--set", "guidance.kind=my_law", "--set", "duration_s=1", "--no-rrd"]
     cases = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "2", "--out", "cmp"]
     done = python(folder, "-m", "agrobot_mj", "compare", "straight_line", *options, *cases)

@@ -40,13 +40,13 @@ def test_every_citation_has_an_entry():
     assert not missing
 
 
-def test_every_entry_is_cited_and_stands_once():
+def test_every_entry_is_cited_and_listed_once():
     assert keys() == list(dict.fromkeys(keys()))
     assert not set(keys()) - citations().keys()
     assert len(keys()) == BIBLIOGRAPHY.count("\n@")
 
 
-def test_every_entry_says_who_what_and_when():
+def test_every_entry_has_author_title_and_year():
     for _, key, body in ENTRY.findall(BIBLIOGRAPHY):
         for field in ("author", "title", "year"):
             assert re.search(rf"^  {field} *= \{{.+", body, re.MULTILINE), (key, field)

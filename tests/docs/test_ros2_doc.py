@@ -16,7 +16,7 @@ TEXT = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
 THIRD_PARTY = (ROOT / "docs" / "third_party.md").read_text(encoding="utf-8")
 
 
-def test_every_option_that_it_names_exists():
+def test_every_option_it_names_exists():
     commands = typer.main.get_command(app).commands
     known = {option for name in ("ros2", "export", "run") for each in commands[name].params for option in each.opts}
     assert set(re.findall(r"--[a-z][a-z0-9-]*", TEXT)) <= known
@@ -31,7 +31,7 @@ def test_its_table_has_every_topic_with_its_type():
     assert set(re.findall(r"`(/[a-z_]+(?:/[a-z]+)?)`", TEXT)) == set(RECORDED)
 
 
-def test_every_key_that_it_names_exists():
+def test_every_key_it_names_exists():
     assert set(re.findall(r"`guidance\.([a-z_]+)`", TEXT)) == set(CmdVel.model_fields) - {"kind"}
 
 
@@ -41,7 +41,7 @@ def test_its_scenarios_exist():
     assert set(rows) <= set(scenario_files())
 
 
-def test_the_table_of_third_parties_has_the_rows_of_its_script():
+def test_the_third_party_table_has_its_scripts_rows():
     tree = ast.parse((ROOT / "examples" / "third_party" / "measure.py").read_text(encoding="utf-8"))
     tables = {node.target.id: node.value for node in tree.body if isinstance(node, ast.AnnAssign)}
     laws, surfaces = ([key.value for key in tables[name].keys] for name in ("LAWS", "SURFACES"))

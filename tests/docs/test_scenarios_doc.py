@@ -34,18 +34,18 @@ def test_the_gallery_is_complete():
         assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 
 
-def test_the_faults_have_their_keys():
+def test_every_fault_is_listed_with_its_keys():
     rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*)\|$", section("Faults and disturbances"), re.M)
     written = {kind: set(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
     common = set(Scripted.model_fields)
     assert written == {kind: set(fault.model_fields) - common for kind, fault in members(Fault).items()}
 
 
-def test_the_outcomes_are_complete():
+def test_every_outcome_is_listed():
     assert set(re.findall(r"^\| `(\w+)` \|", section("How a run ends"), re.M)) == set(get_args(Outcome))
 
 
-def test_the_kinds_are_complete():
+def test_every_kind_is_listed():
     """Those of the package: other tests register kinds of their own in the same process."""
     rows = re.findall(r"^\| `\[\[?([a-z.]+)\]\]?` \| (.+) \|$", TEXT, re.M)
     assert {"plant", "terrain", "fault"} <= {table for table, _ in rows}
@@ -60,6 +60,6 @@ def test_the_kinds_are_complete():
         assert set(re.findall(r"`(\w+)`", cell)) == set(known), table
 
 
-def test_every_table_exists():
+def test_every_table_it_names_exists():
     for table in re.findall(r"`\[\[?([a-z_.]+)\]\]?`", TEXT):
         reduce(getattr, table.split("."), Scenario())

@@ -42,7 +42,7 @@ def test_every_key_and_every_kind_is_in_the_reference():
     assert "| `wheelbase_m` | `1.4` | number, above 0" in text
 
 
-def test_every_row_of_the_references_has_the_cells_of_its_head():
+def test_every_row_has_as_many_cells_as_its_head():
     for text in (docs_pages.keys_page(), docs_pages.commands_page()):
         for block in re.findall(r"(?:^\|.*\n?)+", text, re.M):
             counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
@@ -59,7 +59,7 @@ def test_every_command_and_option_is_in_the_reference():
                 assert option in section, (name, option)
 
 
-def test_what_the_package_offers_is_in_the_reference():
+def test_the_public_python_names_are_in_the_reference():
     import agrobot_mj
 
     text = docs_pages.api_page()
@@ -83,7 +83,7 @@ def site(tmp_path_factory):
     return folder
 
 
-def test_the_site_has_all_pages_and_asks_no_other_host(site):
+def test_the_site_has_all_pages_and_loads_nothing_from_other_hosts(site):
     assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {page.stem for page in site.glob("*.html")}
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
@@ -91,7 +91,7 @@ def test_the_site_has_all_pages_and_asks_no_other_host(site):
         assert not re.search(r"<link[^>]*rel=\"(?:stylesheet|preconnect)\"[^>]*href=\"(?:https?:)?//", text), page
 
 
-def test_lists_and_tables_of_the_docs_are_such_on_the_site(site):
+def test_lists_and_tables_are_rendered_on_the_site(site):
     for page in (ROOT / "docs").glob("*.md"):
         text = (site / f"{page.stem}.html").read_text(encoding="utf-8")
         for paragraph in re.findall(r"<p>(.*?)</p>", text, re.S):

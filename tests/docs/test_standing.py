@@ -25,12 +25,12 @@ def show(commit, path):
     return found.stdout
 
 
-def test_pages_of_results_say_what_they_were_made_with():
+def test_pages_of_results_state_version_and_commit():
     assert {page for page, _ in STANDING} >= {"findings", "findings_tables", "estimators", "safety"}
 
 
 @pytest.mark.parametrize(("page", "name"), STANDING)
-def test_states_todays_version_unless_it_is_out_of_date(page, name):
+def test_states_todays_version_unless_marked_outdated(page, name):
     version = re.match(r"Version ([\d.]+)[,;]", block(PAGES[page], name))[1]
     assert OUT_OF_DATE in PAGES[page] or version == __version__, f"make the page again, or begin it with {OUT_OF_DATE}"
 

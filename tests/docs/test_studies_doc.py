@@ -40,25 +40,25 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_the_second_command_does_nothing(folder):
+def test_repeating_the_command_runs_nothing(folder):
     assert "0 runs done, 12 were there" in (folder / "said.txt").read_text()
 
 
-def test_however_it_is_run_the_table_is_the_same(folder):
+def test_every_way_of_running_gives_the_same_table(folder):
     tables = [pq.read_table(folder / name / "sweep.parquet").drop_columns("wall_s") for name in ("speed", "a", "whole")]
     assert tables[0].num_rows == 12
     assert tables[0].equals(tables[1])
     assert tables[0].equals(tables[2])
 
 
-def test_the_table_is_read_as_the_page_does(folder):
+def test_the_pages_code_reads_the_table(folder):
     said = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
         exec(SCRIPT, {})
     assert "stanley" in said.getvalue()
 
 
-def test_the_limit_has_an_answer_for_each_law(folder):
+def test_the_limit_has_an_answer_per_law(folder):
     laws = json.loads((folder / "tight" / "limit.json").read_text())["laws"]
     assert [law["law"] for law in laws] == ["stanley", "lqr"]
     assert all(law["verdict"] == "limit" for law in laws)

@@ -150,7 +150,7 @@ def test_the_slope_is_driven_and_its_recording_is_there_to_view(walk):
     assert int(re.findall(r"(\d+) bytes", said)[0]) > 10_000
 
 
-def test_laws_are_compared_and_the_full_estimator_takes_the_drift_away(walk):
+def test_compares_laws_and_the_full_estimator_removes_the_drift(walk):
     folder, _, full = walk
     laws, levelled = rows(folder / "runs" / "laws"), rows(folder / "runs" / "levelled")
     assert [(row["guidance"], row["seed"]) for row in laws] == [(g, s) for g in ("stanley", "lqr") for s in (1, 2)]
@@ -162,7 +162,7 @@ def test_laws_are_compared_and_the_full_estimator_takes_the_drift_away(walk):
             assert errors["levelled", law] < 0.05
 
 
-def test_the_sweep_has_a_row_a_run_and_a_report(walk):
+def test_the_sweep_has_a_row_per_run_and_a_report(walk):
     folder, said, _ = walk
     table = pq.read_table(folder / "runs" / "slopes" / "sweep.parquet")
     assert table.num_rows == 16
@@ -171,12 +171,24 @@ def test_the_sweep_has_a_row_a_run_and_a_report(walk):
     assert "lqr" in (folder / "runs" / "slopes" / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_law_of_ones_own_drives_and_is_compared(walk):
+def test_a_users_own_law_drives_and_is_compared(walk):
     folder, _, full = walk
     assert 'kind = "two_gains"' in (folder / "runs" / "mine" / "scenario.toml").read_text(encoding="utf-8")
     found = {row["guidance"]: row["xte_rms"] for row in rows(folder / "runs" / "against")}
     assert set(found) == {"two_gains", "lqr"}
     assert all(error < (0.25 if full else 0.1) for error in found.values())
+
+
+def test_a_users_own_law_is_swept(walk, monkeypatch):
+    folder, _, _ = walk
+    (line,) = re.findall(r"`agrobot-mj (sweep [^`]*)`", TEXT)
+    text = FILES["slopes.toml"].replace('["stanley", "lqr"]', '["two_gains"]').replace("seeds = 2", "seeds = 1")
+    (folder / "slopes.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    in_a_process_of_its_own([*line.split(), "--jobs", "1"])
+    table = pq.read_table(folder / line.split()[-1] / "sweep.parquet")
+    assert table["guidance.kind"].to_pylist() == ["two_gains"] * 4
+    assert set(table["outcome"].to_pylist()) == {"completed"}
 
 
 def test_the_test_host_steers(walk):

@@ -29,6 +29,6 @@ def test_words_are_counted_outside_generated_blocks():
     assert {"columns.md", "validation.md"}.isdisjoint(to_read())
 
 
-def test_there_is_not_more_to_read_than_an_afternoon_has():
+def test_the_pages_stay_within_the_word_limit():
     found = to_read()
     assert sum(found.values()) <= BOUND, sorted(found.items(), key=lambda item: -item[1])

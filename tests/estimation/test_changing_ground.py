@@ -27,7 +27,7 @@ DT = 0.05
 
 
 @pytest.mark.parametrize("body", [False, True])
-def test_a_turn_on_an_inclined_plane_is_a_whole_turn(body):
+def test_a_full_turn_on_a_slope_is_360_degrees(body):
     """A body turns about the normal of a plane of 20 deg; its heading is the plan of its forward axis."""
     slope, rate, ticks = radians(20.0), 2 * np.pi / 20.0, 400
     frame = np.array([[1, 0, 0], [0, cos(slope), -sin(slope)], [0, sin(slope), cos(slope)]])
@@ -44,7 +44,7 @@ def test_a_turn_on_an_inclined_plane_is_a_whole_turn(body):
     assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # what a gyro about the vertical misses
 
 
-def test_steady_slip_is_none_of_its_business_and_a_pull_is_remembered():
+def test_steady_slip_is_ignored_and_a_pull_is_remembered():
     rng, slip = np.random.default_rng(3), WheelSlip()
     variance = 0.03**2
     for _ in range(1200):
@@ -62,7 +62,7 @@ def test_steady_slip_is_none_of_its_business_and_a_pull_is_remembered():
     assert lost.unseen() == lost
 
 
-def test_ten_minutes_without_a_change_make_a_loss_cheaper():
+def test_ten_minutes_without_slip_changes_make_a_loss_cheaper():
     new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
@@ -76,20 +76,20 @@ def slope():
     return record("figure_eight", {**LQR, **SLOPE, "estimator": {**FULL, **TILT}, "seed": 71}, 60.0)
 
 
-def test_on_a_slope_the_heading_is_as_good_as_it_says(slope):
+def test_on_a_slope_the_heading_error_matches_its_stated_sigma(slope):
     traces = [follow(slope, {**FULL, **TILT}, seed) for seed in (721, 722, 723)]
     squares = [np.mean(trace.heading_nees[400:]) for trace in traces]
     assert 0.3 < np.mean(squares) < 2.5
 
 
-def test_a_loss_on_a_slope_costs_what_it_says(slope):
+def test_a_loss_on_a_slope_stays_within_its_stated_sigma(slope):
     ends = [follow(slope, {**FULL, **TILT}, seed, loss(42.0, 11.0)) for seed in (721, 722, 723)]
     last = round(53.0 / DT) - 2
     assert np.mean([trace.nees[last] for trace in ends]) < 6.0
     assert rms(np.array([trace.position[last] for trace in ends])) < 0.20
 
 
-def test_in_ruts_most_of_the_sideslip_is_told_from_heading():
+def test_in_ruts_most_sideslip_is_separated_from_heading():
     """A filter that knows firm ground alone takes all of it, 1.7 deg, for heading."""
     ruts = record("figure_eight", {**LQR, "plant.tyre.kind": "ruts", "seed": 72}, 60.0)
     sideslip = [wrap(atan2(t.rear_velocity[1], t.rear_velocity[0]) - t.yaw) for t in ruts.truths[800:]]
@@ -118,14 +118,14 @@ def last_core(drive, estimator, seed, day, until):
     return state.horizon.core
 
 
-def test_noise_of_the_inertial_unit_tells_nothing_of_compliance_and_slip(traverse):
+def test_imu_noise_does_not_change_compliance_and_slip(traverse):
     """The swing of the antenna that its noise pretends must not be correlated with the side force that it pretends."""
     cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
     assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.8, abs=0.05)
     assert np.mean([core.mean[S] for core in cores]) == pytest.approx(0.0175, abs=0.002)
 
 
-def test_in_a_loss_nothing_tells_the_scale_of_the_wheels():
+def test_wheel_scale_is_not_updated_during_a_loss():
     """Neither the noise of their readings nor the steering angle in a bend: the scale stays, and its sigma grows."""
     level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
     for seed in (741, 742, 743):
@@ -138,7 +138,7 @@ def test_in_a_loss_nothing_tells_the_scale_of_the_wheels():
 # --- whether it states its own errors
 
 
-def test_a_loss_on_tilled_soil_costs_what_it_says(tmp_path):
+def test_a_loss_on_tilled_soil_stays_within_its_stated_sigma(tmp_path):
     case = next(case for case in CASES if case.name == "tilled soil, pull")
     found = judged([drive(case, 21, tmp_path)], case.estimator, (721, 722))
     assert all(0.3 < whole.nees < 5.0 for whole in found.wholes)
@@ -176,7 +176,7 @@ def twenty_seeds(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", marked("ruts", RUTS))
-def test_stated_errors_cover_without_a_loss(case, twenty_seeds):
+def test_stated_errors_hold_without_a_loss(case, twenty_seeds):
     wholes = twenty_seeds(case.name).wholes
     assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
     assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0

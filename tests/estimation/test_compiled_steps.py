@@ -33,7 +33,7 @@ def close(ours, theirs):
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
-def test_a_hundred_ticks_are_those_of_filterpy(n, m):
+def test_a_hundred_ticks_equal_filterpys(n, m):
     """Extended filter with a curved model, a third of the measurements missing."""
     rng = np.random.default_rng(n)
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
@@ -62,7 +62,7 @@ def test_a_hundred_ticks_are_those_of_filterpy(n, m):
         assert close(joined.kf, theirs)
 
 
-def test_the_velocity_filter_is_that_of_filterpy():
+def test_the_velocity_filter_equals_filterpys():
     rng, ours, theirs = np.random.default_rng(0), VelocityKf(0.1), KalmanFilter(dim_x=4, dim_z=4)
     assert type(ours.kf) is KalmanFilter
     R = covariance(rng, 4)
@@ -78,7 +78,7 @@ def test_the_velocity_filter_is_that_of_filterpy():
 @pytest.mark.parametrize(
     "ours", [PoseEkf(1.4, 0.01, 0.005), BiasEkf(1.4, Levels(0.01, 0.005, 0.002, 0.5, 30.0))], ids=["ekf", "ekf_bias"]
 )
-def test_the_pose_filters_are_those_of_filterpy(ours):
+def test_the_pose_filters_equal_filterpys(ours):
     n, rng = ours.kf.dim_x, np.random.default_rng(1)
     assert type(ours.kf) is ExtendedKalmanFilter
     theirs = extended(n, 2, lambda x, inputs: ours.step(x, np.eye(n), inputs, None, 0.02)[0])
@@ -93,7 +93,7 @@ def test_the_pose_filters_are_those_of_filterpy(ours):
         assert close(kf, theirs)
 
 
-def test_compiled_equations_are_the_plain_ones():
+def test_compiled_equations_equal_the_plain_ones():
     """The same Python run by the interpreter, to the last bit; and what numpy makes of the matrices."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)
@@ -109,13 +109,13 @@ def test_compiled_equations_are_the_plain_ones():
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
-def test_an_innovation_without_a_covariance_is_refused(bad):
+def test_refuses_an_innovation_without_a_covariance(bad):
     one = np.eye(2)
     with pytest.raises(np.linalg.LinAlgError, match=r"infs or NaNs|not positive"):
         posterior(np.zeros(2), 0 * one, one, np.ones(2), np.diag((bad, bad)))
 
 
-def test_only_who_builds_a_filter_imports_filterpy():
+def test_filterpy_is_imported_only_to_build_a_filter():
     code = """
 import sys
 from agrobot_mj import load_scenario

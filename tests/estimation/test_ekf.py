@@ -84,7 +84,7 @@ def test_a_wrong_start_yaw_is_found_within_ten_seconds(yaw_error_deg, seed):
     assert degrees(yaw_errors[200:].max()) < 1.0
 
 
-def test_the_start_is_as_uncertain_as_its_keys_say():
+def test_initial_uncertainty_equals_its_keys():
     keys = {"initial_position_sigma_m": 0.4, "initial_yaw_sigma_deg": 3.0}
     (first,) = drive(Ekf(**keys), DT, speed=0.0, quality=lambda t: Quality.NONE)
     expected = [0.4, 0.4, radians(3.0)]
@@ -97,7 +97,7 @@ def test_estimates_are_closer_than_fixes():
     assert degrees(rms[2]) < 0.4
 
 
-def test_against_white_noise_the_stated_uncertainty_is_honest_or_a_little_cautious():
+def test_stated_uncertainty_is_honest_under_white_noise():
     """Mean normalised squared position error: 2 expected, less since there is no walk in this truth."""
     nees = []
     for seed in range(4):
@@ -143,7 +143,7 @@ def test_a_float_solution_weighs_less():
     assert rms(Quality.FLOAT) < 0.6 * rms(Quality.FIX)
 
 
-def test_the_estimate_is_of_the_centre_of_gravity():
+def test_the_estimate_is_that_of_the_centre_of_gravity():
     for step in drive(Ekf(), 5, steer=turning)[::10]:
         e = step.estimate
         l_r = TRACTOR.cg_to_rear_axle
@@ -151,7 +151,7 @@ def test_the_estimate_is_of_the_centre_of_gravity():
         assert e.y - e.rear_y == pytest.approx(l_r * sin(e.yaw), abs=1e-12)
 
 
-def test_yaw_is_wrapped_outside_and_the_yaw_rate_does_not_notice():
+def test_yaw_wraps_without_disturbing_the_yaw_rate():
     steps = drive(Ekf(), 90, steer=lambda t: 0.15)
     yaws = np.array([step.estimate.yaw for step in steps])
     assert (np.abs(yaws) <= pi).all()
@@ -168,7 +168,7 @@ def test_speed_is_unbiased_and_signed(speed):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_noise_of_the_yaw_rate_on_a_straight(seed):
+def test_yaw_rate_noise_on_a_straight_is_small(seed):
     rates = np.array([step.estimate.yaw_rate for step in drive(Ekf(), 60, seed=seed)[200:]])
     assert abs(rates.mean()) < 0.002
     assert rates.std() < 0.012
@@ -188,7 +188,7 @@ def test_the_yaw_rate_filter_trades_noise_for_lag():
     assert 0.15 < lag < 0.5
 
 
-def test_yaw_rate_sources():
+def test_every_yaw_rate_source_works():
     steps = {
         source: drive(Ekf(yaw_rate_source=source), 20, steer=lambda t: 0.15)[-1]
         for source in ("ekf", "kinematic", "gyro")
@@ -213,6 +213,6 @@ def test_an_update_depends_on_its_arguments_alone():
 
 
 @pytest.mark.parametrize("key", ["gnss_sigma_m", "yaw_walk_deg_rt_s", "initial_yaw_sigma_deg"])
-def test_a_sigma_of_zero_is_refused(key):
+def test_refuses_a_sigma_of_zero(key):
     with pytest.raises(ValidationError, match=key):
         Ekf(**{key: 0.0})

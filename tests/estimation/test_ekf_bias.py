@@ -23,7 +23,7 @@ def measurements(n, radius=10.0, lost=()):
         yield Measurement(k * DT, None if k in lost else fix, Quality.FIX, np.arctan(1.4 / radius), 0.0, nan)
 
 
-def test_without_what_it_adds_it_is_the_papers():
+def test_without_its_additions_it_equals_the_papers_filter():
     plain = EkfBias(
         turning_velocity=False,
         steer_bias_walk_deg_rt_s=0.0,
@@ -41,7 +41,7 @@ def test_without_what_it_adds_it_is_the_papers():
 
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
-def test_the_innovation_is_told_with_a_fix_alone(kind):
+def test_the_innovation_is_reported_only_with_a_fix(kind):
     estimator = kind()
     state, lost = estimator.init(0.0, 0.0, 0.0, TRACTOR), range(10, 20)
     for k, measurement in enumerate(measurements(40, lost=lost), start=1):
@@ -49,7 +49,7 @@ def test_the_innovation_is_told_with_a_fix_alone(kind):
         assert np.isnan(estimate.nis) == (k in lost)
 
 
-def test_a_turned_velocity_keeps_its_size_and_its_certainty():
+def test_a_turned_velocity_keeps_magnitude_and_covariance():
     mean, P = np.array([1.0, 1.2, 2.0, 0.5]), np.diag([0.01, 0.02, 0.03, 0.05])
     after, Q = turned(mean, P, 0.3)
     assert after[[0, 2]] == pytest.approx([1.0, 2.0])
@@ -58,7 +58,7 @@ def test_a_turned_velocity_keeps_its_size_and_its_certainty():
     assert np.linalg.eigvalsh(Q) == pytest.approx(np.linalg.eigvalsh(P))
 
 
-def test_in_a_bend_the_speed_holds_without_a_fix():
+def test_holds_speed_in_a_bend_without_a_fix():
     """Ten seconds on a circle of 10 m: 1.2 rad of turn, of which a straight velocity would leave the cosine."""
 
     def speed(estimator):
@@ -86,7 +86,7 @@ def slope(**estimator):
     )
 
 
-def test_on_a_side_slope_it_coasts_along_its_course():
+def test_coasts_along_its_course_on_a_side_slope():
     """The held steering is no turn: five seconds without a fix."""
     coasts, courses = [], []
     for kind in ("ekf", "ekf_bias"):
@@ -117,7 +117,7 @@ def test_its_stated_uncertainty_is_honest_on_level_ground():
 
 @pytest.mark.parametrize("bias_deg", [2.0, -2.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_in_a_bend_the_bias_is_taken_from_what_the_potentiometer_reads(side, bias_deg):
+def test_in_a_bend_the_bias_is_subtracted_from_the_potentiometer(side, bias_deg):
     """The yaw rate follows the wheels, not the turned sensor; left and right bends tell the sign of either."""
     estimator, radius = EkfBias(yaw_rate_source="kinematic"), 10.0
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
@@ -129,7 +129,7 @@ def test_in_a_bend_the_bias_is_taken_from_what_the_potentiometer_reads(side, bia
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_without_fixes_the_velocity_turns_with_the_wheels_and_not_with_the_bias(side):
+def test_without_fixes_the_velocity_turns_with_the_wheels_not_with_the_bias(side):
     estimator, radius, bias = EkfBias(), 10.0, radians(4.0)
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     pose, P = np.array([0.0, 0.0, 0.0, bias, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-6, 1e-6])

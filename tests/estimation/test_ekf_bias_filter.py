@@ -26,7 +26,7 @@ def steering(k):
     return 0.15 * np.sign(np.sin(2 * np.pi * k * DT / 120))
 
 
-def test_without_its_own_states_it_is_the_papers_filter():
+def test_without_its_own_states_it_equals_the_papers_filter():
     rng = np.random.default_rng(1)
     ours, paper = BiasEkf(WHEELBASE, Levels(0.01, 0.005, 0.0, 0.0, 30.0)), PoseEkf(WHEELBASE, 0.01, 0.005)
     start = np.array([1.0, 2.0, 0.3])
@@ -61,13 +61,13 @@ def observable(steer, sideslip):
 
 
 @pytest.mark.parametrize("steer", [lambda k: 0.0, steering], ids=["straight", "figure eight"])
-def test_the_bias_is_observable_and_sideslip_beside_the_yaw_is_not(steer):
+def test_the_bias_is_observable_but_sideslip_is_not_separable_from_yaw(steer):
     """On any path: only the sum of yaw and sideslip moves R."""
     assert observable(steer, sideslip=False) == 4
     assert observable(steer, sideslip=True) == 4
 
 
-def test_errors_are_as_large_as_it_says():
+def test_errors_match_the_stated_covariance():
     """Normalised squared error of all six states at the end of independent runs, and the innovations' sum."""
     runs, nees, nis, ticks = 100, 0.0, 0.0, 100
     sigmas = np.array([0.05, 0.05, 0.1, radians(1.0), 1.0, 1.0])
@@ -92,7 +92,7 @@ def test_errors_are_as_large_as_it_says():
     assert low < nis < high
 
 
-def test_a_turned_potentiometer_is_found():
+def test_finds_a_rotated_potentiometer():
     filter_, bias = BiasEkf(WHEELBASE, LEVELS), radians(2.0)
     belief = (np.zeros(6), np.diag(np.square([0.05, 0.05, 0.05, radians(1.0), 1.0, 1.0])))
     truth = np.zeros(6)

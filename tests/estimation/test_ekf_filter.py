@@ -79,7 +79,7 @@ def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
     assert hypot(x - true_pose[0], y - true_pose[1]) < 0.03
 
 
-def test_where_the_yaw_is_known_it_is_a_linear_kalman_filter():
+def test_with_known_yaw_it_is_a_linear_kalman_filter():
     """Yaw certain: each axis is a scalar filter driven by the speed, with the well-known steady gain."""
     rng, filter_, yaw, u = np.random.default_rng(2), ekf(yaw_walk=0.0), 0.6, 1.2
     mean, covariance = np.array([0.0, 0.0, yaw]), np.diag([0.01, 0.01, 0.0])
@@ -113,13 +113,13 @@ def walk(ticks, seed):
         yield true_pose, mean, covariance, nis
 
 
-def test_innovations_are_as_large_as_the_filter_says():
+def test_innovations_match_their_stated_covariance():
     nis = sum(step[3] for step in walk(2000, seed=3))
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 2 * 2000)
     assert low < nis < high
 
 
-def test_errors_are_as_large_as_the_filter_says():
+def test_errors_match_the_stated_covariance():
     """Normalised squared error of the whole pose at the end of independent runs: a chi-square variable."""
     runs, nees = 100, 0.0
     for seed in range(runs):
@@ -130,7 +130,7 @@ def test_errors_are_as_large_as_the_filter_says():
     assert low < nees < high
 
 
-def test_the_yaw_does_not_wrap_inside():
+def test_the_yaw_is_not_wrapped_inside_the_filter():
     filter_ = ekf()
     belief = (np.array([0.0, 0.0, 3.1]), 1e-4 * np.eye(3))
     for _ in range(200):

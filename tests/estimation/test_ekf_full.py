@@ -72,7 +72,7 @@ def off(step):
 # --- numbers of the start
 
 
-def test_keys_in_degrees_are_radians_inside_and_the_start_is_as_uncertain_as_they_say():
+def test_keys_in_degrees_become_radians_and_set_the_initial_uncertainty():
     keys = {
         "position_sigma_m": 0.07,
         "gyro_bias_sigma_deg_s": 0.4,
@@ -96,7 +96,7 @@ def test_keys_in_degrees_are_radians_inside_and_the_start_is_as_uncertain_as_the
     assert levels.walks == pytest.approx(walks)
 
 
-def test_the_error_of_a_fix_is_split_by_its_share_and_the_lean_of_the_antenna_is_slow():
+def test_fix_error_is_split_by_its_correlated_share_and_antenna_lean_is_slow():
     noises = EkfFull(terrain_compensation=True, imu_wander_sigma_deg=0.5)._fix_noises(2.0)
     lean = radians(0.5) * 2.0
     for quality, sigma, share, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
@@ -106,7 +106,7 @@ def test_the_error_of_a_fix_is_split_by_its_share_and_the_lean_of_the_antenna_is
         assert noise.correlation_time == time
 
 
-def test_another_quality_of_the_fix_has_a_correlated_error_of_its_own():
+def test_another_fix_quality_has_its_own_correlated_error():
     core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
     core.mean[[G_E, G_N]] = 0.8, -0.5
     covariance = core.covariance + 0.01
@@ -118,7 +118,7 @@ def test_another_quality_of_the_fix_has_a_correlated_error_of_its_own():
     assert core.mean[G_E] == 0.8
 
 
-def test_the_cg_lies_from_the_rear_axle_as_the_lean_of_the_body_says():
+def test_the_cg_is_offset_from_the_rear_axle_by_the_bodys_lean():
     roll, pitch, yaw = 0.15, -0.25, 0.6
     spec = EkfFull(terrain_compensation=True)
     fix = Fix(1.0, 2.0, 0.0, 0.0, t=DT)
@@ -135,7 +135,7 @@ def test_the_cg_lies_from_the_rear_axle_as_the_lean_of_the_body_says():
 # --- accuracy
 
 
-def test_position_and_heading_on_a_figure_eight(drive):
+def test_estimates_position_and_heading_on_a_figure_eight(drive):
     numbers = [settled(follow(drive, FULL, seed)) for seed in range(4)]
     position, heading, course, yaw_rate, nees, nis, _ = np.mean(numbers, axis=0)
     assert position < 2.5
@@ -146,7 +146,7 @@ def test_position_and_heading_on_a_figure_eight(drive):
     assert 1.6 < nis < 2.4
 
 
-def test_on_a_side_slope_the_yaw_is_the_course_and_the_heading_is_known_beside_it():
+def test_on_a_side_slope_yaw_is_the_course_with_the_heading_beside_it():
     """With roll from the IMU, 10 deg: the tractor crabs by more than a degree."""
     slope = record("straight_line", SLOPE, 40.0)
     trace = follow(slope, {**FULL, **TILT}, 1)
@@ -166,7 +166,7 @@ def test_latency_costs_next_to_nothing(drive):
     assert settled(follow(drive, BIAS, 1, late(0.2)))[0] > 15.0
 
 
-def test_a_late_fix_meets_the_belief_of_its_own_time():
+def test_a_late_fix_updates_the_state_of_its_own_time():
     """Fixes late by a changing number of ticks: the core is bit for bit what it was with prompt ones."""
     estimator, prompt = EkfFull(), driven(EkfFull(), 20.0)
     fixes = [None, *(m for m in _measurements(20.0))]
@@ -235,7 +235,7 @@ def test_any_start_heading_is_found_within_five_metres(drive, error_deg):
     assert heading < 1.0
 
 
-def test_until_then_it_says_so():
+def test_reports_unaligned_until_the_heading_is_found():
     steps = driven(EkfFull(), 6.0, speed=lambda t: 1.2 if t > 2 else 0.0, told_yaw=2.5)
     aligned = [e.aligned for _, e, _ in steps]
     first = aligned.index(True)
@@ -246,7 +246,7 @@ def test_until_then_it_says_so():
     assert all(off(step) < 0.1 for step in steps)
 
 
-def test_it_is_found_in_reverse():
+def test_finds_the_heading_in_reverse():
     steps = driven(EkfFull(), 8.0, speed=-1.0, turn=0.05, told_yaw=0.3 + 2.0)
     _, e, (_, _, yaw) = steps[-1]
     assert e.aligned
@@ -254,7 +254,7 @@ def test_it_is_found_in_reverse():
     assert e.speed == pytest.approx(-1.0, abs=0.05)
 
 
-def test_the_key_puts_an_error_on_the_start_heading():
+def test_the_key_sets_an_initial_heading_error():
     state = EkfFull(initial_yaw_error_deg=90.0).init(0.0, 0.0, 0.3, TRACTOR)
     assert state.horizon.core.mean[2] == pytest.approx(0.3 + np.pi / 2)
 
@@ -262,7 +262,7 @@ def test_the_key_puts_an_error_on_the_start_heading():
 # --- gates
 
 
-def test_one_wrong_fix_moves_nothing_and_is_counted(drive):
+def test_one_wrong_fix_is_rejected_and_counted(drive):
     short = drive._replace(truths=drive.truths[:700])
     clean, struck = (follow(short, FULL, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
     assert np.hypot(struck.east - clean.east, struck.north - clean.north).max() < 0.03
@@ -274,14 +274,14 @@ def shifted(after, metres=2.0):
     return lambda t, m: m._replace(fix=m.fix._replace(x=m.fix.x + metres)) if t > after else m
 
 
-def test_refusals_are_counted():
+def test_counts_refusals():
     once = driven(EkfFull(), 12.0, changed=lambda t, m: shifted(0.0)(t, m) if abs(t - 10.0) < 0.01 else m)
     core = once[-1][0].horizon.core
     assert (core.rejected_positions, core.rejected_velocities, core.restarts) == (1, 0, 0)
     assert max(off(step) for step in once[180:]) < 0.05
 
 
-def test_a_shift_that_stays_is_accepted_in_the_end():
+def test_a_permanent_shift_is_accepted_in_the_end():
     steps = driven(EkfFull(), 20.0, changed=shifted(10.0))
     core = steps[-1][0].horizon.core
     assert core.restarts == 1
@@ -291,7 +291,7 @@ def test_a_shift_that_stays_is_accepted_in_the_end():
     assert steps[235][1].nis_mean > 20.0
 
 
-def test_a_heading_that_is_wrong_is_searched_anew():
+def test_a_wrong_heading_is_searched_again():
     """The vehicle is turned by hand while gyro and wheels say nothing of it."""
     found = _measurements(40.0)
     estimator = EkfFull()
@@ -307,7 +307,7 @@ def test_a_heading_that_is_wrong_is_searched_anew():
     assert estimate.nis_mean < 4.0
 
 
-def test_sway_of_the_antenna_is_not_refused():
+def test_antenna_sway_is_not_refused():
     trace = follow(record("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}}, 40.0), FULL, 1)
     assert trace.position[400:].max() < 0.2
 
@@ -315,7 +315,7 @@ def test_sway_of_the_antenna_is_not_refused():
 # --- standing, and sensors that fail
 
 
-def test_wheels_that_spin_are_not_heard():
+def test_ignores_spinning_wheels():
     """It comes to a halt within two seconds from 10 s on, while the wheels go on turning at 1.2 m/s."""
 
     def stuck(t, m):
@@ -333,14 +333,14 @@ def frozen(t, m):
     return m._replace(fix=Fix(8.0, 6.0, 0.0, 0.0, t)) if t > 10.0 else m
 
 
-def test_a_receiver_that_stands_at_once_is_not_believed_against_the_wheels():
+def test_a_receiver_that_stops_at_once_is_overruled_by_the_wheels():
     """1.2 m/s are not lost within a tick."""
     steps = driven(EkfFull(), 11.5, changed=frozen)
     assert all(e.speed == pytest.approx(1.2, abs=0.15) for _, e, _ in steps[200:])
     assert steps[-1][1].fix_age > 1.0
 
 
-def test_a_restart_on_fixes_that_contradict_it_again_is_silence():
+def test_a_restart_on_contradicted_fixes_accepts_none():
     """The position is frozen, the velocity alive: every two seconds the filter restarts, and is led away again."""
 
     def held(t, m):
@@ -351,14 +351,14 @@ def test_a_restart_on_fixes_that_contradict_it_again_is_silence():
     assert steps[-1][1].fix_age > 10.0
 
 
-def test_after_a_shift_that_stays_a_fix_counts_as_accepted_when_none_has_been_refused_for_a_while():
+def test_after_a_restart_fixes_count_as_accepted_after_a_while_without_refusals():
     ages = [e.fix_age for _, e, _ in driven(EkfFull(), 16.0, changed=shifted(10.0))]
     patience = EkfFull().gate_patience_s
     assert max(ages) == pytest.approx(2 * patience, abs=0.11)
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_standing_it_learns_the_bias_of_the_gyro_and_does_not_wander():
+def test_at_standstill_it_learns_the_gyro_bias_and_does_not_drift():
     steps = driven(EkfFull(), 20.0, speed=0.0)
     assert degrees(steps[-1][0].horizon.core.mean[B_G]) == pytest.approx(0.5, abs=0.05)
     assert abs(steps[-1][1].speed) < 0.01
@@ -367,12 +367,12 @@ def test_standing_it_learns_the_bias_of_the_gyro_and_does_not_wander():
 
 
 @pytest.mark.parametrize("channel", ["gyro", "wheel_speed"])
-def test_without_one_of_its_sensors_it_goes_on(channel):
+def test_goes_on_without_any_one_sensor(channel):
     steps = driven(EkfFull(), 20.0, changed=lambda t, m: m._replace(**{channel: nan}) if t > 10.0 else m)
     assert max(off(step) for step in steps[100:]) < 0.1
 
 
-def test_it_needs_gyro_and_wheel_speed():
+def test_requires_gyro_and_wheel_speed():
     with pytest.raises(ScenarioError) as error:
         load_scenario("circle", {"estimator": {"kind": "ekf_full", "terrain_compensation": True}})
     for name in ("gyro", "wheel_speed", "imu"):
@@ -408,7 +408,7 @@ def test_an_update_depends_on_its_arguments_alone():
 
 
 @pytest.mark.slow
-def test_the_targets_over_twenty_seeds():
+def test_meets_its_targets_over_twenty_seeds():
     drives = [record("figure_eight", {"seed": k + 1}, 100.0) for k in range(4)]
     pairs = [(drives[k % 4], 100 + k) for k in range(20)]
     numbers = np.mean([settled(follow(d, FULL, seed)) for d, seed in pairs], axis=0)

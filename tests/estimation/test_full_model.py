@@ -117,7 +117,7 @@ def test_a_circle_closes():
     assert mean[PSI] == pytest.approx(2 * np.pi)
 
 
-def test_the_squared_innovation_is_that_of_both_together():
+def test_the_squared_innovation_combines_both_components():
     root = np.random.default_rng(1).standard_normal((N, N))
     P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, 0.0)
     H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
@@ -126,7 +126,7 @@ def test_the_squared_innovation_is_that_of_both_together():
     assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(innovation, y), rel=1e-9)
 
 
-def test_each_state_wanders_by_its_own_walk_and_the_correlated_error_keeps_its_size():
+def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary():
     levels, n = LEVELS._replace(sideslip_walk=0.003), N + 1
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
     walked = DT * np.array(LEVELS.walks) ** 2
@@ -139,7 +139,7 @@ def test_each_state_wanders_by_its_own_walk_and_the_correlated_error_keeps_its_s
     assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
 
 
-def test_the_steady_gain_is_that_of_the_riccati_equation():
+def test_the_steady_gain_solves_the_riccati_equation():
     walk, sigma, p = 0.1, 0.02, 1.0
     for _ in range(200):
         p += walk**2 * DT
@@ -180,7 +180,7 @@ def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
 
 
 @pytest.mark.parametrize("w", [0.8, -0.5])
-def test_the_search_for_the_yaw_weighs_a_velocity_by_the_speed_of_the_wheels(w):
+def test_the_yaw_search_weighs_velocities_by_wheel_speed(w):
     """A sum of w V exp(-i chi): its angle is what the course of the fixes is off the believed one, in reverse too."""
     mean, yaw, off = np.zeros(N), 0.4, 0.9
     mean[PSI] = yaw
@@ -195,7 +195,7 @@ def test_the_search_for_the_yaw_weighs_a_velocity_by_the_speed_of_the_wheels(w):
     assert np.angle([search.total for search in found]) == pytest.approx([off, off], abs=1e-3)
 
 
-def test_errors_are_as_large_as_it_says():
+def test_errors_match_the_stated_covariance():
     """Normalised squared error of all thirteen states at the end of independent runs of the model itself."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005])
@@ -242,7 +242,7 @@ def _measured(truth, rng, t):
     return inputs, fix
 
 
-def test_a_turned_potentiometer_is_found():
+def test_finds_a_rotated_potentiometer():
     filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005])
     truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017])

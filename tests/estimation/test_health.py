@@ -30,16 +30,16 @@ def nees(drive, kind):
 
 
 @pytest.mark.parametrize("kind", [BIAS, FULL], ids=["ekf_bias", "ekf_full"])
-def test_the_stated_uncertainty_is_honest_or_a_little_cautious(drive, kind):
+def test_stated_uncertainty_is_honest_or_slightly_cautious(drive, kind):
     assert 1.0 < nees(drive, kind) < 3.0
 
 
-def test_the_papers_filter_takes_the_correlated_error_for_motion(drive):
+def test_the_papers_filter_mistakes_correlated_error_for_motion(drive):
     assert nees(drive, PAPER) > 4.0
 
 
 @pytest.mark.parametrize("spec", every(Estimator))
-def test_every_estimator_tells_its_health(drive, spec):
+def test_every_estimator_reports_its_health(drive, spec):
     """Six seconds with fixes, then none: age and sigma grow, the smoothed NIS stays."""
     estimator, sensors, first = spec(), drive.scenario.sensors, drive.truths[0]
     state = estimator.init(first.rear_x, first.rear_y, first.yaw, TractorParameters())
@@ -57,7 +57,7 @@ def test_every_estimator_tells_its_health(drive, spec):
     assert told[-1].aligned
 
 
-def test_the_smoothed_nis_follows_and_one_outlier_is_bounded():
+def test_the_smoothed_nis_follows_and_outliers_are_bounded():
     health = Health()
     for _ in range(1000):
         health = health.after(5.0, 1.0, DT)
@@ -66,7 +66,7 @@ def test_the_smoothed_nis_follows_and_one_outlier_is_bounded():
     assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
 
 
-def test_five_seconds_of_wild_fixes_take_the_nis_beyond_the_limit_of_the_supervisor_and_one_fix_does_not():
+def test_wild_fixes_for_five_seconds_trip_the_nis_limit_but_one_does_not():
     health = Health()
     assert health.after(1e9, 1.0, DT).nis < 10.0
     for _ in range(100):

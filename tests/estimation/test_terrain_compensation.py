@@ -27,11 +27,11 @@ def rotation(roll, pitch, yaw):
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 2.0), (0.53, 0.0, 0.55), (0.1, -0.4, 0.3)])
 @pytest.mark.parametrize("attitude", [(0.2, 0.0, 0.7), (0.0, -0.15, 2.0), (-0.3, 0.25, -2.9)])
-def test_the_offset_is_the_turned_arm(arm, attitude):
+def test_the_offset_equals_the_rotated_arm(arm, attitude):
     assert offset(arm, *attitude) == pytest.approx((rotation(*attitude) @ arm)[:2], abs=1e-12)
 
 
-def test_signs():
+def test_offsets_have_the_right_signs():
     """Left side up: the antenna leans to the right; nose down: it leans ahead."""
     assert offset((0, 0, 2), 0.1, 0.0, 0.0) == pytest.approx((0.0, -2 * sin(0.1)))
     assert offset((0, 0, 2), 0.0, 0.1, 0.0) == pytest.approx((2 * sin(0.1), 0.0))
@@ -52,7 +52,7 @@ def test_the_swing_is_the_rate_of_the_offset():
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("yaw", [0.3, -2.0])
-def test_a_tractor_that_rocks_is_found_where_it_is(kind, yaw):
+def test_a_rocking_tractor_is_located_correctly(kind, yaw):
     """Pure kinematics: straight on while rolling and pitching; fixes of the antenna without noise."""
 
     def error(compensated):
@@ -82,7 +82,7 @@ def test_a_tractor_that_rocks_is_found_where_it_is(kind, yaw):
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("attitude", [(0.2, nan), (nan, 0.2), (nan, nan)])
-def test_half_an_attitude_is_none(kind, attitude):
+def test_roll_without_pitch_counts_as_no_attitude(kind, attitude):
     """Then the CG is taken as on level ground, and the antenna leans as it did."""
     estimator = kind(terrain_compensation=True)
     state = estimator.init(1.0, 2.0, 0.5, TRACTOR)
@@ -95,7 +95,7 @@ def test_half_an_attitude_is_none(kind, attitude):
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
-def test_on_the_slope_the_cg_is_found_whatever_the_heading(heading_deg):
+def test_on_a_slope_the_cg_is_found_at_any_heading(heading_deg):
     """MuJoCo, 10 deg up towards the north, driven east, uphill, west and downhill."""
 
     def error(compensated):
@@ -127,6 +127,6 @@ def test_on_the_slope_the_cg_is_found_whatever_the_heading(heading_deg):
     assert abs(lean_east) < 0.02
 
 
-def test_without_an_inertial_unit_it_is_refused():
+def test_requires_an_inertial_unit():
     with pytest.raises(ScenarioError, match=r"estimator\.terrain_compensation: needs sensors\.imu\.enabled"):
         load_scenario("straight_line", {"estimator.terrain_compensation": True})

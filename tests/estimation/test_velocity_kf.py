@@ -90,7 +90,7 @@ def test_it_smooths_the_velocity():
     assert np.mean(speeds[100:]) == pytest.approx(1.2, abs=0.005)
 
 
-def test_noise_over_a_tick_is_that_of_its_parts():
+def test_noise_over_a_tick_is_the_sum_of_its_parts():
     """A random walk of the velocity: its variance grows with the time, and two ticks make one of twice the length."""
     walk, a, b = 0.3, 0.05, 0.12
     F = np.kron(np.eye(2), [[1.0, b], [0.0, 1.0]])

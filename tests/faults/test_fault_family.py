@@ -40,7 +40,7 @@ def refused(*tables, **overrides):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_acts_in_its_window_and_only_there(kind):
+def test_acts_only_within_its_window(kind):
     days = conditions({"kind": kind, "start_s": 20, "end_s": 40})
     changed = [k for k, day in enumerate(days) if day != NOMINAL]
     assert changed
@@ -49,7 +49,7 @@ def test_it_acts_in_its_window_and_only_there(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_seed_alone_decides_what_it_does(kind):
+def test_effects_depend_only_on_the_seed(kind):
     table = {"kind": kind, "start_s": 5}
     assert conditions(table) == conditions(table)
     others = ({"kind": other, "start_s": 70} for other in KINDS if other != kind)
@@ -57,7 +57,7 @@ def test_the_seed_alone_decides_what_it_does(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_survives_the_round_trip_through_toml(kind, tmp_path):
+def test_survives_the_round_trip_through_toml(kind, tmp_path):
     scenario = resolve({"fault": [{"kind": kind, "start_s": 1.5}, {"kind": kind, "start_s": 0, "end_s": 1.5}]}, "two")
     (tmp_path / "two.toml").write_text(scenario.to_toml())
     again = load_scenario(tmp_path / "two.toml")
@@ -66,21 +66,21 @@ def test_it_survives_the_round_trip_through_toml(kind, tmp_path):
     assert "[[fault]]" in scenario.to_toml() or "fault = [" in scenario.to_toml()
 
 
-def test_the_hash_knows_the_faults():
+def test_the_hash_depends_on_the_faults():
     hashes = {
         resolve({"fault": tables}, "h").hash8 for tables in ([], [{"kind": "gnss_loss"}], [{"kind": "gnss_float"}])
     }
     assert len(hashes) == 3
 
 
-def test_a_clock_that_rounds_moves_no_window():
+def test_windows_do_not_shift_with_clock_rounding():
     """0.05 s times 3 is a little more than 0.15, and the sum of eight a little less than 0.4."""
     (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.4})
     for clock in (0.05 * np.arange(10), 25 * 0.002 * np.arange(10), np.cumsum([0.0] + 9 * [0.05])):
         assert [fault.active(t) for t in clock] == [3 <= k < 8 for k in range(10)]
 
 
-def test_the_log_counts_the_faults_that_act():
+def test_the_log_counts_active_faults():
     tables = [{"kind": "gnss_loss", "start_s": 1, "end_s": 2}, {"kind": "valve_wear", "start_s": 1.5}]
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 3, "fault": tables}))
     t, active = log.column("t"), log.column("faults_active")
@@ -129,7 +129,7 @@ def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
 # --- overlaps -----------------------------------------------------------------------------------------------------
 
 
-def test_the_same_fault_twice_at_a_time_is_refused():
+def test_refuses_the_same_fault_twice_at_a_time():
     message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
     assert message == (
         "mine.toml: fault[2]: overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
@@ -137,13 +137,13 @@ def test_the_same_fault_twice_at_a_time_is_refused():
     )
 
 
-def test_one_may_begin_when_the_other_ends():
+def test_a_fault_may_begin_when_another_ends():
     first, second = faults({"kind": "gnss_loss", "end_s": 30}, {"kind": "gnss_loss", "start_s": 30})
     assert [(f.active(29.95), f.active(30.0)) for f in (first, second)] == [(True, False), (False, True)]
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
+def test_the_worse_of_loss_and_float_wins_in_any_order(order):
     tables = [{"kind": "gnss_float", "end_s": 20}, {"kind": "gnss_loss", "start_s": 5, "end_s": 10}]
     quality = [day.gnss_quality for day in conditions(*tables[::order], seconds=25.0)]
     assert quality == 100 * [Quality.FLOAT] + 100 * [Quality.NONE] + 200 * [Quality.FLOAT] + 100 * [Quality.FIX]
@@ -161,7 +161,7 @@ def test_of_a_loss_and_a_float_the_worse_wins_whatever_the_order(order):
         ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
     ],
 )
-def test_a_fault_adds_to_what_is_there(table, field, once, twice):
+def test_a_fault_adds_to_existing_conditions(table, field, once, twice):
     (fault,) = faults(table)
     _, one = fault.apply(None, NOMINAL, 0.0, TICK_S)
     _, two = fault.apply(None, one, 0.0, TICK_S)
@@ -169,7 +169,7 @@ def test_a_fault_adds_to_what_is_there(table, field, once, twice):
     assert attrgetter(field)(two) == pytest.approx(twice)
 
 
-def test_faults_of_different_kinds_all_count():
+def test_faults_of_different_kinds_add_up():
     day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
     assert day == NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steering_pot=Distortion(stuck="last"))
 
@@ -205,12 +205,12 @@ def test_faults_of_different_kinds_all_count():
         (3, "fault[0]: must be a table, got 3"),
     ],
 )
-def test_what_cannot_be_is_told_by_key(table, message):
+def test_impossible_values_are_reported_by_key(table, message):
     assert refused(table).startswith(f"mine.toml: {message}")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_bicycle_takes_the_faults_of_sensors_and_valve_only(kind):
+def test_the_bicycle_accepts_only_sensor_and_valve_faults(kind):
     data = {"fault": [{"kind": kind}], "plant": {"kind": "bicycle"}}
     if kind in SENSED:
         assert resolve(data, "b").fault[0].kind == kind
@@ -273,7 +273,7 @@ def test_a_list_of_faults_can_be_set(call):
     assert load_scenario("out/scenario.toml").fault[0].end_s == 1.0
 
 
-def test_a_run_with_faults_can_be_run_again_from_what_it_wrote(call):
+def test_a_run_with_faults_repeats_from_its_written_scenario(call):
     text = LOSS + '[[fault]]\nkind = "gnss_float"\nflicker_s = 0.2\n[[fault]]\nkind = "valve_wear"\nramp_s = 1\n'
     assert call(text, out="first")[0] == 0
     assert call(Path("first/scenario.toml").read_text(), out="second")[0] == 0
@@ -282,7 +282,7 @@ def test_a_run_with_faults_can_be_run_again_from_what_it_wrote(call):
     assert load_scenario("first/scenario.toml").hash8 == load_scenario("second/scenario.toml").hash8
 
 
-def test_a_thousand_faults_load_and_more_are_refused():
+def test_a_thousand_faults_load_but_not_more():
     def losses(count):
         return {"fault": [{"kind": "gnss_loss", "start_s": float(k), "end_s": k + 0.5} for k in range(count)]}
 

@@ -57,19 +57,19 @@ def test_between_its_jumps_a_float_offset_stays():
     assert offsets != {(0.0, 0.0)}
 
 
-def test_without_jumps_the_receiver_floats_with_its_own_error_alone():
+def test_without_jumps_only_the_receivers_float_error_remains():
     fault = GnssFloat(jump_sigma_m=0.0)
     assert {(day.gnss_quality, day.gnss_offset) for day in days(fault, 100)} == {(Quality.FLOAT, (0.0, 0.0))}
 
 
-def test_the_offset_is_in_what_the_receiver_tells():
+def test_the_offset_appears_in_the_receivers_fix():
     (day,) = days(GnssFloat(), 1)
     ((fix, quality),) = delivered(PERFECT, [day])
     assert quality == Quality.FLOAT
     assert (fix.x, fix.y) == pytest.approx(day.gnss_offset)
 
 
-def test_a_flicker_dwells_in_float_and_in_fix_as_long_as_it_says():
+def test_a_flicker_keeps_its_mean_dwell_times():
     ticks = 100_000
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), ticks)
     quality = np.array([day.gnss_quality for day in told])
@@ -84,7 +84,7 @@ def test_a_flicker_dwells_in_float_and_in_fix_as_long_as_it_says():
         assert (day.gnss_quality == Quality.FIX) == (day.gnss_offset == (0.0, 0.0))
 
 
-def test_a_flicker_comes_back_to_another_solution():
+def test_a_flicker_returns_with_another_float_offset():
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), 2000)
     spells = sum(a.gnss_quality == Quality.FIX != b.gnss_quality for a, b in pairwise(told))
     assert len({day.gnss_offset for day in told} - {(0.0, 0.0)}) >= spells + 1 > 30
@@ -100,7 +100,7 @@ def test_a_float_error_is_large_and_long_lived():
         assert covariance == pytest.approx(wanted, abs=5 * sqrt(2 * 2.0 / (n * TICK_S)))
 
 
-def test_fix_and_float_errors_are_independent_and_go_on_unseen():
+def test_fix_and_float_errors_are_independent_and_always_evolve():
     gnss = Gnss(correlated_fraction=1.0, float_correlated_fraction=1.0)
     floats = [NOMINAL._replace(gnss_quality=Quality.FLOAT)]
     first = [[delivered(gnss, [day], seed)[0][0].x for day in (NOMINAL, *floats)] for seed in range(1000)]
@@ -120,7 +120,7 @@ def ages(own_s, extra, ticks=60):
 
 
 @pytest.mark.parametrize("own", [0, 2])
-def test_a_latency_that_sets_in_stops_the_solutions_until_they_are_old_enough(own):
+def test_growing_latency_pauses_the_solutions(own):
     found = ages(own * TICK_S, lambda k: 5 if 20 <= k < 40 else 0)
     assert found[:20] == own * [None] + (20 - own) * [own]
     assert found[20:25] == 5 * [None]
@@ -128,7 +128,7 @@ def test_a_latency_that_sets_in_stops_the_solutions_until_they_are_old_enough(ow
     assert found[40:] == 20 * [own], "the newest there is, at once"
 
 
-def test_solutions_never_come_out_of_order_nor_twice():
+def test_solutions_arrive_in_order_and_only_once():
     rng = np.random.default_rng(3)
     extra = np.repeat(rng.integers(0, 12, 100), rng.integers(1, 9, 100))
     found = ages(0.1, lambda k: int(extra[k]), len(extra))
@@ -143,7 +143,7 @@ def test_the_fault_adds_its_latency_to_the_receivers_own():
     assert [day.gnss_latency_s for day in days(fault, 60)] == 20 * [0.0] + 20 * [0.25] + 20 * [0.0]
 
 
-def test_what_is_under_way_is_forgotten_once_it_is_overtaken():
+def test_overtaken_solutions_are_dropped():
     gnss = Gnss(latency_s=5.0)
     state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):

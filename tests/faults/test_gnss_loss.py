@@ -46,7 +46,7 @@ def test_it_completes_without_a_warning(log):
     assert np.array_equal(np.isnan(log.column("gnss_x")), quality == 0)
 
 
-def test_the_estimate_coasts(log):
+def test_the_estimate_coasts_through_the_loss(log):
     """It goes on as the filters' speed and the measured steering say."""
     x, y = log.column("x_hat")[LOST:FOUND], log.column("y_hat")[LOST:FOUND]
     steps = np.hypot(np.diff(x), np.diff(y))
@@ -55,7 +55,7 @@ def test_the_estimate_coasts(log):
     assert hypot(x[-1] - x[0], y[-1] - y[0]) > 4.0
 
 
-def test_the_stated_uncertainty_grows_while_it_lasts_and_shrinks_at_once_after_it(log):
+def test_stated_uncertainty_grows_in_the_loss_and_shrinks_after_it(log):
     variance = log.column("p_xx") + log.column("p_yy")
     assert (np.diff(variance[LOST - 1 : FOUND]) > 0).all()
     assert variance[FOUND - 1] > 25 * variance[LOST - 1]
@@ -63,7 +63,7 @@ def test_the_stated_uncertainty_grows_while_it_lasts_and_shrinks_at_once_after_i
     assert variance[FOUND + 40] == pytest.approx(variance[LOST - 1], rel=0.1)
 
 
-def test_the_error_grows_and_recovers(log):
+def test_the_error_grows_and_recovers_after_the_loss(log):
     error = estimation_error(log)
     before, end = error[LOST - 100 : LOST].mean(), error[FOUND - 1]
     assert before < 0.04
@@ -75,7 +75,7 @@ def test_the_error_grows_and_recovers(log):
     assert lateral[LOST:].max() < lateral[LOST - 200 : LOST].max() + 0.3
 
 
-def test_the_filter_is_far_too_sure_of_itself_meanwhile(log):
+def test_the_filter_is_overconfident_during_the_loss(log):
     """Its speed is held in east and north, not along the turn, and its covariance knows nothing of that."""
     nees = log.column("position_nees")
     assert nees[LOST - 200 : LOST].mean() < 15
@@ -83,13 +83,13 @@ def test_the_filter_is_far_too_sure_of_itself_meanwhile(log):
     assert nees[FOUND + 100 :].mean() < 15
 
 
-def test_the_wheels_never_turn_faster_than_the_valve_lets_them(log):
+def test_wheels_never_turn_faster_than_the_valve_allows(log):
     """Whatever the reference does."""
     turned = np.degrees(np.abs(np.diff(log.column("steer"))))
     assert turned[LOST:].max() < valve_rate() * TICK_S
 
 
-def test_a_limited_reference_does_not_jump_when_the_solution_is_back(log, gentle):
+def test_a_rate_limited_reference_does_not_jump_when_fixes_return(log, gentle):
     limit = valve_rate() * TICK_S
     jump, limited = (np.degrees(np.abs(np.diff(run.column("steer_ref")))) for run in (log, gentle))
     assert jump[FOUND - 1 :].max() > limit, "without it the correction of the yaw passes for motion"
@@ -97,6 +97,6 @@ def test_a_limited_reference_does_not_jump_when_the_solution_is_back(log, gentle
     assert np.abs(gentle.column("e_lateral"))[LOST:].max() < np.abs(log.column("e_lateral"))[LOST:].max() + 0.05
 
 
-def test_the_limit_is_not_felt_where_nothing_is_lost(log):
+def test_the_rate_limit_does_not_matter_without_a_loss(log):
     steps = np.degrees(np.abs(np.diff(log.column("steer_ref"))))
     assert steps[200 : LOST - 1].max() < valve_rate() * TICK_S

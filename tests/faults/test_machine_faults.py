@@ -49,7 +49,7 @@ def test_payloads_at_different_places_add_up():
     assert loadings((front, rear)) == [(0, first.payload), (0, last.payload), (1, first.payload)]
 
 
-def test_two_tyres_may_be_soft_but_not_one_twice():
+def test_two_tyres_may_be_soft_but_not_the_same_one_twice():
     first, *_ = days(SoftTyre(wheel="fl"), SoftTyre(wheel="rr", stiffness_share=0.5, rolling_share=2.0))
     assert first.tyre_stiffness == (0.4, 1, 1, 0.5)
     assert first.tyre_rolling == (1.6, 1, 1, 2.0)
@@ -58,7 +58,7 @@ def test_two_tyres_may_be_soft_but_not_one_twice():
         resolve({"fault": [{"kind": "soft_tyre", "wheel": "fl"}] * 2}, "x")
 
 
-def test_nothing_asks_for_nothing():
+def test_faults_of_zero_size_change_nothing():
     nothing = (
         Payload(mass_kg=0),
         Drawbar(pull_n=0, noise_share=1),
@@ -87,7 +87,7 @@ def test_nothing_asks_for_nothing():
     ],
     ids=["too much", "too far out", "once the other has gone"],
 )
-def test_an_impossible_tractor_is_refused_before_the_run(tables, message):
+def test_refuses_an_impossible_tractor_before_the_run(tables, message):
     scenario = resolve({"fault": [{"kind": "payload", **table} for table in tables]}, "mine")
     with pytest.raises(ScenarioError, match=message):
         build_plant(scenario)

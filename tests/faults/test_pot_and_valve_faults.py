@@ -25,7 +25,7 @@ def driven(*tables, name="circle", seconds=20.0, **overrides):
 
 
 @pytest.mark.parametrize(("t", "share"), [(10.0, 0.0), (12.0, 0.5), (14.0, 1.0), (60.0, 1.0)])
-def test_a_ramp_grows_evenly_to_the_whole_fault(t, share):
+def test_a_ramp_grows_linearly_to_the_full_fault(t, share):
     bias = SteeringPotBias(start_s=10, bias_deg=-4.0, ramp_s=4.0)
     assert degrees(day(bias, t).steering_pot.offset) == pytest.approx(-4.0 * share)
     worn = day(ValveWear(start_s=10, gain_share=0.6, dead_band_v=0.8, ramp_s=4.0), t)
@@ -44,7 +44,7 @@ def test_a_biased_potentiometer_steers_the_wheels_to_the_other_side():
         assert values[after].mean() == pytest.approx(readings[1], abs=0.3)
 
 
-def test_a_stuck_potentiometer_tells_its_last_reading_until_it_is_free():
+def test_a_stuck_potentiometer_repeats_its_last_reading_until_freed():
     log = driven({"kind": "steering_pot_stuck", "start_s": 1, "end_s": 3}, seconds=4.0)
     measured = log.column("steer_measured")
     assert set(measured[20:60]) == {measured[19]}
@@ -52,13 +52,13 @@ def test_a_stuck_potentiometer_tells_its_last_reading_until_it_is_free():
     assert abs(log.column("steer")[59] - measured[59]) > radians(1.0), "the wheels go where they like"
 
 
-def test_one_that_is_stuck_from_the_start_tells_its_first_reading():
+def test_a_potentiometer_stuck_from_the_start_repeats_its_first_reading():
     measured = driven({"kind": "steering_pot_stuck"}, seconds=2.0).column("steer_measured")
     assert set(measured) == {measured[0]}
     assert 0 < abs(measured[0]) < radians(1.0)
 
 
-def test_what_is_stuck_has_its_bias_of_then():
+def test_a_stuck_reading_keeps_the_bias_of_that_time():
     bias = {"kind": "steering_pot_bias", "bias_deg": 5.0, "start_s": 2}
     free, stuck = driven(bias, seconds=4.0), driven(bias, {"kind": "steering_pot_stuck", "start_s": 1}, seconds=4.0)
     assert stuck.column("steer_measured")[-1] == free.column("steer_measured")[19]
@@ -100,7 +100,7 @@ def test_without_any_flow_the_wheels_stay_where_they_are():
     assert np.ptp(steer[161:]) == 0.0
 
 
-def test_a_dead_band_that_grows_makes_the_steering_hunt_more_and_more():
+def test_a_growing_dead_band_makes_the_steering_hunt_more():
     wear = {"kind": "valve_wear", "gain_share": 1.0, "dead_band_v": 2.0, "start_s": 10, "ramp_s": 40}
     log = driven(wear, name="straight_line", seconds=60.0)
     error, t = np.degrees(log.column("steer_ref") - log.column("steer")), log.column("t")

@@ -50,13 +50,13 @@ def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
         ([True] * 100, "'bad' holds bool"),
     ],
 )
-def test_what_is_no_number_is_told_by_its_column(write, values, told):
+def test_a_column_without_numbers_is_named(write, values, told):
     with pytest.raises(FieldLogError, match=told) as error:
         read_columns(write(t=T, bad=values), ["t", "bad"])
     assert str(error.value).startswith("log.parquet: ")
 
 
-def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(write):
+def test_a_missing_column_is_reported_with_its_key_and_the_likely_name(write):
     with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
         read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
     assert "(has: t, speed)" in str(error.value)
@@ -73,12 +73,12 @@ def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(writ
         (T[:1], "has 1 rows"),
     ],
 )
-def test_a_clock_that_cannot_be_is_refused(t, told):
+def test_refuses_an_impossible_clock(t, told):
     with pytest.raises(FieldLogError, match=told):
         check_time("log.csv", "time", t, "time.unit")
 
 
-def test_a_hundred_million_rows_are_refused_before_they_are_read(write, monkeypatch):
+def test_refuses_a_hundred_million_rows_before_reading(write, monkeypatch):
     file = write(t=T)
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
     monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
@@ -90,7 +90,7 @@ def test_the_limit_is_below_a_hundred_million():
     assert fieldlog.MOST_ROWS < 1e8
 
 
-def test_damaged_pages_are_told_by_their_column(write):
+def test_damaged_pages_are_reported_by_column(write):
     file = write(t=T, speed=np.random.default_rng(1).standard_normal(100))
     content = bytearray(file.read_bytes())
     start = pq.read_metadata(file).row_group(0).column(1).dictionary_page_offset or 4
@@ -102,14 +102,14 @@ def test_damaged_pages_are_told_by_their_column(write):
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"no table at all"])
-def test_a_file_that_is_none_is_refused(tmp_path, content):
+def test_refuses_invalid_parquet_files(tmp_path, content):
     file = tmp_path / "log.parquet"
     file.write_bytes(content)
     with pytest.raises(FieldLogError, match="is no Parquet file"):
         column_names(file)
 
 
-def test_other_places_are_refused(tmp_path):
+def test_refuses_folders_missing_files_and_unknown_types(tmp_path):
     for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
         with pytest.raises(FieldLogError, match=told):
             column_names(path)
@@ -120,7 +120,7 @@ def test_other_places_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_csv_of_any_delimiter(tmp_path, delimiter):
+def test_reads_csv_with_any_delimiter(tmp_path, delimiter):
     file = tmp_path / "log.csv"
     rows = [["t", '"v"', "note"], *([f"{t:.2f}", f"{2 * t:.3f}", "x y"] for t in T)]
     file.write_text("\ufeff" + "\n".join(delimiter.join(row) for row in rows), encoding="utf-8")
@@ -139,7 +139,7 @@ def test_csv_of_any_delimiter(tmp_path, delimiter):
         (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
     ],
 )
-def test_csv_that_cannot_be_read(tmp_path, content, told):
+def test_unreadable_csv_is_reported(tmp_path, content, told):
     file = tmp_path / "log.csv"
     file.write_bytes(content)
     with pytest.raises(FieldLogError, match=told):

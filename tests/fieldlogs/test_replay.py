@@ -76,7 +76,7 @@ def as_csv(log, file, **changes):
 # --- residuals ----------------------------------------------------------------------------------------------------
 
 
-def test_the_plant_itself_leaves_the_noise_of_its_sensors(driven):
+def test_the_same_plant_leaves_only_sensor_noise(driven):
     found = replay(driven.signals, None, driven.scenario).metrics
     assert found["outcome"] == "completed"
     assert found["speed_rms"] < 0.01
@@ -89,7 +89,7 @@ def test_the_plant_itself_leaves_the_noise_of_its_sensors(driven):
     assert found["position"]["rms"] < 0.1
 
 
-def test_from_the_middle_of_a_log_the_plant_starts_at_speed(driven):
+def test_replay_from_mid_log_starts_at_speed(driven):
     found = replay(driven.signals, None, driven.scenario, start_s=12.3)
     first = found.recording.speed.at(found.driven.t[:1])[0]
     assert found.driven.speed[0] == pytest.approx(first, abs=0.01)
@@ -105,7 +105,7 @@ def test_the_valve_is_replayed_with_its_own_delay_and_dead_band(driven):
     assert other.metrics["steer_rms"] > 5 * found["steer_rms"]
 
 
-def test_another_tractor_leaves_more(driven):
+def test_another_tractor_leaves_larger_residuals(driven):
     """Soft front tyres understeer: at 1.2 m/s by 4 %."""
     soft = driven.scenario.changed({"plant.front_cornering_stiffness_n_rad": 4000.0})
     found, right = replay(driven.signals, None, soft).metrics, replay(driven.signals, None, driven.scenario).metrics
@@ -117,7 +117,7 @@ def with_column(table, name, values):
     return table.set_column(table.column_names.index(name), name, pa.array(values))
 
 
-def test_a_steering_column_of_the_wrong_sign_is_told(driven):
+def test_a_steering_column_of_the_wrong_sign_is_reported(driven):
     right = replay(driven.signals, None, driven.scenario)
     turned = with_column(driven.signals, "steer_measured", -driven.column("steer_measured"))
     found = replay(turned, None, driven.scenario)
@@ -126,7 +126,7 @@ def test_a_steering_column_of_the_wrong_sign_is_told(driven):
 
 
 @pytest.mark.parametrize("offset", [499_300.0, 1e308])
-def test_coordinates_of_a_grid_name_the_keys_of_the_origin(driven, offset):
+def test_grid_coordinates_name_the_keys_of_the_origin(driven, offset):
     far = with_column(driven.signals, "gnss_x", driven.column("gnss_x") + offset)
     with pytest.raises(
         FieldLogError, match=r"set position\.origin_east_m = [\d.e+]+ and position\.origin_north_m"
@@ -146,7 +146,7 @@ def test_the_antenna_leans_with_the_tractor_on_a_slope():
     assert middle == pytest.approx(2.0 * np.sin(radians(10)), abs=0.05)
 
 
-def test_a_rigid_motion_is_found():
+def test_fits_a_rigid_motion():
     points = np.random.default_rng(1).standard_normal((50, 2))
     c, s = np.cos(0.7), np.sin(0.7)
     moved = points @ np.array([[c, s], [-s, c]]) + [3.0, -2.0]
@@ -167,7 +167,7 @@ def test_a_csv_in_other_units_gives_the_same_numbers(driven, tmp_path):
         assert found[part][key] == pytest.approx(own[part][key], rel=1e-3)
 
 
-def test_a_link_record_is_a_log(driven, tmp_path):
+def test_a_link_record_is_read_as_a_log(driven, tmp_path):
     traffic = Traffic()
     rows = [driven.column(name).tolist() for name in ("gnss_x", "gnss_y", "speed_hat", "yaw", "steer_measured")]
     for turn, (x, y, speed, yaw, steer) in enumerate(zip(*rows, strict=True)):
@@ -184,7 +184,7 @@ def test_a_link_record_is_a_log(driven, tmp_path):
     assert found["position"]["windows_rms"] < 0.05
 
 
-def test_without_gyro_and_heading_the_course_serves(driven):
+def test_without_gyro_and_heading_the_course_is_used(driven):
     table = driven.signals.drop_columns(["gyro"])
     found = replay(table, None, driven.scenario).metrics["yaw_rate"]
     assert found["source"] == "course"
@@ -207,7 +207,7 @@ def test_without_gyro_and_heading_the_course_serves(driven):
         ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "have 0 positions with 'fix' in [7]"),
     ],
 )
-def test_the_command_tells_what_is_wrong(driven, tmp_path, call, old, new, told):
+def test_the_command_reports_errors(driven, tmp_path, call, old, new, told):
     as_csv(driven, tmp_path / "log.csv")
     (tmp_path / "map.toml").write_text(MAP.replace(old, new, 1))
     status, _, err = call("replay", "log.csv", "--map", "map.toml", "--set", "plant.kind=bicycle", "--out", "r", "-q")

@@ -81,7 +81,7 @@ def test_a_host_that_is_engaged_already_must_let_go_first():
     assert rig.tick(on()).engaged
 
 
-def test_the_watchdog_lets_go_within_its_time_and_latches():
+def test_the_watchdog_releases_in_time_and_latches():
     rig = engaged()
     last = rig.t - TICK
     for _ in range(100):
@@ -116,17 +116,17 @@ def test_the_latch_cannot_act_before_the_watchdog():
     assert not rig.tick(on()).engaged
 
 
-def test_no_board_steers_for_a_host_that_was_engaged_before_it_had_power():
+def test_no_board_steers_for_a_host_engaged_before_power_up():
     assert not Rig(latch_s="never").tick(on(), 40).engaged
 
 
-def test_a_first_message_after_an_outage_meets_the_latch_even_without_a_tick_between():
+def test_the_latch_acts_after_an_outage_even_without_a_tick():
     rig = engaged()
     rig.t += 10.0
     assert not rig.tick(on(radians(30))).engaged
 
 
-def test_messages_of_the_bridge_do_not_feed_the_watchdog():
+def test_bridge_messages_do_not_feed_the_watchdog():
     rig = engaged()
     assert not rig.tick(Hello(), 52).engaged
 
@@ -147,13 +147,13 @@ def test_a_shorter_watchdog_and_self_centring_are_options():
         ("agopenweb", 29, True),
     ],
 )
-def test_the_engaged_bit_is_that_of_the_dialect(host, status, expected):
+def test_the_engaged_bit_depends_on_the_dialect(host, status, expected):
     rig = Rig(host=host)
     rig.tick(SteerData(1.5, 0, 0.1))
     assert rig.tick(SteerData(1.5, status, 0.1)).engaged is expected
 
 
-def test_the_last_of_a_pair_counts():
+def test_the_last_message_of_a_pair_counts():
     rig = engaged()
     rig.send(on(radians(5)))
     rig.send(on(radians(6)))
@@ -169,7 +169,7 @@ def test_the_same_datagram_on_two_routes_is_answered_once():
     assert len(rig.send(on())) == 1
 
 
-def test_set_points_beyond_the_stops_are_cut():
+def test_set_points_are_clipped_at_the_stops():
     assert degrees(engaged().tick(on(radians(300))).steer) == pytest.approx(45)
     assert degrees(engaged().tick(on(radians(-300))).steer) == pytest.approx(-45)
 
@@ -206,7 +206,7 @@ def test_hello_and_scan_are_answered():
 
 
 @pytest.mark.parametrize(("host", "before", "after"), [("agopengps", 0b11, 0b01), ("agopenweb", 0b01, 0b11)])
-def test_the_steer_switch_goes_on_when_told(host, before, after):
+def test_the_steer_switch_goes_on_at_the_set_time(host, before, after):
     rig = Rig(host=host, engage_at_s=1.0)
     assert rig.send(off())[0].switches == before
     rig.t = 1.0
@@ -228,7 +228,7 @@ def settings(kp=40, high=60, least=9, counts=30, offset=0, ackermann=100):
         (20.0, 60),
     ],
 )
-def test_the_proportional_law_and_its_limits(error_deg, pwm):
+def test_proportional_law_respects_its_limits(error_deg, pwm):
     for sign in (1, -1):
         rig = engaged(steer_by="pwm")
         actuation = rig.tick(on(sign * radians(error_deg)))
@@ -236,7 +236,7 @@ def test_the_proportional_law_and_its_limits(error_deg, pwm):
         assert actuation.voltage == pytest.approx(NEUTRAL_V + sign * NEUTRAL_V * pwm / 255)
 
 
-def test_the_error_is_taken_from_the_measured_angle():
+def test_the_error_uses_the_measured_angle():
     rig = engaged(steer_by="pwm")
     rig.steer = radians(12)
     assert rig.tick(on(radians(10))).voltage < NEUTRAL_V
@@ -272,7 +272,7 @@ def test_the_ackermann_scale_acts_on_angles_to_the_left():
     assert degrees(rig.tick(on(radians(-10))).steer) == pytest.approx(-10.0, abs=0.01)
 
 
-def test_inverted_wires_do_what_they_would_do():
+def test_inverted_wiring_inverts_the_steering():
     rig = engaged(steer_by="pwm")
     rig.send(SteerConfig(0x04))
     assert rig.tick(on(radians(20))).voltage < NEUTRAL_V
@@ -283,7 +283,7 @@ def test_inverted_wires_do_what_they_would_do():
     assert degrees(rig.send(off(0.0))[0].steer) == pytest.approx(-5.0, abs=0.01)
 
 
-def test_zero_in_a_setting_divides_nothing():
+def test_zero_settings_cause_no_division_by_zero():
     rig = engaged(steer_by="pwm")
     rig.send(settings(0, 0, 0, 0, 0, 0))
     rig.steer = radians(5)
@@ -319,7 +319,7 @@ def hostile(random):
     return bytes(data)
 
 
-def test_ten_thousand_hostile_datagrams_steer_no_further_than_valid_ones_ask():
+def test_hostile_datagrams_steer_no_further_than_valid_ones():
     random, rig = Random(5), Rig()
     latched, asked, seen = True, None, 0
     for n in range(10_000):

@@ -54,7 +54,7 @@ def driven(channel, duration, start="heard", **keys):
     return done, said
 
 
-def test_a_dead_host_is_not_said_to_have_let_go():
+def test_a_dead_host_is_not_reported_as_disengaged():
     done, said = driven(Gap(guide(), 4.0, 99.0), 12.0)
     assert any("the host is silent; the board has let go" in line for line in said)
     assert not any("the host has let go" in line for line in said)
@@ -62,12 +62,12 @@ def test_a_dead_host_is_not_said_to_have_let_go():
     assert done.log.outcome == "host_lost"
 
 
-def test_a_host_that_was_not_steering_is_only_silent():
+def test_a_host_that_did_not_steer_is_only_silent():
     _, said = driven(Gap(guide("--engage-after", "100"), 4.0, 99.0), 9.0)
     assert [line.partition(": ")[2] for line in said if "silent" in line] == ["the host is silent"]
 
 
-def test_a_host_that_comes_back_engaged_is_told_counted_and_no_success():
+def test_a_host_returning_engaged_is_reported_counted_and_no_success():
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
     (back,) = (line for line in said if "is back" in line)
     assert back.endswith("the host is back, but the board is latched: press its button off and on")
@@ -78,7 +78,7 @@ def test_a_host_that_comes_back_engaged_is_told_counted_and_no_success():
 
 
 @pytest.mark.parametrize("latch", [6.25, "never"])
-def test_a_board_that_latches_later_steers_on(latch):
+def test_a_board_with_a_longer_latch_keeps_steering(latch):
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0, guidance__latch_s=latch)
     assert done.log.outcome == "completed"
     assert done.log.metrics["link"]["latched_s"] == 0.0
@@ -90,7 +90,7 @@ def test_a_board_that_latches_later_steers_on(latch):
     assert said[-1].startswith("only 7")
 
 
-def test_the_run_starts_before_the_host_steers():
+def test_the_run_can_start_before_the_host_steers():
     _, said = driven(Direct(guide()), 2.0, start="engaged")
     assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host steers"]
 
@@ -111,7 +111,7 @@ class Bridge:
 
 
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO is there"), ("agopenweb", "AgOpenWeb is there")])
-def test_who_waits_hears_of_hellos(host, named):
+def test_waiting_reports_received_hellos(host, named):
     said = []
     with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* is not: open it, simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
@@ -143,7 +143,7 @@ def test_a_scan_is_answered_with_the_boards_address():
     assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
 
 
-def test_the_boards_address_is_that_of_the_way_to_the_host():
+def test_the_boards_address_is_that_of_its_route_to_the_host():
     own, other = free_ports(2)
     with UdpSockets("127.0.0.1", own, other) as sockets:
         assert sockets.address == (127, 0, 0, 1)
@@ -174,7 +174,7 @@ def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
     assert (sent - np.degrees(log.column("yaw")[-60::2])).mean() == pytest.approx(1.5, abs=0.05)
 
 
-def test_without_fixed_ambiguities_the_last_heading_stands():
+def test_without_fixed_ambiguities_the_last_heading_is_kept():
     fault = [{"kind": "gnss_float", "start_s": 2.0, "end_s": 3.0}]
     line = Listening(guide())
     run_link(scenario(4.0, fault=fault), line, LinkOptions())
@@ -184,14 +184,14 @@ def test_without_fixed_ambiguities_the_last_heading_stands():
     assert len(set(found[:20])) > 15
 
 
-def test_two_antennas_must_be_there():
+def test_refuses_a_two_antenna_sentence_without_them():
     with pytest.raises(
         ScenarioError, match=r"guidance\.position: \"paogi\" needs sensors\.gnss\.dual_antenna\.enabled"
     ):
         scenario(1.0, **{f"{DUAL}.enabled": False})
 
 
-def test_a_latch_that_is_neither_a_time_nor_never_is_told_by_its_key():
+def test_an_invalid_latch_is_reported_by_key():
     with pytest.raises(ScenarioError) as error:
         scenario(1.0, guidance__latch_s="often")
     lines = str(error.value).splitlines()
@@ -200,7 +200,7 @@ def test_a_latch_that_is_neither_a_time_nor_never_is_told_by_its_key():
 
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
-def test_the_hosts_own_cross_track_error_is_a_column_and_a_metric(host):
+def test_the_hosts_cross_track_error_is_logged_and_a_metric(host):
     """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
     keys = {"path__start_offset_m": -0.6, "guidance__host": host}
     log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), LinkOptions()).log
@@ -221,7 +221,7 @@ def test_the_hosts_distance_is_unknown_without_a_line_and_in_silence():
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
-def test_positions_count_from_the_first_that_could_be_answered():
+def test_positions_count_from_the_first_answerable_one():
     def out(turn):
         return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
 
@@ -233,7 +233,7 @@ def test_positions_count_from_the_first_that_could_be_answered():
     assert positions_since_heard(record[:3]) == 0
 
 
-def test_a_slow_or_deaf_link_is_told():
+def test_a_slow_or_lossy_link_is_reported():
     well = {"answered_fraction": 0.97, "latched_s": 0.0, "real_time_factor": 0.99}
     assert health(well) == []
     (slow,) = health(well | {"real_time_factor": 0.42})
@@ -269,7 +269,7 @@ def recorded(tmp_path_factory):
     return folder
 
 
-def test_another_scenario_is_not_replayed(recorded, tmp_path):
+def test_refuses_to_replay_under_another_scenario(recorded, tmp_path):
     replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
@@ -280,7 +280,7 @@ def test_another_scenario_is_not_replayed(recorded, tmp_path):
         link(scenario(3.0, plant__kind="mujoco", terrain__kind="slope"), tmp_path, replay)
 
 
-def test_a_record_without_metadata_is_held_against_the_scenario_beside_it(recorded, tmp_path):
+def test_a_record_without_metadata_is_checked_against_its_scenario_file(recorded, tmp_path):
     bare = pq.read_table(recorded / "link.parquet").replace_schema_metadata(None)
     pq.write_table(bare, tmp_path / "link.parquet")
     replay = LinkOptions(replay=tmp_path / "link.parquet")
@@ -290,7 +290,7 @@ def test_a_record_without_metadata_is_held_against_the_scenario_beside_it(record
         link(scenario(1.0, seed=4), tmp_path / "out", replay)
 
 
-def test_another_guidance_is_refused_before_a_port_is_opened(tmp_path):
+def test_refuses_another_guidance_before_opening_a_port(tmp_path):
     said = []
     with pytest.raises(ScenarioError, match="is not driven over a link"):
         link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))

@@ -54,7 +54,7 @@ def toy_session(keys, *arguments, duration=30.0, channel=None):
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 @pytest.mark.parametrize("law", ["pure_pursuit", "stanley"])
-def test_a_toy_converges_to_the_millimetre(law, host):
+def test_the_host_converges_to_a_millimetre(law, host):
     vehicle, session = toy_session({"position": "paogi", "host": host}, "--law", law, "--dialect", host)
     off = np.array([y for t, _, y in vehicle.track if t > 20])
     assert np.abs(off).max() < 0.005
@@ -62,12 +62,12 @@ def test_a_toy_converges_to_the_millimetre(law, host):
     assert session.state.tally.steer_data == 300
 
 
-def test_one_antenna_without_inertial_unit_is_enough_for_a_toy():
+def test_the_host_needs_only_one_antenna_without_imu():
     vehicle, _ = toy_session({}, "--look-ahead", "4")
     assert max(abs(y) for t, _, y in vehicle.track if t > 25) < 0.05
 
 
-def test_the_boards_own_law_drives_the_toy_to_the_line():
+def test_the_boards_own_law_drives_the_host_to_the_line():
     vehicle, session = toy_session({"position": "paogi", "steer_by": "pwm"}, "--board", "40", "255", "10")
     assert max(abs(y) for t, _, y in vehicle.track if t > 20) < 0.03
     assert session.state.settings.high_pwm == 255
@@ -78,7 +78,7 @@ def test_a_host_of_the_other_dialect_never_steers():
     assert session.ended == "not_engaged"
 
 
-def test_without_a_solution_nothing_is_sent():
+def test_nothing_is_sent_without_a_solution():
     class Blind(Toy):
         def _measured(self):
             measured = super()._measured()
@@ -94,7 +94,7 @@ def test_without_a_solution_nothing_is_sent():
     assert len(lost) == 20
 
 
-def test_the_inertial_unit_speaks_through_the_position():
+def test_the_imu_data_arrive_with_the_position():
     keys = {"sensors__imu__enabled": True, "sensors__gyro__enabled": True, "guidance__position": "panda"}
     with_unit = run_link(scenario(duration_s=1.0, **keys), Direct(guide()), LinkOptions())
     position = read(with_unit.session.traffic.kept[0].data)
@@ -106,7 +106,7 @@ def test_the_inertial_unit_speaks_through_the_position():
     assert attitude.roll == 0.0
 
 
-def test_the_antenna_leans_on_a_side_slope_unless_the_host_hears_of_the_roll():
+def test_the_lean_error_remains_on_a_side_slope_unless_the_host_gets_roll():
     """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
     keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []
@@ -130,7 +130,7 @@ def driven(tmp_path_factory):
     return log, folder
 
 
-def test_a_line_driven_over_udp_stays_within_five_centimetres_after_twenty_metres(driven):
+def test_a_line_over_udp_stays_within_5_cm_after_20_m(driven):
     log, _ = driven
     assert log.outcome == "completed"
     far = log.column("rear_x") > 20
@@ -139,7 +139,7 @@ def test_a_line_driven_over_udp_stays_within_five_centimetres_after_twenty_metre
     assert np.abs(log.column("y")[far]).max() < 0.05
 
 
-def test_the_metrics_have_a_block_of_the_link(driven):
+def test_the_metrics_have_a_link_block(driven):
     log, _ = driven
     block = log.metrics["link"]
     assert block["positions"] >= block["steer_messages"] >= 445
@@ -157,7 +157,7 @@ def test_the_log_has_the_hosts_set_point(driven):
     assert (log.column("valve_voltage")[waiting] == NEUTRAL_V).all()
 
 
-def test_a_replay_gives_the_same_signals_to_the_last_bit(driven, tmp_path):
+def test_a_replay_gives_bit_identical_signals(driven, tmp_path):
     log, folder = driven
     again = link(scenario(duration_s=45.0), tmp_path, LinkOptions(replay=folder / "link.parquet"))
     assert again.signals.equals(log.signals)
@@ -202,7 +202,7 @@ def test_a_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
     assert log.metrics["link"]["outages"] == 1
 
 
-def test_a_host_that_comes_back_steers_only_after_it_has_let_go():
+def test_a_returning_host_steers_only_after_disengaging():
     class Cut(Direct):
         """Silent for four seconds; the host stays engaged all the while, and lets go for half a second at 12 s."""
 
@@ -243,7 +243,7 @@ class Hostile(Direct):
             yield incoming
 
 
-def test_hostile_traffic_changes_no_bit_of_the_run():
+def test_hostile_traffic_leaves_the_run_bit_identical():
     clean = run_link(scenario(duration_s=20.0), Direct(guide()), LinkOptions()).log
     noisy = run_link(scenario(duration_s=20.0), Hostile(guide()), LinkOptions()).log
     assert noisy.signals.equals(clean.signals)
@@ -263,7 +263,7 @@ def test_without_a_host_the_run_does_not_start():
         run_link(scenario(), Direct(guide("--engage-after", "100")), LinkOptions(start="engaged", wait_s=1.0))
 
 
-def test_the_clock_can_start_with_the_engagement_or_at_once():
+def test_the_clock_can_start_at_engagement_or_at_once():
     log = run_link(scenario(duration_s=2.0), Direct(guide()), LinkOptions(start="engaged")).log
     assert (log.column("link_engaged")[:-1] == 1).all()
     assert log.metrics["link"]["waited_s"] == pytest.approx(1.0, abs=0.11)
@@ -271,7 +271,7 @@ def test_the_clock_can_start_with_the_engagement_or_at_once():
     assert log.outcome == "not_engaged"
 
 
-def test_real_time_takes_its_time_and_says_how_late_it_was():
+def test_real_time_runs_keep_pace_and_report_lateness():
     own, other = free_ports(2)
     with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
         log = run_link(scenario(duration_s=2.0), RealTime(sockets), LinkOptions()).log
@@ -290,7 +290,7 @@ def test_the_host_ends_by_itself():
         assert process.wait(timeout=300) == 0
 
 
-def test_two_hosts_on_one_port_are_a_clear_error():
+def test_two_hosts_on_one_port_are_an_error():
     own, other = free_ports(2)
     with UdpSockets("127.0.0.1", other, own), host_process(other, own) as second:
         _, said = second.communicate(timeout=300)
@@ -305,7 +305,7 @@ def command(*arguments):
     )
 
 
-def test_two_links_on_one_port_are_a_clear_error():
+def test_two_links_on_one_port_are_an_error():
     own, other = free_ports(2)
     with UdpSockets("127.0.0.1", own, other):
         done = command("straight_line", f"--port={own}", f"--host-port={other}", "--no-rrd")
@@ -324,14 +324,14 @@ def test_two_links_on_one_port_are_a_clear_error():
         (["--host-port", "0"], "Invalid value for '--host-port'"),
     ],
 )
-def test_bad_arguments_are_told(arguments, message, tmp_path):
+def test_bad_arguments_are_reported(arguments, message, tmp_path):
     done = CliRunner().invoke(app, ["link", "straight_line", *arguments, "--out", str(tmp_path / "run")])
     assert message in (done.output if isinstance(done.exception, SystemExit) else str(done.exception))
     assert isinstance(done.exception, ScenarioError | SystemExit)
     assert not (tmp_path / "run").exists()
 
 
-def test_the_law_outside_cannot_be_run_without_its_link():
+def test_external_guidance_cannot_run_without_its_link():
     with pytest.raises(ScenarioError, match="is driven by another program; use `agrobot-mj link`"):
         run(scenario(duration_s=1.0))
     with pytest.raises(ScenarioError, match=r'guidance\.kind: "kinematic" is not driven over a link'):

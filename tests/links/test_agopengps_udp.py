@@ -29,7 +29,7 @@ def test_datagrams_to_each_loopback_address_arrive():
     assert got == set(LOOPBACK)
 
 
-def test_two_links_on_one_port_are_a_clear_error():
+def test_two_links_on_one_port_are_an_error():
     port = free_port()
     with (
         UdpSockets("127.0.0.1", port, 9),
@@ -46,12 +46,12 @@ def test_nothing_listens_beyond_loopback_unless_asked():
 
 
 @pytest.mark.parametrize("text", ["localhost", "127.0.0", "::1", "999.1.1.1", ""])
-def test_an_address_must_be_numbers(text):
+def test_an_address_must_be_numeric(text):
     with pytest.raises(ScenarioError, match=r"--address: .* is no IPv4 address"):
         UdpSockets(text, free_port(), 9)
 
 
-def test_a_flood_waits_its_turn():
+def test_excess_datagrams_wait_for_the_next_turn():
     port = free_port()
     with UdpSockets("127.0.0.1", port, 9) as sockets, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for n in range(150):
@@ -62,14 +62,14 @@ def test_a_flood_waits_its_turn():
     assert [received.data[0] for received in first + second] == list(range(150))
 
 
-def test_waiting_lasts_until_its_time():
+def test_receiving_waits_until_the_given_time():
     with UdpSockets("127.0.0.1", free_port(), 9) as sockets:
         began = time.perf_counter()
         assert list(sockets.receive(began + 0.05)) == []
         assert time.perf_counter() - began > 0.045
 
 
-def test_turns_that_begin_late_are_counted_and_not_caught_up():
+def test_late_turns_are_counted_and_not_caught_up():
     pace = Pace(0.02)
     pace.begin()
     first = pace.next - pace.period
@@ -81,7 +81,7 @@ def test_turns_that_begin_late_are_counted_and_not_caught_up():
     assert pace.worst == behind > 0.07
 
 
-def test_what_was_loaded_before_the_first_turn_makes_none_late():
+def test_loading_before_the_first_turn_makes_no_turn_late():
     pace = Pace(0.02)
     made = pace.next
     time.sleep(0.1)
@@ -90,7 +90,7 @@ def test_what_was_loaded_before_the_first_turn_makes_none_late():
     assert pace.next > made + 0.1
 
 
-def test_the_record_comes_back(tmp_path):
+def test_a_record_reads_back_unchanged(tmp_path):
     traffic = Traffic()
     kept = [Datagram(4, 0.2, "out", "127.0.0.1:9999", b"$P"), Datagram(7, 0.35, "in", "127.0.0.1:9999", b"\x80\x00")]
     for datagram in kept:
@@ -106,7 +106,7 @@ def test_a_record_without_datagrams_is_a_record(tmp_path):
     assert read_traffic(tmp_path / "link.parquet") == []
 
 
-def test_what_is_no_record_is_a_clear_error(tmp_path):
+def test_an_invalid_record_is_an_error(tmp_path):
     with pytest.raises(ScenarioError, match="no such file; --replay wants"):
         read_traffic(tmp_path / "none.parquet")
     (tmp_path / "text.parquet").write_text("t,wall_s")

@@ -42,7 +42,7 @@ def bare(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", GOLDEN)
-def test_golden_vectors_both_ways(name):
+def test_golden_vectors_encode_and_decode(name):
     message, text = GOLDEN[name]
     assert encode(message) == bare(text)
     assert encode(decode(bare(text))) == bare(text)
@@ -56,7 +56,7 @@ def test_a_set_point_to_the_left_is_negative_on_the_wire():
     assert (message.status, message.cross_track) == (1, 127)
 
 
-def test_hello_is_taken_with_any_check_byte_and_sent_with_the_true_one():
+def test_a_hello_is_accepted_with_any_check_byte():
     as_sent = bare("80 81 7F C8 03 38 00 00 47")
     assert decode(as_sent) == Hello()
     assert encode(Hello()) == as_sent[:-1] + b"\x82"
@@ -71,7 +71,7 @@ def test_hello_is_taken_with_any_check_byte_and_sent_with_the_true_one():
         ("80 81 7f fe 08 36 00 01 eb fb b1 00 00 53", 1, 10.45, 177),
     ],
 )
-def test_frames_of_a_real_host(text, status, degrees_left, distance):
+def test_decodes_frames_of_a_real_host(text, status, degrees_left, distance):
     message = decode(bare(text))
     assert message.speed == pytest.approx(1.5)
     assert (message.status, message.cross_track) == (status, distance)
@@ -79,14 +79,14 @@ def test_frames_of_a_real_host(text, status, degrees_left, distance):
     assert encode(message) == bare(text)
 
 
-def test_further_frames_of_a_real_host_and_of_a_board():
+def test_decodes_further_frames_of_a_real_host_and_board():
     assert decode(bare("80 81 7f ef 08 00 36 00 00 00 00 00 00 ac")) == Unknown(127, 239)
     assert decode(bare("80 81 7f fb 08 00 03 05 00 00 00 00 00 8a")) == SteerConfig(0, 3, 5)
     assert encode(HelloReply(126, switches=2)) == bare("80 81 7e 7e 05 00 00 00 00 02 03")
     assert encode(SteerState(0.0, switches=2)) == bare("80 81 7e fd 08 00 00 0f 27 b8 22 02 00 95")
 
 
-def test_a_short_configuration_is_read():
+def test_reads_a_short_configuration():
     assert decode(frame(127, 251, bytes((1, 2, 3, 4, 5)))) == SteerConfig(1, 2, 3, 4, 5)
 
 
@@ -96,7 +96,7 @@ def test_a_module_without_inertial_unit_has_no_heading_and_no_roll():
     assert isnan(state.roll)
 
 
-def test_an_inertial_units_reply_comes_back_as_sent():
+def test_an_imu_reply_round_trips():
     assert decode(encode(HelloReply(121))) == HelloReply(121, -0.0)
 
 
@@ -136,7 +136,7 @@ def test_values_beyond_their_field_saturate():
         (frame(127, 202, b""), "data"),
     ],
 )
-def test_what_is_no_frame_is_rejected_with_its_reason(datagram, reason):
+def test_invalid_frames_are_rejected_with_a_reason(datagram, reason):
     assert decode(datagram) == Rejected(reason)
 
 

@@ -81,14 +81,14 @@ def test_the_same_seed_gives_the_same_episode_and_another_one_another():
     assert any(a[0].tobytes() != b[0].tobytes() for a, b in zip(first, other, strict=True))
 
 
-def test_a_reset_without_a_seed_goes_on_drawing():
+def test_a_reset_without_a_seed_continues_the_random_sequence():
     env = FollowPath(**VARIED)
     env.reset(seed=1)
     drawn = [env.reset()[1]["drawn"] for _ in range(3)]
     assert len({one["seed"] for one in drawn}) == 3
 
 
-def test_draws_lie_in_their_ranges_and_reach_the_tractor():
+def test_draws_stay_in_range_and_reach_the_tractor():
     env = FollowPath(**VARIED)
     radii = set()
     for seed in range(6):
@@ -122,12 +122,12 @@ def test_options_set_keys_for_one_episode():
         ({"terrain": "slopes"}, r"terrain\.kind: unknown kind 'slopes'"),
     ],
 )
-def test_what_cannot_be_is_told_at_once_by_its_key(keywords, message):
+def test_invalid_options_are_reported_at_once_by_key(keywords, message):
     with pytest.raises(ScenarioError, match=message):
         FollowPath(**keywords)
 
 
-def test_an_agent_sees_the_estimate_and_the_privileged_one_also_the_truth():
+def test_agents_see_the_estimate_and_privileged_ones_also_the_truth():
     keywords = {"scenario": "circle", "overrides": {"duration_s": 3.0, "sensors.gnss.sigma_m": 0.2}}
     env = FollowPath(privileged=True, **keywords)
     steps = episode(env, 1)
@@ -146,7 +146,7 @@ def test_an_agent_sees_the_estimate_and_the_privileged_one_also_the_truth():
     assert own.tobytes() == steps[-1][0][: len(own)].tobytes()
 
 
-def test_the_action_is_the_share_of_the_steering_limit_and_of_the_speed():
+def test_actions_are_relative_to_the_steering_limit_and_speed():
     env = FollowPath("circle", "bicycle", overrides={"path.ramp_s": 0.0}, speed=True)
     env.reset(seed=1)
     env.step(np.array([0.5, -0.25], dtype=np.float32))
@@ -156,7 +156,7 @@ def test_the_action_is_the_share_of_the_steering_limit_and_of_the_speed():
     assert log.column("speed_ref") == pytest.approx([0.75 * 1.2, 1.2], rel=1e-3)
 
 
-def test_without_the_speed_in_the_action_the_tractor_catches_up_with_the_reference():
+def test_without_a_speed_action_the_tractor_catches_up_with_the_reference():
     env = FollowPath("straight_line", "bicycle", overrides={"duration_s": 15.0})
     env.reset(seed=1)
     over = False
@@ -167,7 +167,7 @@ def test_without_the_speed_in_the_action_the_tractor_catches_up_with_the_referen
     assert info["metrics"]["xte_rms"] == env.sim.log().metrics["xte_rms"]
 
 
-def test_the_reward_is_that_of_the_page():
+def test_the_reward_equals_the_documented_one():
     env = FollowPath("circle", "bicycle", overrides=SHORT)
     env.reset(seed=1)
     turn = 0.0
@@ -178,7 +178,7 @@ def test_the_reward_is_that_of_the_page():
         turn = float(action[0])
 
 
-def test_a_failure_terminates_and_the_end_of_the_time_truncates():
+def test_failures_terminate_and_the_time_limit_truncates():
     env = FollowPath("straight_line", "bicycle", overrides={"duration_s": 20.0}, max_offset_m=0.5)
     env.reset(seed=1)
     terminated = truncated = False
@@ -192,7 +192,7 @@ def test_a_failure_terminates_and_the_end_of_the_time_truncates():
     assert last[-1][2:4] == (False, True)
 
 
-def test_a_run_that_fails_by_itself_terminates_with_its_outcome():
+def test_a_failed_run_terminates_with_its_outcome():
     env = FollowPath("stuck_on_ice")
     env.reset(seed=1)
     terminated = truncated = False
@@ -202,7 +202,7 @@ def test_a_run_that_fails_by_itself_terminates_with_its_outcome():
     assert np.isfinite(reward)
 
 
-def test_a_run_that_diverges_terminates_with_numbers_that_can_be_learnt_from():
+def test_a_diverged_run_terminates_with_finite_numbers():
     env = FollowPath(privileged=True, **FAST)
     env.reset(seed=1)
     env.sim.loop.plant.state[:] = np.nan
@@ -212,7 +212,7 @@ def test_a_run_that_diverges_terminates_with_numbers_that_can_be_learnt_from():
     assert np.isfinite(reward)
 
 
-def test_an_action_that_is_not_a_number_is_refused_and_so_is_a_step_before_the_reset():
+def test_refuses_invalid_actions_and_a_step_before_reset():
     env = FollowPath(**FAST)
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
         env.step(np.zeros(1))
@@ -225,7 +225,7 @@ def test_an_action_that_is_not_a_number_is_refused_and_so_is_a_step_before_the_r
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_many_on_threads_equal_the_serial_ones_to_the_last_bit(mode):
+def test_threaded_environments_equal_serial_ones_bit_for_bit(mode):
     keywords = {**VARIED, "max_offset_m": 0.05, "privileged": True}
     serial = SyncVectorEnv([lambda: FollowPath(**keywords)] * 5, autoreset_mode=mode)
     threads = FollowPathVector(5, threads=3, autoreset_mode=mode, **keywords)
@@ -243,7 +243,7 @@ def test_many_on_threads_equal_the_serial_ones_to_the_last_bit(mode):
     threads.close()
 
 
-def test_a_mask_resets_only_some():
+def test_a_mask_resets_only_selected_environments():
     threads = FollowPathVector(3, autoreset_mode=AutoresetMode.DISABLED, **FAST)
     threads.reset(seed=[1, 2, 3])
     threads.step(np.zeros((3, 1), dtype=np.float32))
@@ -261,14 +261,14 @@ def test_an_error_on_a_thread_reaches_the_caller():
     threads.close()
 
 
-def test_make_vec_gives_the_threads():
+def test_make_vec_uses_the_threads():
     made = gymnasium.make_vec(ENV_ID, num_envs=2, **FAST)
     assert isinstance(made.unwrapped, FollowPathVector)
     assert made.reset(seed=1)[0].shape == (2, *made.single_observation_space.shape)
     made.close()
 
 
-def test_an_episode_can_be_branched():
+def test_an_episode_can_be_saved_and_branched():
     env = FollowPath("circle", overrides=SHORT)
     env.reset(seed=1)
     state = env.sim.save()
@@ -278,7 +278,7 @@ def test_an_episode_can_be_branched():
     assert isinstance(env.sim, Simulation)
 
 
-def test_the_module_is_found_by_its_name_and_the_package_does_without():
+def test_gym_finds_the_module_and_the_package_works_without_gym():
     done = python(
         "import sys, agrobot_mj, agrobot_mj.cli.app, agrobot_mj.simulation.stepping\n"
         "assert 'gymnasium' not in sys.modules\n"

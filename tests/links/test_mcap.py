@@ -37,7 +37,7 @@ def read(log, tmp_path_factory):
     return found
 
 
-def test_every_topic_has_a_message_a_tick_at_its_time(read, log):
+def test_every_topic_has_a_message_per_tick_at_its_time(read, log):
     assert set(read) == set(RECORDED) - {"/cmd_vel"}
     for topic, messages in read.items():
         if topic != "/path":
@@ -63,18 +63,18 @@ def test_every_topic_has_a_message_a_tick_at_its_time(read, log):
         ("/tf", "rear_x", lambda m: m.transforms[0].transform.translation.x),
     ],
 )
-def test_numbers_are_those_of_the_log(read, log, topic, column, value):
+def test_numbers_equal_the_logs(read, log, topic, column, value):
     np.testing.assert_allclose([value(message) for _, message in read[topic]], log.column(column), rtol=0, atol=1e-12)
 
 
-def test_a_lost_fix_is_told(read, log):
+def test_a_lost_fix_is_marked(read, log):
     status = np.array([message.status.status for _, message in read["/fix"]])
     np.testing.assert_array_equal(status == -1, log.column("gnss_quality") == 0)
     assert (status == -1).sum() == 20
     assert all(np.isnan(message.latitude) == (message.status.status == -1) for _, message in read["/fix"])
 
 
-def test_the_file_says_what_it_is_and_carries_its_definitions(log, tmp_path):
+def test_the_file_describes_itself_and_carries_its_definitions(log, tmp_path):
     library = pytest.importorskip("mcap.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as stream:
@@ -97,12 +97,12 @@ def test_the_folder_of_a_run_is_exported(log, tmp_path):
     assert again.read_bytes() == file.read_bytes()
 
 
-def test_a_folder_without_a_run_is_told(tmp_path):
+def test_a_folder_without_a_run_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match=r"holds no scenario.toml; name the folder of a run"):
         export_run(tmp_path)
 
 
-def test_what_is_missing_is_told_with_the_command_that_installs_it(log, tmp_path, monkeypatch):
+def test_a_missing_extra_names_the_install_command(log, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
     with pytest.raises(ScenarioError, match=r'export --mcap needs mcap_ros2; pip install "agrobot-mj\[mcap\]"'):
         write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")
@@ -125,7 +125,7 @@ def test_what_is_missing_is_told_with_the_command_that_installs_it(log, tmp_path
         ("gnss_quality", lambda n: [None] * n, ""),
     ],
 )
-def test_a_damaged_run_is_told_by_column(log, tmp_path, column, values, words):
+def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, words):
     pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path)
     if values:
@@ -140,7 +140,7 @@ def test_a_damaged_run_is_told_by_column(log, tmp_path, column, values, words):
 
 
 @pytest.mark.parametrize("out", ["", ".", "elsewhere"])
-def test_a_folder_is_no_file_to_export_to(call, log, tmp_path, monkeypatch, out):
+def test_refuses_a_folder_as_export_file(call, log, tmp_path, monkeypatch, out):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     write_log(log, tmp_path / "run")

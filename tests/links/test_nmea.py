@@ -14,7 +14,7 @@ LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)
 NORTHWARD = BoardAttitude(0.0, radians(-2.5), 0.0, radians(-5))
 
 
-def test_golden_vectors():
+def test_golden_vectors_encode():
     assert panda(LEUVEN, NORTHWARD) == (
         b"$PANDA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,900,-25,0,5*7D\r\n"
     )
@@ -36,14 +36,14 @@ def test_without_inertial_unit_no_field_is_empty_or_fractional():
     assert all(fields_of(paogi(LEUVEN, BoardAttitude(0.3))))
 
 
-def test_signs_of_the_attitude():
+def test_attitude_has_the_right_signs():
     left_up_nose_down = BoardAttitude(pi / 2, radians(3), radians(2), radians(4))
     fields = fields_of(panda(LEUVEN, left_up_nose_down))
     assert fields[12:] == ["0", "30", "-20", "-4"]
 
 
 @given(st.floats(-80, 80), st.floats(-179.9, 179.9), st.floats(0, 5), st.floats(-pi, pi), st.floats(-0.5, 0.5))
-def test_a_host_reads_what_was_written(latitude, longitude, speed, yaw, roll):
+def test_a_host_reads_back_what_was_written(latitude, longitude, speed, yaw, roll):
     solution, attitude = Solution(3723.45, latitude, longitude, 1.5, speed, yaw), BoardAttitude(yaw, roll, -roll, 0.1)
     for write, tolerance in ((panda, radians(0.051)), (paogi, radians(0.0051))):
         found = read(write(solution, attitude))
@@ -61,14 +61,14 @@ def test_minutes_never_reach_sixty():
     assert ",5100.0000000,N,00000.0000000," in text
 
 
-def test_sentences_for_any_reader():
+def test_standard_sentences_are_valid_for_any_reader():
     assert gga(LEUVEN).startswith(b"$GPGGA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,M,0.0,M,1.0,0000*")
     assert rmc(LEUVEN).startswith(b"$GPRMC,120000.10,A,5052.6200000,N,00441.9400000,E,2.333,90.00,010626,,,R*")
     assert vtg(LEUVEN).startswith(b"$GPVTG,90.00,T,,M,2.333,N,4.320,K,R*")
     assert all(fields_of(write(LEUVEN)) for write in (gga, rmc, vtg))
 
 
-def test_sentences_say_that_there_is_no_solution():
+def test_sentences_state_a_missing_solution():
     lost = LEUVEN._replace(quality=0)
     assert fields_of(gga(lost))[2:7] == ["", "", "", "", "0"]
     assert fields_of(rmc(lost))[2:8] == ["V", "", "", "", "", ""]
@@ -88,11 +88,11 @@ def test_sentences_say_that_there_is_no_solution():
         panda(LEUVEN, NORTHWARD)[:-6],
     ],
 )
-def test_what_is_no_position_is_none(datagram):
+def test_sentences_without_a_position_give_none(datagram):
     assert read(datagram) is None
 
 
-def test_a_position_with_nonsense_in_a_field_is_none():
+def test_a_position_with_invalid_fields_gives_none():
     good = panda(LEUVEN, NORTHWARD).decode().strip().split("*")[0][1:]
     for field in range(1, 16):
         for nonsense in ("", "x", "nan", "1e999"):
@@ -104,12 +104,12 @@ def test_a_position_with_nonsense_in_a_field_is_none():
 
 
 @given(st.floats(-75, 75), st.floats(-170, 170), st.floats(-2000, 2000), st.floats(-2000, 2000))
-def test_the_local_plane_inverts(latitude, longitude, east, north):
+def test_local_coordinates_round_trip(latitude, longitude, east, north):
     origin = Origin(latitude, longitude)
     assert to_local(origin, *to_geodetic(origin, east, north)) == pytest.approx((east, north), abs=1e-6)
 
 
-def test_the_local_plane_is_that_of_the_ellipsoid():
+def test_the_local_plane_matches_the_ellipsoid():
     origin = Origin(50.877, 4.699)
     latitude, longitude = to_geodetic(origin, 500.0, 500.0)
     east, north = _tangent_plane(origin, latitude, longitude)
@@ -135,7 +135,7 @@ def _tangent_plane(origin, latitude, longitude):
     return float(east @ d), float(north @ d)
 
 
-def test_degrees_of_reads_both_hemispheres():
+def test_reads_degrees_of_both_hemispheres():
     assert degrees_of("5052.6200000", "S") == pytest.approx(-50.877)
     assert degrees_of("00441.9400000", "E") == pytest.approx(4.699)
 

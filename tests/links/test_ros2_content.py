@@ -41,7 +41,7 @@ def same(a, b):
     return a == b or (a != a and b != b)
 
 
-def test_a_log_has_what_was_live(drive):
+def test_a_log_equals_the_live_messages(drive):
     live, log = drive
     kept = [(topic, content) for topic, _, content in recorded(log.scenario, log.signals) if topic not in ("/tf",)]
     sent = [("/path", path(log.scenario)), *(message for _, each in live for message in each)]
@@ -55,13 +55,13 @@ def test_every_topic_is_sent_and_the_clock_last(drive):
     assert first[-1][0] == "/clock"
 
 
-def test_stamps_count_from_a_fixed_time():
+def test_stamps_count_from_a_fixed_epoch():
     assert stamp(0.0) == {"sec": EPOCH_NS // 10**9, "nanosec": 0}
     assert stamp(1.05) == {"sec": EPOCH_NS // 10**9 + 1, "nanosec": 50_000_000}
     assert stamp(0.3 - 0.1) == stamp(0.2), "whole microseconds"
 
 
-def test_a_fix_is_where_the_antenna_was_measured(drive):
+def test_a_fix_is_at_the_antenna(drive):
     live, log = drive
     (sample, sent), site = live[20], site_of(log.scenario)
     content = dict(sent)["/fix"]
@@ -74,7 +74,7 @@ def test_a_fix_is_where_the_antenna_was_measured(drive):
     assert content["altitude"] == pytest.approx(sample.z + t.antenna_height_m - t.cg_height_m)
 
 
-def test_quality_is_told_by_status_and_covariance(drive):
+def test_status_and_covariance_give_the_fix_quality(drive):
     (sample, _), site = drive[0][0], site_of(load_scenario("straight_line"))
     floating = fix(sample._replace(gnss_quality=1.0), site, stamp(0))
     assert floating["status"]["status"] == 0
@@ -91,7 +91,7 @@ def rotated(q, v):
     return v + 2 * np.cross(u, np.cross(u, v) + w * np.asarray(v))
 
 
-def test_attitude_is_about_forward_left_and_up():
+def test_attitude_follows_forward_left_up_axes():
     yaw, tilt = 0.7, radians(10)
     forward = rotated(quaternion(0.0, 0.0, yaw), [1.0, 0.0, 0.0])
     np.testing.assert_allclose(forward, [cos(yaw), sin(yaw), 0.0], atol=1e-15)
@@ -99,7 +99,7 @@ def test_attitude_is_about_forward_left_and_up():
     assert rotated(quaternion(0.0, tilt, yaw), [1.0, 0.0, 0.0])[2] == pytest.approx(-sin(tilt)), "nose down"
 
 
-def test_the_truth_moves_as_its_velocity_says(drive):
+def test_the_true_position_integrates_its_velocity(drive):
     live, log = drive
     site, k = site_of(log.scenario), 50
     before, now, after = (live[i][0] for i in (k - 1, k, k + 1))
@@ -109,7 +109,7 @@ def test_the_truth_moves_as_its_velocity_says(drive):
     assert (twist["x"], twist["y"]) == pytest.approx((forward, left), abs=0.02)
 
 
-def test_a_unit_without_sensors_says_so(drive):
+def test_missing_sensors_are_marked_as_such(drive):
     (sample, _), *_ = drive[0]
     site = site_of(load_scenario("straight_line"))
     assert "/imu/data" not in dict(messages(sample._replace(gyro=nan, imu_roll=nan, imu_pitch=nan), site, nan))
@@ -127,7 +127,7 @@ def test_the_heading_is_the_integral_of_the_gyro():
     assert isnan(gyro_heading(nan, nan, 3.0, TICK_S))
 
 
-def test_the_path_is_the_reference_s():
+def test_the_path_equals_the_references():
     scenario = load_scenario("circle")
     points = [pose["pose"]["position"] for pose in path(scenario)["poses"]]
     steps = np.hypot(np.diff([p["x"] for p in points]), np.diff([p["y"] for p in points]))
@@ -136,7 +136,7 @@ def test_the_path_is_the_reference_s():
     assert (points[0]["x"], points[0]["y"]) == (start.x, start.y)
 
 
-def test_definitions_are_complete_and_fit_the_content(drive):
+def test_definitions_are_complete_and_match_the_content(drive):
     live, log = drive
     for topic, _, content in recorded(log.scenario, log.signals):
         check(RECORDED[topic], content)

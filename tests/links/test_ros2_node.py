@@ -134,7 +134,7 @@ def test_a_controller_of_30_lines_follows_a_line_under_10_cm(start, tmp_path):
     assert first == second, "lock-step repeats"
 
 
-def test_a_program_of_10_hz_may_stamp_its_requests(start, tmp_path):
+def test_a_10_hz_program_may_stamp_its_requests(start, tmp_path):
     start("-c", STAMPED)
     result(tractor(start, "--stamped", "--pace", "lock_step", "--every", "2", "--duration", "2", "--wait", "30"))
     signals = pq.read_table(tmp_path / "run" / "signals.parquet")

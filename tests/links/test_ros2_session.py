@@ -49,7 +49,7 @@ def driven(law, options=LOCK_STEP, **keys):
     return run_over(load_scenario("straight_line", {**KEYS, **keys}), program, options), program
 
 
-def test_a_run_in_lock_step_repeats_and_has_one_request_a_tick():
+def test_lock_step_repeats_with_one_request_per_tick():
     (log, program), (again, _) = driven(straight, **{"duration_s": 8.0}), driven(straight, **{"duration_s": 8.0})
     assert log.outcome == "completed"
     assert log.signals.equals(again.signals)
@@ -60,14 +60,14 @@ def test_a_run_in_lock_step_repeats_and_has_one_request_a_tick():
     assert log.column("speed")[-1] == pytest.approx(1.5, abs=0.1)
 
 
-def test_every_second_tick_is_enough_where_it_is_agreed():
+def test_a_request_every_second_tick_is_enough_where_agreed():
     ticks = iter(range(10_000))
     log, _ = driven(lambda content: (1.0, 0.0) if next(ticks) % 2 == 1 else None, LOCK_STEP._replace(every=2))
     assert log.outcome == "completed"
     assert set(log.column("cmd_age").round(2)) == {0.0, 0.05}
 
 
-def test_a_program_that_falls_silent_in_lock_step_ends_the_run():
+def test_a_silent_program_ends_a_lock_step_run():
     answers, told = iter(range(15)), []
     log, _ = driven(
         lambda _: (1.0, 0.0) if next(answers, None) is not None else None, LOCK_STEP._replace(notify=told.append)
@@ -77,7 +77,7 @@ def test_a_program_that_falls_silent_in_lock_step_ends_the_run():
     assert "nothing on /cmd_vel for 0.2 s" in told[-1]
 
 
-def test_nobody_there_is_told():
+def test_a_missing_program_is_reported():
     with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s"):
         driven(lambda _: None)
 
@@ -103,7 +103,7 @@ def test_real_time_takes_its_time_and_stops_a_tractor_without_requests():
     assert log.column("speed")[-1] < log.column("speed")[t < 1.2].max()
 
 
-def test_silence_for_long_ends_a_run_in_real_time():
+def test_long_silence_ends_a_real_time_run():
     answers = iter(range(4))
     keys = {"guidance.give_up_s": 0.5, "duration_s": 5.0}
     options = RosOptions("real_time", wait_s=1.0)
@@ -112,18 +112,18 @@ def test_silence_for_long_ends_a_run_in_real_time():
     assert log.column("t")[-1] < 1.0
 
 
-def test_a_run_that_starts_at_once_may_hear_of_nobody():
+def test_a_run_may_start_before_any_request():
     log, _ = driven(lambda _: None, RosOptions("real_time", start="now"), **{"duration_s": 0.3})
     assert log.outcome == "not_engaged"
     assert (log.column("speed_ref") == 0.0).all()
 
 
-def test_another_guidance_is_no_link():
+def test_refuses_another_guidance():
     with pytest.raises(ScenarioError, match='set it to "cmd_vel"'):
         driven(straight, **{"guidance.kind": "stanley"})
 
 
-def test_a_scenario_of_this_kind_needs_the_command():
+def test_such_a_scenario_needs_the_command():
     with pytest.raises(ScenarioError, match="use `agrobot-mj ros2`"):
         run(load_scenario("straight_line", KEYS))
 
@@ -145,12 +145,12 @@ def test_the_wheels_turn_the_bicycle_as_asked(situation, speed, yaw_rate):
     assert command.speed == speed
 
 
-def test_no_turn_on_the_spot_and_none_beyond_the_stops(situation):
+def test_cannot_turn_on_the_spot_or_beyond_the_stops(situation):
     law = CmdVel()
     assert law.update(VelocityRequest(0.0, 1.0, 0.0), situation, 0.05)[1].steer == situation.steer
     assert law.update(VelocityRequest(0.1, 9.0, 0.0), situation, 0.05)[1].steer == situation.machine.steer_limit
 
 
 @pytest.mark.parametrize("age", [0.5, 3.0, inf])
-def test_an_old_request_stops_the_tractor(situation, age):
+def test_an_expired_request_stops_the_tractor(situation, age):
     assert CmdVel().update(VelocityRequest(1.5, 0.1, age), situation, 0.05)[1].speed == 0.0

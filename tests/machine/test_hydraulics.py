@@ -42,14 +42,14 @@ def test_no_oil_flows_inside_the_dead_band(voltage):
 
 
 @pytest.mark.parametrize(("voltage", "flow"), [(6.5, 0.32), (7.4, 3.2), (5.5, -0.28), (4.6, -2.8)])
-def test_beyond_it_the_flow_goes_with_the_gain_of_its_direction(voltage, flow):
+def test_flow_beyond_the_dead_band_has_the_gain_of_its_direction(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("voltage", "flow"), [(12.0, 12.0), (10.2, 12.0), (0.0, -12.0), (1.2, -12.0), (99.0, 12.0), (-99.0, -12.0)]
 )
-def test_the_flow_saturates_at_the_pump(voltage, flow):
+def test_the_flow_saturates_at_the_pump_flow(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-9)
 
 
@@ -60,7 +60,7 @@ def test_the_voltage_is_clipped_before_the_spool():
     assert spool_response(Valve(delay_s=0.0), [-1e6] * 5000).min() >= 0.0
 
 
-def test_the_static_map_is_continuous_and_never_falls():
+def test_the_static_map_is_continuous_and_monotonic():
     law, _ = valve_law(Valve(), DT)
     flows = np.array([static_flow(law, v) for v in np.linspace(0, 12, 12001)])
     steepest = 3.2 * LITRE_PER_MINUTE * 0.001
@@ -73,12 +73,12 @@ def test_the_static_map_is_continuous_and_never_falls():
     ("delay_s", "dt", "steps"),
     [(0.1, 0.002, 50), (0.1, 0.004, 25), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)],
 )
-def test_the_delay_is_its_number_of_steps(delay_s, dt, steps):
+def test_the_delay_is_a_whole_number_of_steps(delay_s, dt, steps):
     spool = spool_response(Valve(delay_s=delay_s), [9.0] * (steps + 3), dt)
     assert np.flatnonzero(spool > NEUTRAL_V)[0] == steps
 
 
-def test_what_enters_leaves_in_order():
+def test_the_delay_line_keeps_order():
     voltages = np.random.default_rng(2).uniform(0, 12, 400)
     fast = Valve(delay_s=0.1, time_constant_s=1e-9)
     assert spool_response(fast, voltages)[50:] == pytest.approx(voltages[:-50])
@@ -98,7 +98,7 @@ def test_a_valve_at_rest_stays_at_rest():
     assert not any(valve_step(law, memory, NEUTRAL_V) for _ in range(200))
 
 
-def test_the_cylinder_in_numbers():
+def test_cylinder_numbers_match_hand_calculation():
     cylinder = Cylinder(bore_mm=60, rod_mm=30, arm_m=0.2, relief_pressure_bar=120)
     head, rod = pi / 4 * 0.06**2, pi / 4 * (0.06**2 - 0.03**2)
     assert cylinder.area == pytest.approx((head + rod) / 2)
@@ -124,7 +124,7 @@ def test_the_default_steering_rate_lies_in_the_published_range():
         ({"other_flow_l_min": 3.0, "priority": False, "engine_speed_share": 0.5}, 3.0),
     ],
 )
-def test_the_largest_flow_is_what_pump_section_and_others_leave(changes, largest):
+def test_the_largest_flow_accounts_for_section_and_other_consumers(changes, largest):
     law, _ = valve_law(Valve(**changes), DT)
     assert static_flow(law, 12.0) == pytest.approx(largest * LITRE_PER_MINUTE)
     assert static_flow(law, 0.0) == pytest.approx(-largest * LITRE_PER_MINUTE)
@@ -142,20 +142,20 @@ def test_a_valve_without_compensation_is_an_orifice():
     assert loaded_flow(law, law.saturation, -100e5) == law.saturation
 
 
-def test_a_compensated_valve_does_not_feel_the_load():
+def test_a_compensated_valve_ignores_the_load():
     law, _ = valve_law(Valve(), DT)
     assert loaded_flow(law, 1e-4, 90e5) == 1e-4
 
 
 @pytest.mark.parametrize(("deflection", "left"), [(0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (1.5, 0.5), (-1.5, -0.5)])
-def test_a_play_takes_its_half_width(deflection, left):
+def test_play_takes_up_its_half_width(deflection, left):
     assert beyond_play(deflection, 1.0) == left
 
 
 @pytest.mark.parametrize(
     ("voltage", "flow"), [(8.0, 1.3 * 1.6), (4.0, -1.3 * 1.4), (12.0, 6.0), (0.0, -6.0), (6.6, 0.0)]
 )
-def test_a_worn_valve_has_half_of_either_gain_and_of_the_pump_beyond_a_wider_band(voltage, flow):
+def test_a_worn_valve_has_less_flow_and_a_wider_dead_band(voltage, flow):
     """Half of 3.2 and 2.8 l/(min V) beyond 0.4 + 0.3 V, at most half of 12 l/min."""
     law, _ = valve_law(Valve(), DT)
     found = static_flow(worn_valve(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE

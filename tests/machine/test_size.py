@@ -15,7 +15,7 @@ LARGE = TractorParameters(
 G = 9.81
 
 
-def test_the_default_tractor_has_the_springs_that_its_file_has():
+def test_the_default_tractors_springs_equal_the_xml_files():
     assert (COMPACT.front_wheel.stiffness, COMPACT.rear_wheel.stiffness) == (1.2e5, 1.6e5)
     assert (COMPACT.front_wheel.damping, COMPACT.rear_wheel.damping) == (1200.0, 1800.0)
 
@@ -34,7 +34,7 @@ def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
         assert large == pytest.approx(small)
 
 
-def test_its_damping_keeps_its_share_of_the_critical():
+def test_damping_keeps_its_share_of_critical():
     def share(p):
         return p.rear_wheel.damping / (2 * sqrt(p.rear_wheel.stiffness * p.rear_wheel.load / G))
 
@@ -43,19 +43,19 @@ def test_its_damping_keeps_its_share_of_the_critical():
     assert share(stiff) == pytest.approx(share(COMPACT))
 
 
-def test_what_is_given_stays():
+def test_given_values_are_kept():
     given = LARGE.model_copy(update={"front_tyre_stiffness_n_m": 3e5, "front_tyre_damping_n_s_m": 0.0})
     assert (given.front_wheel.stiffness, given.front_wheel.damping) == (3e5, 0.0)
 
 
-def test_a_trailer_of_twice_the_load_has_tyres_of_twice_the_stiffness():
+def test_a_trailer_of_twice_the_load_has_tyres_twice_as_stiff():
     small, large = (Drawn(mass_kg=kg).hitched(COMPACT).axle.wheel for kg in (500.0, 1000.0))
     assert (small.stiffness, small.damping) == (1.8e5, 1800.0)
     assert (large.stiffness, large.damping) == pytest.approx((3.6e5, 3600.0))
     assert large.load == pytest.approx(1000 * G * 1.75 / 2.0 / 2)
 
 
-def test_relief_is_thrice_what_turns_the_standing_wheels():
+def test_relief_torque_is_three_times_the_parked_steering_torque():
     wide = LARGE.model_copy(update={"front_wheel_width_m": 0.36})
     laid = Linkage(kingpin_offset_m=0.05, friction_n_m=20.0)
     rule = 0.75 * 3600 * G * 0.44 * sqrt(0.36**2 / 8 + 0.05**2)
@@ -63,7 +63,7 @@ def test_relief_is_thrice_what_turns_the_standing_wheels():
     assert Cylinder(relief_pressure_bar=50).column(wide).relief_torque == pytest.approx(50e5 * Cylinder().displacement)
 
 
-def test_the_oil_column_grows_with_the_load_and_width_of_the_front_tyres():
+def test_the_oil_column_scales_with_load_and_width_of_the_front_tyres():
     heavy = COMPACT.model_copy(update={"mass_kg": 1500.0, "front_wheel_width_m": 0.24})
     assert Cylinder().column(COMPACT)[1:] == (5e4, 400.0)
     assert Cylinder().column(heavy)[1:] == pytest.approx((1.5e5, 1200.0))
@@ -71,7 +71,7 @@ def test_the_oil_column_grows_with_the_load_and_width_of_the_front_tyres():
 
 
 @pytest.mark.parametrize("implement", [Drawn(mass_kg=900.0), Mounted(mass_kg=150.0), Mounted(linkage="float")])
-def test_wheel_loads_and_what_an_implement_carries_itself_are_its_weight(implement):
+def test_wheel_loads_and_the_implements_own_wheels_carry_the_weight(implement):
     hitched = implement.hitched(COMPACT)
     front, rear = wheel_loads(COMPACT, hitched)
     wheel = hitched.depth_wheel

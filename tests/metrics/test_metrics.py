@@ -29,7 +29,7 @@ class FakeLog:
         return self.columns[name]
 
 
-def beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
+def points_beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
     """Points at signed distance `left` from the path, `ahead` metres along it from its reference at `t`."""
     r = np.array([path.at(s) for s in (t + np.asarray(ahead) / path.speed_m_s)])
     return r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
@@ -46,7 +46,7 @@ def often(values: Any) -> Any:
     return np.repeat(values, LEAST) if np.ndim(values) else values
 
 
-def test_lateral_error_by_hand() -> None:
+def test_lateral_error_matches_hand_calculation() -> None:
     m = metrics(four_ticks(e_lateral=[1, -1, 2, -4]))
     assert m["lateral_mse"] == pytest.approx(22 / 4)
     assert m["lateral_rms"] == pytest.approx((22 / 4) ** 0.5)
@@ -54,7 +54,7 @@ def test_lateral_error_by_hand() -> None:
     assert [turn["lateral_mse"] for turn in m["per_turn"]] == pytest.approx([1, 10])
 
 
-def test_longitudinal_and_yaw_rate_error_by_hand() -> None:
+def test_longitudinal_and_yaw_rate_error_match_hand_calculation() -> None:
     m = metrics(four_ticks(e_longitudinal=[3, -4, 0, 0], e_yaw_rate=[0, 0, 0.1, -0.1]))
     assert m["longitudinal_rms"] == pytest.approx(2.5)
     assert m["yaw_rate_error_rms"] == pytest.approx(0.1 / 2**0.5)
@@ -62,14 +62,14 @@ def test_longitudinal_and_yaw_rate_error_by_hand() -> None:
     assert [turn["yaw_rate_error_rms"] for turn in m["per_turn"]] == pytest.approx([0, 0.1])
 
 
-def test_share_of_the_network_by_hand() -> None:
+def test_network_share_matches_hand_calculation() -> None:
     m = metrics(four_ticks(tau_c=[1, -3, 1, 1], tau_n=[-1, 1, 3, -3]))
     assert m["nn_share"] == pytest.approx([1 / 3, 3 / 4])
 
 
 @pytest.mark.parametrize("tau_n", [0.0, np.nan])
 @pytest.mark.parametrize("tau_c", [0.0, 0.2])
-def test_share_without_a_network_is_zero(tau_c: float, tau_n: float) -> None:
+def test_network_share_is_zero_without_a_network(tau_c: float, tau_n: float) -> None:
     assert metrics(four_ticks(tau_c=tau_c, tau_n=tau_n))["nn_share"] == [0.0, 0.0]
 
 
@@ -99,7 +99,7 @@ def test_per_turn_has_every_error_of_the_total() -> None:
     assert [set(turn) for turn in m["per_turn"]] == [total | {"turn", "complete"}] * 2
 
 
-def test_every_value_has_a_name_of_its_own_a_unit_and_a_description() -> None:
+def test_every_value_has_a_unique_name_a_unit_and_a_description() -> None:
     columns = [column for metric in METRICS for column in metric.columns]
     assert len({column.name for column in columns}) == len(columns)
     assert all(column.unit and len(column.description) > 5 for column in columns)
@@ -129,13 +129,13 @@ def test_a_metric_returns_values_of_its_columns_ready_for_json(metric: Metric, r
 
 
 @pytest.mark.parametrize("values", [None, 1.0, {"unheard_of": 1.0}])
-def test_a_metric_that_returns_something_else_is_told(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
+def test_a_metric_that_returns_something_else_is_reported(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
     monkeypatch.setattr(type(METRICS[0]), "evaluate", lambda self, view: values)
     with pytest.raises(ScenarioError, match=r"the metric \(progress\): evaluate must return a dict of progress, got "):
         metrics(four_ticks())
 
 
-def test_a_run_that_ends_early_lacks_the_turns_it_did_not_reach() -> None:
+def test_an_early_end_lacks_the_unreached_turns() -> None:
     path = FigureEight(turns=3)
     half_way = FakeLog(path, np.arange(0, 1.5 * path.turn_s, 0.05), e_lateral=1.0, tau_n=0.1)
     m = metrics(half_way)
@@ -143,7 +143,7 @@ def test_a_run_that_ends_early_lacks_the_turns_it_did_not_reach() -> None:
     assert m["nn_share"] == [1.0, 1.0]
 
 
-def test_whole_ticks_up_to_the_end_complete_the_last_turn() -> None:
+def test_the_last_turn_is_complete_though_ticks_end_before_it() -> None:
     path = FigureEight()
     m = metrics(FakeLog(path, np.arange(0, path.duration_s, 0.05)))
     assert [turn["complete"] for turn in m["per_turn"]] == [True, True]
@@ -151,7 +151,7 @@ def test_whole_ticks_up_to_the_end_complete_the_last_turn() -> None:
     assert len(one["per_turn"]) == len(one["nn_share"]) == 1
 
 
-def test_absent_values_are_left_out_and_no_value_at_all_is_none() -> None:
+def test_missing_values_are_ignored_and_no_values_give_none() -> None:
     lateral, x = [1, np.nan, np.inf, np.nan], [0, np.nan, np.inf, 1e300]
     m = metrics(four_ticks(e_lateral=lateral, e_yaw_rate=np.nan, x=x))
     assert m["lateral_mse"] == 1
@@ -162,13 +162,13 @@ def test_absent_values_are_left_out_and_no_value_at_all_is_none() -> None:
 
 
 @pytest.mark.parametrize("statistic", [mean, rms, mean_magnitude, abs_p95])
-def test_a_handful_of_values_says_nothing(statistic: Any) -> None:
+def test_a_handful_of_values_gives_no_statistic(statistic: Any) -> None:
     few = np.concatenate((np.ones(LEAST - 1), [np.nan, np.inf]))
     assert statistic(few) is None
     assert statistic(np.append(few, 1.0)) == pytest.approx(1.0)
 
 
-def test_a_run_that_is_stopped_at_once_has_no_errors() -> None:
+def test_a_run_stopped_at_once_has_no_errors() -> None:
     m = metrics(FakeLog(FigureEight(), np.arange(LEAST - 1) * 0.05, x=0.3, e_lateral=0.01))
     assert [m[name] for name in ("lateral_rms", "lateral_abs_p95", "xte_rms", "xte_abs_p95")] == [None] * 4
     assert m["progress"] < 0.01
@@ -181,7 +181,7 @@ def test_a_run_without_a_tick_has_no_numbers() -> None:
     json.dumps(m, allow_nan=False)
 
 
-def test_errors_over_a_stretch_of_time() -> None:
+def test_computes_errors_over_a_time_window() -> None:
     log = four_ticks(e_lateral=[7, 1, 2, 3])
     assert errors(log, start_s=0)["lateral_mse"] == pytest.approx(14 / 3)
     assert errors(log, start_s=1, end_s=1.5)["lateral_mse"] == 4
@@ -191,18 +191,18 @@ def test_errors_over_a_stretch_of_time() -> None:
 @pytest.mark.parametrize(
     "path", [Line(heading_deg=30), Circle(), Circle(direction="right", radius_m=2), FigureEight()], ids=repr
 )
-def test_cross_track_is_the_distance_to_the_path_to_the_millimetre(path: Any) -> None:
+def test_cross_track_equals_the_distance_to_the_path_to_a_millimetre(path: Any) -> None:
     rng = np.random.default_rng(1)
     t = np.arange(0, path.duration_s, 0.05)
     ahead, left = rng.uniform(-2, 2, len(t)), rng.uniform(-1.5, 1.5, len(t))
-    x, y = beside(path, t, ahead, left)
+    x, y = points_beside(path, t, ahead, left)
     assert cross_track(path, t, x, y) == pytest.approx(left, abs=1e-3)
 
 
 def test_near_its_crossing_the_8_is_followed_on_the_right_branch() -> None:
     path = FigureEight()
     t = np.linspace(path.turn_s / 2 - 8, path.turn_s / 2 + 8, 200)
-    x, y = beside(path, t, -5.0, 3.0)
+    x, y = points_beside(path, t, -5.0, 3.0)
     assert cross_track(path, t, x, y) == pytest.approx(3.0, abs=1e-3)
 
 
@@ -222,7 +222,7 @@ def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
     assert m["per_turn"][0]["xte_rms"] == pytest.approx(0.1)
 
 
-def test_a_run_in_belongs_to_no_turn() -> None:
+def test_the_run_in_belongs_to_no_turn() -> None:
     path = FigureEight()
     t = np.arange(0.0, path.duration_s, 0.05)
     early = t < path.turns_s[0][0]
@@ -232,7 +232,7 @@ def test_a_run_in_belongs_to_no_turn() -> None:
     assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))
 
 
-def test_a_turn_is_complete_once_all_but_a_hundredth_of_it_is_driven() -> None:
+def test_a_turn_is_complete_when_99_percent_is_driven() -> None:
     assert [turn["complete"] for turn in metrics(four_ticks())["per_turn"]] == [True, True]
     circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
     for end, complete in ((1.985, False), (1.995, True)):
@@ -240,10 +240,10 @@ def test_a_turn_is_complete_once_all_but_a_hundredth_of_it_is_driven() -> None:
         assert [turn["complete"] for turn in metrics(log)["per_turn"]] == [True, complete]
 
 
-def test_the_metrics_of_a_field_hold_those_of_its_passes() -> None:
+def test_field_metrics_include_those_of_the_passes() -> None:
     field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
     t = np.arange(0.0, field.duration_s, 0.05)
-    x, y = beside(field, t, 0.0, 0.12)
+    x, y = points_beside(field, t, 0.0, 0.12)
     found = metrics(FakeLog(field, t, x=x, y=y))["iso_12188_2_style"]
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.12, abs=1e-3)
     assert [one["xte_mean"] for one in found["per_pass"]] == pytest.approx([0.12] * 3, abs=1e-3)

@@ -45,7 +45,7 @@ def test_a_perfect_run_has_no_error(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_the_whole_field_may_be_shifted_without_an_error_from_pass_to_pass(path: Any) -> None:
+def test_shifting_the_whole_field_causes_no_pass_to_pass_error(path: Any) -> None:
     found = judged(path, lambda k, a: 0.1)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-6)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
@@ -54,7 +54,7 @@ def test_the_whole_field_may_be_shifted_without_an_error_from_pass_to_pass(path:
 
 
 @pytest.mark.parametrize("path", FIELDS[:2], ids=repr)
-def test_a_tractor_that_always_keeps_left_overlaps_and_misses_by_twice_that(path: Any) -> None:
+def test_keeping_left_always_causes_overlaps_and_gaps_of_twice_that(path: Any) -> None:
     found = judged(path, lambda k, a: 0.05 * (-1) ** k)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0.1)
     assert abs(found["pass_to_pass_mean_m"]) == pytest.approx(0.1 / 3, rel=0.01), "too narrow, too wide, too narrow"
@@ -62,7 +62,7 @@ def test_a_tractor_that_always_keeps_left_overlaps_and_misses_by_twice_that(path
     assert [one["xte_rms"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count, rel=0.01)
 
 
-def test_swaths_that_spread_are_too_wide() -> None:
+def test_diverging_swaths_are_too_wide() -> None:
     for path in (Swaths(**SMALL), Swaths(**SMALL, turn="u", count=9)):
         lines = list(path.order)
         spread = judged(path, lambda k, a, lines=lines: 0.02 * lines[min(k, len(lines) - 1)])
@@ -82,7 +82,7 @@ def test_the_run_in_does_not_count() -> None:
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0, abs=1e-6)
 
 
-def test_p95_is_of_the_unsigned_values_at_equal_distances() -> None:
+def test_p95_uses_magnitudes_at_equal_distances() -> None:
     """Every pass but the first is off on 2 of the 30 m that it shares with its neighbours."""
     path = Swaths(**SMALL, count=2)
     found = judged(path, lambda k, a: -0.3 if k == 1 and 24 <= a <= 26 else 0.0)
@@ -91,7 +91,7 @@ def test_p95_is_of_the_unsigned_values_at_equal_distances() -> None:
     assert brief["pass_to_pass_p95_m"] < 0.3
 
 
-def test_a_run_that_ends_early_lacks_its_last_passes() -> None:
+def test_an_early_end_lacks_the_last_passes() -> None:
     path = Swaths(**SMALL)
     half_way = judged(path, lambda k, a: 0.0, share=0.4)
     assert [one["complete"] for one in half_way["per_pass"]] == [True, False, False, False]
@@ -101,13 +101,13 @@ def test_a_run_that_ends_early_lacks_its_last_passes() -> None:
     json.dumps([half_way, at_once], allow_nan=False)
 
 
-def test_one_pass_has_no_neighbour() -> None:
+def test_a_single_pass_has_no_neighbour() -> None:
     found = judged(Swaths(**SMALL, count=1), lambda k, a: 0.1)
     assert found["pass_to_pass_p95_m"] is None
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
 
 
-def test_a_pass_needs_some_stations_for_its_numbers() -> None:
+def test_a_pass_needs_enough_stations_for_its_numbers() -> None:
     stations = np.arange(float(LEAST))
     some = Passed(line=0.0, direction=-1, span=50.0, stations=stations, errors=0.0 * stations + 0.2).numbers(4)
     assert (some["pass"], some["complete"]) == (4, False)

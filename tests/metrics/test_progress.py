@@ -53,13 +53,13 @@ def way(place):
 
 
 @every_path
-def test_who_follows_has_driven_all_of_it(path):
+def test_a_tractor_that_follows_has_driven_everything(path):
     assert share(path, places(path, ticks(path))) == pytest.approx(1.0, abs=0.01)
 
 
 @every_path
 @pytest.mark.parametrize("late_s", [1.0, 3.0])
-def test_who_comes_late_has_driven_all_but_the_end(path, late_s):
+def test_a_late_tractor_has_driven_all_but_the_end(path, late_s):
     """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
     t = ticks(path)
     found = progress_of(view(path, places(path, t - late_s)))
@@ -69,7 +69,7 @@ def test_who_comes_late_has_driven_all_but_the_end(path, late_s):
 
 
 @every_path
-def test_who_stands_has_driven_nothing_however_often_the_reference_passes(path):
+def test_a_standing_tractor_has_driven_nothing(path):
     for part in (0.0, 0.37):
         place = np.tile(places(path, [part * path.duration_s]), (len(ticks(path)), 1))
         found = progress_of(view(path, place + np.random.default_rng(1).normal(0.0, 1e-4, place.shape)))
@@ -78,7 +78,7 @@ def test_who_stands_has_driven_nothing_however_often_the_reference_passes(path):
 
 
 @every_path
-def test_who_stops_has_driven_what_it_drove(path):
+def test_a_tractor_that_stops_keeps_what_it_drove(path):
     t = ticks(path)
     stopped = places(path, np.minimum(t, 0.6 * path.duration_s))
     found = progress_of(view(path, stopped))
@@ -86,7 +86,7 @@ def test_who_stops_has_driven_what_it_drove(path):
     assert not found.enough
 
 
-def test_who_stands_at_the_end_of_a_short_path_is_granted_no_delay():
+def test_standing_at_the_end_of_a_short_path_gets_no_delay_allowance():
     path = Line(length_m=6.0, speed_m_s=1.0)
     t = ticks(path)
     driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
@@ -104,12 +104,12 @@ def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_beside_the_corridor_nothing_is_driven(aside, expected):
+def test_outside_the_corridor_nothing_counts_as_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 
 
-def test_a_bend_that_is_cut_is_driven_inside():
+def test_cutting_a_bend_inside_the_corridor_counts_as_driven():
     path = Circle(radius_m=8.0, direction="left", turns=2)
     centre = path.at(0.0)[:2] + np.array([0.0, 8.0])
     outside = places(path, ticks(path))
@@ -124,7 +124,7 @@ def test_each_lap_counts():
     assert share(path, one_lap) == pytest.approx(0.25, abs=0.01)
 
 
-def test_what_is_leapt_over_is_not_driven():
+def test_skipped_path_is_not_driven():
     path = Line(length_m=60.0)
     t = ticks(path)
     place = places(path, t)
@@ -133,7 +133,7 @@ def test_what_is_leapt_over_is_not_driven():
     assert found.driven == pytest.approx(52.0, abs=1.0)
 
 
-def test_an_excursion_costs_its_length_and_the_tractor_is_found_again():
+def test_an_excursion_costs_its_length_and_progress_resumes():
     path = FigureEight()
     t = ticks(path)
     place = places(path, t)
@@ -142,7 +142,7 @@ def test_an_excursion_costs_its_length_and_the_tractor_is_found_again():
     assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
 
 
-def test_the_path_reaches_as_far_as_its_reference_comes():
+def test_the_path_ends_where_its_reference_ends():
     path = FigureEight()
     short = places(path, ticks(path, 30.0))
     assert share(path, short, 30.0) == pytest.approx(1.0, abs=0.01)
@@ -152,12 +152,12 @@ def test_the_path_reaches_as_far_as_its_reference_comes():
     assert share(line, places(line, np.minimum(ticks(line, 300.0), 9.0)), 300.0) < 0.5
 
 
-def test_early_rows_of_a_long_plan_are_little():
+def test_the_first_rows_of_a_long_plan_cover_little():
     path = Line(length_m=100.0)
     assert share(path, places(path, ticks(path))[:200], 80.0) == pytest.approx(9.6 / 93.6, abs=0.02)
 
 
-def test_numbers_that_are_none_are_left_out():
+def test_non_finite_positions_are_ignored():
     path = Line(length_m=40.0)
     place = places(path, ticks(path))
     place[100] = np.nan
@@ -168,14 +168,14 @@ def test_numbers_that_are_none_are_left_out():
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.3, 0.6])
-def test_next_to_no_path_has_no_share(duration):
+def test_a_path_of_almost_no_length_has_no_share(duration):
     path = Line(speed_m_s=0.2)
     found = progress_of(view(path, np.zeros((1, 2)), duration))
     assert found.share is None
     assert found.enough
 
 
-def test_it_is_a_metric():
+def test_the_driven_share_is_a_metric():
     path = FigureEight(turns=1)
     t = ticks(path, 30.0)
     from test_metrics import FakeLog

@@ -30,7 +30,7 @@ def test_a_stop_is_timed_from_the_fault():
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
-def test_without_a_fault_or_a_supervisor_there_is_nothing_to_say():
+def test_reports_nothing_without_a_fault_or_a_supervisor():
     assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()
     del made.columns["supervisor_state"]
@@ -41,7 +41,7 @@ def test_without_a_stop_there_is_no_time():
     assert Safety().evaluate(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
 
 
-def test_the_time_off_the_path_begins_at_a_metre_to_either_side():
+def test_time_off_the_path_counts_beyond_one_metre():
     away = -0.02 * np.maximum(np.arange(400) - 250, 0)
     found = Safety().evaluate(RunView(Made(y=away)))["safety"]
     assert found["offset_max"] == found["offset_end"] == pytest.approx(2.98)

@@ -25,7 +25,7 @@ NO_ERRORS = {
         ({"outcome": "unfinished", "expected": False}, False, False),
     ],
 )
-def test_an_error_is_that_of_a_success_that_completed(row, success, counts):
+def test_only_a_completed_success_has_an_error(row, success, counts):
     assert (succeeded(row), has_errors(row)) == (success, counts)
     assert error_of({**row, "xte_rms": 0.0}, "xte_rms") == (0.0 if counts else None)
     kept = without_errors({**row, "xte_rms": 0.0, "per_turn": [], "position_nees": 2.0})
@@ -34,12 +34,12 @@ def test_an_error_is_that_of_a_success_that_completed(row, success, counts):
 
 
 @pytest.mark.parametrize("value", [None, nan, inf])
-def test_a_value_that_is_no_number_is_no_error(value):
+def test_a_non_finite_value_is_no_error(value):
     assert error_of({"outcome": "completed", "xte_rms": value}, "xte_rms") is None
     assert error_of({"outcome": "completed"}, "xte_rms") is None
 
 
-def test_every_metric_is_an_error_or_known_to_be_none():
+def test_every_metric_is_classified_as_an_error_or_not():
     log = run(load_scenario("plough", {"duration_s": 1.0}))
     swaths = run(load_scenario("clothoid_swaths", {"plant.kind": "bicycle", "duration_s": 1.0}))
     names = {*log.metrics, *swaths.metrics}

@@ -18,7 +18,7 @@ def found(offset, left, t=T):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_track_that_goes_over_the_line_once(side):
+def test_a_track_that_crosses_the_line_once(side):
     y = side * np.select([T < 5.0, T < 7.0], [2.0 - 0.4 * T, -0.3], 0.01)
     way = found(2.0 * side, y)
     assert way["acquired_s"] == pytest.approx(7.0, abs=0.06)
@@ -30,20 +30,20 @@ def test_a_track_that_stops_before_the_line_has_no_overshoot():
     assert found(2.0, np.maximum(2.0 - 0.2 * T, 0.02))["overshoot_m"] == 0.0
 
 
-def test_a_weave_that_lasts_is_no_acquisition():
+def test_a_persistent_weave_is_no_acquisition():
     way = found(1.0, np.cos(T))
     assert way["acquired_s"] is None
     assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - END_S < T])).max())
 
 
-def test_a_short_excursion_later_is_no_matter_of_the_way_onto_the_line():
+def test_a_short_later_excursion_does_not_undo_the_acquisition():
     away = (T > 12.0) & (T < 12.5)
     assert found(2.0, np.where(away, 0.07, np.maximum(2.0 - 0.4 * T, 0.02)))["acquired_s"] == pytest.approx(
         4.9, abs=0.06
     )
 
 
-def test_it_is_held_until_the_end_or_for_long_enough():
+def test_the_line_is_held_until_the_end_or_long_enough():
     begins = T[-1] - HELD_S + 0.5
     assert found(2.0, np.where(begins > T, 0.3, 0.0))["acquired_s"] is None
     assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)

@@ -48,7 +48,7 @@ def test_a_spline_swings_where_fillets_do_not(tmp_path):
     assert np.abs(y[(x > 8) & (x < 32) & (y < 0)] + 6).max() > 0.1
 
 
-def test_a_corner_is_an_arc_of_its_radius_and_as_long(tmp_path):
+def test_a_corner_is_an_arc_of_the_set_radius(tmp_path):
     path = waypoints(tmp_path, [(0, 0), (30, 0), (30, 30)], corner_radius_m=5, transition="none")
     assert path.max_curvature == pytest.approx(0.2)
     assert path.motion.distances[-1] == pytest.approx(2 * 25 + 5 * pi / 2)
@@ -66,7 +66,7 @@ def test_a_gentle_corner_stays_within_the_tolerance_of_its_waypoint(tmp_path):
     assert 1 / path.max_curvature == pytest.approx(0.1 / (1 / cos(angle / 2) - 1))
 
 
-def test_short_legs_cost_speed_first_and_radius_last(tmp_path):
+def test_short_legs_reduce_speed_first_and_radius_last(tmp_path):
     """Arcs that fit but leave little room get short clothoids, which are driven slowly enough for the steering."""
     roomy, tight, short = (
         waypoints(tmp_path, [(0, 0), (20, 0), (20, leg), (40, leg)], corner_radius_m=3) for leg in (20, 7.7, 5)
@@ -82,7 +82,7 @@ def test_short_legs_cost_speed_first_and_radius_last(tmp_path):
         assert np.degrees(1.4 * np.abs(rates).max()) <= 15 * (1 + 1e-9)
 
 
-def test_a_closed_way_is_rounded_at_its_first_waypoint_too(tmp_path):
+def test_a_closed_path_is_rounded_at_its_first_waypoint_too(tmp_path):
     path = waypoints(tmp_path, [(0, 0), (30, 0), (30, 20), (0, 20)], closed=True, laps=2, corner_radius_m=3)
     (_, half), (_, end) = path.turns_s
     for t in (half, end):
@@ -94,7 +94,7 @@ def test_a_closed_way_is_rounded_at_its_first_waypoint_too(tmp_path):
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0, 30, 0, 20), abs=1e-6)
 
 
-def test_the_speeds_of_waypoints_hold_on_legs_and_corners(tmp_path):
+def test_waypoint_speeds_limit_legs_and_corners(tmp_path):
     path = waypoints(tmp_path, [(0, 0, 1.0), (30, 0, 0.4), (30, 30, 1.0)], speed_m_s=2)
     for t in np.linspace(0, path.duration_s, 3000).tolist():
         r = path.at(t)
@@ -105,7 +105,7 @@ def test_the_speeds_of_waypoints_hold_on_legs_and_corners(tmp_path):
             assert hypot(r.vx, r.vy) <= 1.0 - 0.6 * (along - 0.5) / 30 + 1e-9
 
 
-def test_a_way_that_turns_straight_back_names_the_waypoint(tmp_path):
+def test_a_path_that_turns_straight_back_names_the_waypoint(tmp_path):
     (tmp_path / "route.csv").write_text("0,0\n20,0\n5,0.05\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')

@@ -21,7 +21,7 @@ def end(pieces):
 @pytest.mark.parametrize("shape", ["omega", "k", "u"])
 @pytest.mark.parametrize("sharpness", [inf, C, 1.0])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_turn_ends_beside_its_beginning_heading_back(shape, sharpness, side):
+def test_a_turn_ends_beside_its_start_heading_back(shape, sharpness, side):
     close = half_turn_width(R, sharpness) if shape == "u" else 0.3
     for away in np.linspace(close, 12.0, 25).tolist():
         x, y, yaw = end(headland_turn(side * away, shape, R, sharpness, 1.0))
@@ -31,7 +31,7 @@ def test_a_turn_ends_beside_its_beginning_heading_back(shape, sharpness, side):
 
 @pytest.mark.parametrize("shape", ["omega", "k"])
 @pytest.mark.parametrize("away", [0.5, 2.0, 5.0, 6.3, 7.0, 9.0])
-def test_the_curvature_of_a_turn_with_clothoids_never_steps(shape, away):
+def test_clothoid_turns_have_continuous_curvature(shape, away):
     pieces = [piece for piece in headland_turn(away, shape, R, C, 1.0) if piece.length > 1e-9]
     ends = [0.0, *(p.curvature + p.sharpness * p.length for p in pieces)]
     assert [p.curvature for p in pieces] == pytest.approx(ends[:-1], abs=1e-9)
@@ -40,7 +40,7 @@ def test_the_curvature_of_a_turn_with_clothoids_never_steps(shape, away):
     assert max(abs(p.curvature) for p in pieces) <= 1 / R + 1e-12
 
 
-def test_a_k_turn_without_clothoids_is_as_long_as_a_half_turn_and_one_radius_deep():
+def test_k_turn_without_clothoids_has_half_turn_length_and_one_radius_depth():
     pieces = headland_turn(2.0, "k", R, inf, 1.0)
     first = acos((1 - 2.0 / (2 * R)) / 2)
     assert [p.length for p in pieces] == pytest.approx([R * first, R * (pi - 2 * first), R * first])
@@ -65,14 +65,14 @@ def test_a_k_turn_needs_less_headland_than_an_omega():
     assert depths[0] < 0.65 * depths[1]
 
 
-def test_between_a_half_turn_and_two_quarters_the_half_turn_is_wider():
+def test_medium_pass_distances_get_a_wider_half_turn():
     pieces = headland_turn(7.0, "omega", R, C, 1.0)
     assert len(pieces) == 3
     assert pieces[1].curvature < 1 / R
     assert len(headland_turn(9.0, "omega", R, C, 1.0)) == 7
 
 
-def test_u_turns_with_clothoids_skip_as_many_passes_as_their_width_needs():
+def test_u_turns_with_clothoids_skip_the_passes_their_width_needs():
     path = Swaths(length_m=30, run_in_m=5, swath_m=3.02, count=10, turn="u", transition="clothoid")
     assert half_turn_width(R, path.sharpness(1.0)) > 2 * 3.02 > 2 * R
     assert np.abs(np.diff(path.order)).min() >= 3

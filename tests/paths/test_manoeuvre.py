@@ -16,7 +16,7 @@ def test_the_default_reverses_into_its_row():
     path = Manoeuvre()
     grid = np.linspace(0, path.duration_s, 4000).tolist()
     u = np.array([r.vx * np.cos(r.yaw) + r.vy * np.sin(r.yaw) for r in map(path.at, grid)])
-    end, corner = path.at(path.duration_s), path.at(path.motion.when(14.0))
+    end, corner = path.at(path.duration_s), path.at(path.motion.time_at(14.0))
     assert (u.max(), u.min()) == pytest.approx((0.8, -0.8))
     assert end.yaw == pytest.approx(pi / 2, abs=1e-5)
     assert end.vy == pytest.approx(-0.8, abs=1e-5)
@@ -24,7 +24,7 @@ def test_the_default_reverses_into_its_row():
     assert path.motion.distances[-1] == pytest.approx(14 + 2 * 1.5708 + 4 * np.radians(67.5) + 2 + 22)
 
 
-def test_pieces_join_and_the_side_is_where_the_wheels_are_turned():
+def test_pieces_join_and_side_is_where_the_wheels_turn():
     path = Manoeuvre(
         piece=(
             StraightPiece(length_m=5.0),
@@ -44,7 +44,7 @@ def test_pieces_join_and_the_side_is_where_the_wheels_are_turned():
     assert np.hypot(end.vx, end.vy) <= 0.3 + 1e-9
 
 
-def test_it_is_written_in_a_scenario_and_survives_it(tmp_path):
+def test_survives_the_round_trip_through_a_scenario(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(
         '[path]\nkind = "manoeuvre"\n[[path.piece]]\nkind = "straight"\nlength_m = 8\n'

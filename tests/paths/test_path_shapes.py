@@ -24,7 +24,7 @@ def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
     assert circle.at(0).curvature == pytest.approx(side / 7)
 
 
-def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
+def test_a_default_figure_8_turn_takes_120_s_as_in_the_paper() -> None:
     eight = FigureEight(ramp_s=0, run_in_m=0)
     arc = 2 * pi - 2 * atan(14 / 10)
     assert eight.turns_s[0][1] == pytest.approx((2 * 28 + 2 * 10 * arc) / 1.2)
@@ -32,7 +32,7 @@ def test_a_turn_of_the_default_8_takes_the_papers_120_s() -> None:
     assert len(eight.turns_s) == 2
 
 
-def test_the_8_starts_at_the_crossing_and_crosses_it_again_half_a_turn_later() -> None:
+def test_figure_8_starts_at_the_crossing_and_returns_after_half_a_turn() -> None:
     eight = FigureEight(ramp_s=0, run_in_m=0)
     start, half_way = eight.at(0), eight.at(eight.turn_s / 2)
     assert start[:2] == pytest.approx((0, 0))
@@ -42,7 +42,7 @@ def test_the_8_starts_at_the_crossing_and_crosses_it_again_half_a_turn_later() -
     assert start.curvature == half_way.curvature == 0
 
 
-def test_the_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
+def test_figure_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
     eight, centre = FigureEight(), hypot(14, 10)
     for t in np.linspace(0, eight.turn_s, 1000).tolist():
         r = eight.at(t)
@@ -58,7 +58,7 @@ def test_the_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
     assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)
 
 
-def test_a_ramp_costs_half_its_time_once() -> None:
+def test_a_ramp_costs_half_its_time() -> None:
     at_once, ramped = FigureEight(ramp_s=0, run_in_m=0), FigureEight(ramp_s=6, run_in_m=0)
     assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
     assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))

@@ -83,7 +83,7 @@ def reverses(path: Any) -> bool:
     return isinstance(path, Timed) and bool((path.motion.course.directions < 0).any())
 
 
-def test_every_kind_takes_part() -> None:
+def test_every_path_kind_is_tested() -> None:
     assert {type(path) for path in VARIANTS} == set(every(Path))
 
 
@@ -108,7 +108,7 @@ def test_the_speed_is_constant_after_the_ramp(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", TIMED, ids=repr)
-def test_the_speed_keeps_to_its_limits_and_reaches_them(path: Any) -> None:
+def test_the_speed_respects_and_reaches_its_limits(path: Any) -> None:
     grid = np.linspace(0, path.duration_s, 4000)
     references = [path.at(t) for t in grid.tolist()]
     v = np.array([hypot(r.vx, r.vy) for r in references])
@@ -122,7 +122,7 @@ def test_the_speed_keeps_to_its_limits_and_reaches_them(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_the_way_has_no_jump(path: Any) -> None:
+def test_the_path_is_continuous(path: Any) -> None:
     """No jump anywhere: the way between close times is never longer than the largest speed allows."""
     grid = np.linspace(0, path.duration_s, 5000)
     steps = np.hypot(*np.diff(sample(path, grid), axis=0).T)
@@ -130,7 +130,7 @@ def test_the_way_has_no_jump(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_the_sharpest_place_lies_on_the_path_where_it_says(path: Any) -> None:
+def test_the_sharpest_point_lies_on_the_path_with_its_curvature(path: Any) -> None:
     place, grid = path.sharpest, np.linspace(0, path.duration_s, 20000)
     points = sample(path, grid)
     way = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
@@ -141,7 +141,7 @@ def test_the_sharpest_place_lies_on_the_path_where_it_says(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_a_path_survives_its_serialisation(path: Any) -> None:
+def test_a_path_survives_serialisation(path: Any) -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(Path)
     again = adapter.validate_json(json.dumps(path.model_dump(mode="json")))
     assert again == path
@@ -150,7 +150,7 @@ def test_a_path_survives_its_serialisation(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_a_reference_costs_no_more_than_a_few_of_a_circle(path: Any) -> None:
+def test_evaluating_a_path_costs_little_more_than_a_circle(path: Any) -> None:
     def cost(of: Any) -> int:
         """Lines that 50 references execute: no search runs through the path."""
         grid, executed = np.linspace(0, of.duration_s, 50).tolist(), 0
@@ -174,7 +174,7 @@ def test_a_reference_costs_no_more_than_a_few_of_a_circle(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_curvature_is_the_change_of_heading_over_distance(path: Any) -> None:
+def test_curvature_is_heading_change_per_distance(path: Any) -> None:
     for t in times(path)[1:]:
         before, after = path.at(t - EPS), path.at(t + EPS)
         speed = signed_speed(path.at(t))
@@ -187,7 +187,7 @@ def test_curvature_is_the_change_of_heading_over_distance(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
-def test_the_steering_keeps_to_its_rate_on_clothoids_and_reaches_it(path: Any) -> None:
+def test_steering_rate_respects_its_limit_on_clothoids_and_reaches_it(path: Any) -> None:
     L, grid = path.wheelbase_m, np.linspace(0, path.duration_s, 20001)
     kappa, rate = np.array([(r.curvature, r.curvature_rate) for r in map(path.at, grid.tolist())]).T
     steer_rate = np.degrees(np.diff(np.arctan(L * kappa)) / np.diff(grid))
@@ -228,7 +228,7 @@ def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any
 
 
 @pytest.mark.parametrize("path", [path for path in TIMED if path.motion.course.cusps.any()], ids=repr)
-def test_it_stops_at_each_cusp_and_brakes_no_harder_than_it_may(path: Any) -> None:
+def test_stops_at_each_cusp_and_respects_the_deceleration(path: Any) -> None:
     motion, course = path.motion, path.motion.course
     turns = np.flatnonzero(np.diff(course.directions)) + 1
     assert turns.size > 0
@@ -248,7 +248,7 @@ def test_it_stops_at_each_cusp_and_brakes_no_harder_than_it_may(path: Any) -> No
     assert pauses == pytest.approx(path.cusp_pause_s * turns.size)
 
 
-def test_every_joint_is_met_within_a_micrometre() -> None:
+def test_joints_match_within_a_micrometre() -> None:
     for path in (p for p in TIMED if isinstance(p, Timed)):
         for start in path.motion.times[1:].tolist():
             a, b = path.at(np.nextafter(start, 0.0)), path.at(start)
@@ -257,7 +257,7 @@ def test_every_joint_is_met_within_a_micrometre() -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_turns_cover_the_duration_and_join(path: Any) -> None:
+def test_turns_cover_the_duration_without_gaps(path: Any) -> None:
     assert (path.turns_s[0][0] > 0) == (path.kind == "figure_eight" or (path.kind == "circle" and path in SMOOTH))
     assert path.turns_s[-1][1] == pytest.approx(path.duration_s)
     assert all(before[1] == after[0] for before, after in zip(path.turns_s, path.turns_s[1:], strict=False))
@@ -273,7 +273,7 @@ def test_each_turn_closes(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_it_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
+def test_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
     start, before = path.at(0), path.at(-1.0)
     assert before == path.at(-2.0)
     assert before[:2] == pytest.approx(start[:2])
@@ -287,7 +287,7 @@ def test_it_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_sample_gives_the_points_of_at(path: Any) -> None:
+def test_sample_equals_at(path: Any) -> None:
     t = np.array([0.0, 1.0, 30.0])
     assert sample(path, t).shape == (3, 2)
     assert sample(path, t)[2] == pytest.approx((path.at(30.0).x, path.at(30.0).y))
@@ -311,7 +311,7 @@ def test_the_kind_selects_the_path() -> None:
 
 
 @pytest.mark.parametrize("path", [Line, FigureEight, Sinusoid, LaneChange, Swaths, Contour])
-def test_the_slowest_speed_makes_a_path_and_a_slower_one_is_refused(path):
+def test_the_slowest_allowed_speed_works_and_a_slower_one_is_refused(path):
     assert 0 < path(speed_m_s=SLOWEST_M_S).duration_s < 1e9
     with pytest.raises(ValidationError, match="greater than or equal to"):
         path(speed_m_s=SLOWEST_M_S / 2)

@@ -17,7 +17,7 @@ from agrobot_mj.paths.route import STEP_M, SampledRoute
 @pytest.mark.parametrize("offset", [-1.5, -0.2, 0.0, 0.3, 2.0])
 @pytest.mark.parametrize("s", [0.013, 4.0, 40.02])
 @pytest.mark.parametrize("path", [Line(heading_deg=30.0), Circle(), Circle(direction="right", radius_m=5.0)], ids=str)
-def test_a_point_beside_the_path_finds_its_foot(path, s, offset):
+def test_finds_the_nearest_point_on_the_path(path, s, offset):
     route = SampledRoute(path)
     foot = route.ahead(s)
     x, y = foot.x - offset * sin(foot.yaw), foot.y + offset * cos(foot.yaw)
@@ -27,7 +27,7 @@ def test_a_point_beside_the_path_finds_its_foot(path, s, offset):
     assert hypot(found.x - foot.x, found.y - foot.y) < 2e-3
 
 
-def test_places_on_a_circle_are_those_of_geometry():
+def test_places_on_a_circle_are_analytic():
     route = SampledRoute(Circle(radius_m=10.0))
     for s in np.linspace(0.0, 60.0, 47):
         place = route.ahead(float(s))
@@ -36,7 +36,7 @@ def test_places_on_a_circle_are_those_of_geometry():
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_following_a_reference_along_finds_it_at_its_time(kind):
+def test_following_the_reference_finds_its_time(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0
     for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):
@@ -49,7 +49,7 @@ def test_following_a_reference_along_finds_it_at_its_time(kind):
         s = place.s
 
 
-def test_a_wandering_drive_is_seen_alike_from_its_last_place_and_from_its_reference():
+def test_route_and_track_find_the_same_offset_of_a_wandering_drive():
     path = FigureEight()
     route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
     t = np.arange(10.0, 150.0, 0.5)
@@ -79,7 +79,7 @@ def test_at_the_crossing_of_the_eight_it_stays_on_its_branch():
     assert max(yaws) < radians(10)
 
 
-def test_asking_changes_no_later_answer():
+def test_queries_do_not_change_later_answers():
     path = FigureEight()
     lazy, eager = SampledRoute(path), SampledRoute(path)
     eager.ahead(200.0)
@@ -87,7 +87,7 @@ def test_asking_changes_no_later_answer():
         assert lazy.ahead(s) == eager.ahead(s)
 
 
-def test_before_the_start_and_beyond_the_end_it_goes_straight_on():
+def test_before_the_start_and_beyond_the_end_it_continues_straight():
     route = SampledRoute(Line())
     assert route.ahead(-3.0)[2:4] == pytest.approx((-3.0, 0.0))
     behind = route.nearest(-2.0, 0.5, 0.0, 0.0)
@@ -123,13 +123,13 @@ def test_a_cusp_divides_the_path_into_legs():
     assert back.offset == pytest.approx(8 - hypot(9.0 - 10.0, 0.2 - 8), abs=1e-3)
 
 
-def test_it_fills_the_contract_of_the_guidance():
+def test_fulfils_the_guidance_route_interface():
     route: Route = SampledRoute(Line())
     assert route.leg(1.0)[0] == 0.0
     assert pi > route.ahead(1.0).yaw > -pi
 
 
-def test_at_rest_it_tells_where_it_will_set_off_to_and_no_speed():
+def test_at_rest_it_gives_the_next_direction_and_zero_speed():
     for path, direction in ((Line(), 1.0), (Manoeuvre(piece=(StraightPiece(length_m=9.0, reverse=True),)), -1.0)):
         route = SampledRoute(path)
         for place in (route.ahead(0.0), route.ahead(-1.0), route.nearest(0.0, 0.1, 0.0, 0.0)):
@@ -139,7 +139,7 @@ def test_at_rest_it_tells_where_it_will_set_off_to_and_no_speed():
         assert route.ahead(0.03).x == pytest.approx(0.03 * direction, abs=1e-3)
 
 
-def test_it_sets_off_forward_though_it_reverses_soon():
+def test_sets_off_forward_even_if_it_soon_reverses():
     route = SampledRoute(Manoeuvre(piece=(StraightPiece(length_m=3.0), StraightPiece(length_m=9.0, reverse=True))))
     assert [route.ahead(s).direction for s in (0.0, 2.0, 5.0)] == [1.0, 1.0, -1.0]
     assert route.ahead(0.03).x == pytest.approx(0.03, abs=1e-3)

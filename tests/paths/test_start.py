@@ -11,7 +11,7 @@ from agrobot_mj.paths.base import start_of
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_every_path_can_be_started_beside(kind):
+def test_every_path_can_be_started_off_the_path(kind):
     path, moved = kind(), kind(start_offset_m=-1.3, start_heading_deg=25.0)
     assert start_of(path) == path.at(0.0)
     for t in (0.0, 3.3, 40.0):

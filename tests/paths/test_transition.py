@@ -16,7 +16,7 @@ START = Pose(3.0, -2.0, 0.4)
 
 
 @pytest.mark.parametrize(("length", "curvature"), [(0.7, 0.1), (1.8, 1 / 3), (4.0, 0.5), (6.0, 1.0)])
-def test_a_spiral_ends_where_the_fresnel_integrals_say(length, curvature):
+def test_a_spiral_ends_at_the_fresnel_integrals(length, curvature):
     scale = sqrt(pi * length / curvature)
     y, x = fresnel(length / scale)
     assert spiral(length, curvature) == pytest.approx((scale * x, scale * y, curvature * length / 2), abs=1e-12)
@@ -34,7 +34,7 @@ def test_advance_integrates_the_heading(curvature, sharpness, distance):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_the_joints_of_a_course_are_those_of_its_pieces(direction):
+def test_course_joints_are_those_of_its_pieces(direction):
     pieces = [
         Piece(3.0, 0.0, direction=direction),
         *bend(2.0, 3.0, 0.2).pieces(-1.0, direction=direction),
@@ -57,7 +57,7 @@ def test_in_reverse_wheels_to_the_left_turn_the_heading_to_the_right():
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5, pi + 1])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_a_bend_turns_through_its_angle_and_begins_and_ends_straight(angle, sharpness):
+def test_a_bend_turns_through_its_angle_with_straight_ends(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     turned = kappa = 0.0
     for piece in found.pieces(1.0):
@@ -74,14 +74,14 @@ def test_a_bend_turns_through_its_angle_and_begins_and_ends_straight(angle, shar
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_a_bend_begins_and_ends_its_tangent_away_from_the_corner(angle, sharpness):
+def test_a_bend_begins_and_ends_one_tangent_from_the_corner(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     x, y, _ = (values[-1] for values in chain(Pose(0, 0, 0), found.pieces(1.0)).joints())
     corner = found.tangent
     assert (x, y) == pytest.approx((corner * (1 + cos(angle)), corner * sin(angle)), abs=1e-9)
 
 
-def test_the_steering_rate_gives_the_sharpness_and_the_other_way_round():
+def test_steering_rate_and_sharpness_convert_both_ways():
     none, clothoid = Transitions(), Transitions(transition="clothoid", steer_rate_deg_s=20.0, wheelbase_m=2.0)
     assert none.sharpness(1.0) == none.speed_for(0.1) == inf
     c = clothoid.sharpness(1.5)
@@ -90,7 +90,7 @@ def test_the_steering_rate_gives_the_sharpness_and_the_other_way_round():
     assert clothoid.speed_for(c) == pytest.approx(1.5)
 
 
-def test_the_eight_keeps_radius_straights_and_crossing():
+def test_the_clothoid_eight_keeps_radius_straights_and_crossing():
     eight = FigureEight(transition="clothoid", ramp_s=0)
     c = eight.sharpness(eight.speed_m_s)
     grid = np.linspace(eight.turns_s[0][0], eight.turns_s[0][1], 40001)

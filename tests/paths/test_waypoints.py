@@ -36,7 +36,7 @@ def gaps(path, points):
 
 
 @pytest.mark.parametrize("header", ["", "x,y\n", '"east [m]", north\n\n'])
-def test_without_smoothing_the_way_passes_every_waypoint(tmp_path, header):
+def test_without_smoothing_the_path_passes_every_waypoint(tmp_path, header):
     points = ring()[:18]
     path = Waypoints(file=route(tmp_path, points, header), smoothing_m=0, corners="spline")
     assert gaps(path, points).max() < 0.02
@@ -64,7 +64,7 @@ def test_accepts_a_closing_row(tmp_path):
     assert repeated.duration_s == pytest.approx(closed.duration_s)
 
 
-def test_smoothing_takes_noise_out(tmp_path):
+def test_smoothing_removes_noise(tmp_path):
     x = np.arange(0, 60, 1.0)
     noisy = np.column_stack([x, np.random.default_rng(1).normal(0, 0.05, x.size)])
     file = route(tmp_path, noisy)
@@ -76,7 +76,7 @@ def test_smoothing_takes_noise_out(tmp_path):
     assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
 
 
-def test_the_speed_of_the_waypoints_is_a_limit_and_so_is_the_key(tmp_path):
+def test_both_waypoint_speeds_and_the_key_limit_the_speed(tmp_path):
     rows = [(x, 0, 2.0 if x < 50 else 0.5) for x in range(0, 101, 10)]
     path = Waypoints(file=route(tmp_path, rows, "x,y,speed\n"), speed_m_s=1.5)
     grid = np.linspace(0, path.duration_s, 2000).tolist()
@@ -90,7 +90,7 @@ def test_three_waypoints_are_enough(tmp_path):
     assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
 
 
-def test_a_changed_file_is_another_path(tmp_path):
+def test_a_changed_file_gives_another_path(tmp_path):
     file = route(tmp_path, [(0, 0), (10, 1), (20, 0)])
     before = Waypoints(file=file)
     end = before.at(before.duration_s).x
@@ -158,7 +158,7 @@ def test_a_fault_names_file_row_and_fix(tmp_path, name):
     assert "\n" not in message
 
 
-def test_what_is_no_text_file_is_refused(tmp_path):
+def test_refuses_files_that_are_not_text(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
     assert "binary.csv: is no text in UTF-8" in refused(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
@@ -179,13 +179,13 @@ def test_refuses_pipes_and_devices(tmp_path):
     assert "round.csv: no such file in " in refused(tmp_path, "round.csv")
 
 
-def test_too_much_smoothing_is_refused(tmp_path):
+def test_refuses_too_much_smoothing(tmp_path):
     file = route(tmp_path, ring(radius=3))
     with pytest.raises(ValueError, match="smoothing_m: 900 m leaves no way"):
         Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
 
 
-def test_a_hairpin_beyond_the_steering_names_its_place(tmp_path):
+def test_a_hairpin_beyond_the_steering_limit_names_its_place(tmp_path):
     route(tmp_path, [(0, 0), (10, 0), (20, 0), (20.5, 0.5), (20, 1), (10, 1), (0, 1)])
     message = refused(tmp_path, "route.csv")
     assert message.startswith("mine.toml: path: its curvature of ")

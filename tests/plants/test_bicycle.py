@@ -87,7 +87,7 @@ def test_steady_yaw_gain_equals_python_control(u):
 
 
 @pytest.mark.parametrize("u", [-0.06, -1.0, -4.0])
-def test_a_steady_reverse_circle_is_tighter_for_the_understeer(u):
+def test_a_steady_reverse_circle_is_tighter_with_understeer(u):
     """The tyre forces that hold the circle are those of u gamma; the slip angles add to the steering: L - K u^2."""
     C_f, C_r, l_f, l_r, m, L = LAW.C_f, LAW.C_r, LAW.l_f, LAW.l_r, LAW.m, LAW.l_f + LAW.l_r
     understeer = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
@@ -98,7 +98,7 @@ def test_a_steady_reverse_circle_is_tighter_for_the_understeer(u):
 
 
 @pytest.mark.parametrize("u", [0.5, 3.0])
-def test_reverse_is_forward_with_the_axles_swapped(u):
+def test_reverse_equals_forward_with_swapped_axles(u):
     """Seen by an observer who faces backwards: the steered axle is behind and turns the other way."""
     swapped = LAW._replace(l_f=LAW.l_r, l_r=LAW.l_f, C_f=LAW.C_r, C_r=LAW.C_f)
     back, turned = lateral_dynamics(LAW, -u), lateral_dynamics(swapped, u)
@@ -109,19 +109,19 @@ def test_reverse_is_forward_with_the_axles_swapped(u):
 
 
 @pytest.mark.parametrize("u", [0.2, 1.0])
-def test_at_low_speed_reverse_retraces_the_way_ahead(u):
+def test_at_low_speed_reverse_retraces_the_forward_path(u):
     there = run(LAW, u, 0.3, 5.0)
     back = run(LAW, -u, 0.3, 5.0, state=(*there[:3], *run(LAW, -u, 0.3, 5.0)[3:]))
     assert back[:3] == pytest.approx([0.0, 0.0, 0.0], abs=0.02 * u**2)
 
 
-def test_the_yaw_rate_is_continuous_into_reverse():
+def test_the_yaw_rate_is_continuous_through_standstill():
     speeds = np.linspace(-0.06, 0.06, 25)
     gammas = [run(LAW, v, 0.3, 5.0)[4] for v in speeds]
     assert gammas == pytest.approx(speeds * 0.3 / TRACTOR.wheelbase_m, rel=1e-4, abs=1e-9)
 
 
-def test_crawling_is_kinematic_and_standing_still_is_still():
+def test_crawling_is_kinematic_and_standstill_is_still():
     slow = run(LAW, 0.02, 0.3, 10.0)
     assert slow[2] == pytest.approx(0.02 * 0.3 / TRACTOR.wheelbase_m * 10.0, rel=1e-3)
     assert run(LAW, 0.0, 0.3, 1.0) == pytest.approx(np.zeros(5), abs=1e-12)
@@ -152,7 +152,7 @@ def driven(voltages, seconds, machine=Machine(), start=Reference(4.0, -3.0, 0, 0
 
 
 @pytest.mark.parametrize("pedal_v", [8.0, 4.0])
-def test_the_antenna_moves_as_its_velocity_says(pedal_v):
+def test_the_antenna_position_integrates_its_velocity(pedal_v):
     """In a bend the antenna above the rear axle is slower and heads elsewhere than the CG."""
     _, truths = driven((7.5, pedal_v), 6.0)
     before, now, after = truths[-3:]
@@ -165,7 +165,7 @@ def test_the_antenna_moves_as_its_velocity_says(pedal_v):
     assert np.array([now.x, now.y]) - [now.rear_x, now.rear_y] == pytest.approx(LAW.l_r * heading)
 
 
-def test_the_truth_is_that_of_the_state():
+def test_the_truth_equals_the_state():
     plant, truths = driven((7.5, 8.0), 4.0)
     last = truths[-1]
     x, y, yaw, v, gamma, delta = plant.state[:6]
@@ -182,7 +182,7 @@ def test_the_truth_is_that_of_the_state():
 
 
 @pytest.mark.parametrize("volts", [8.5, 3.5])
-def test_the_wheels_turn_as_ackermann_says(volts):
+def test_wheels_follow_ackermann(volts):
     """All axles' lines meet at the turning centre: cot(outer) - cot(inner) = track / wheelbase."""
     _, truths = driven((volts, NEUTRAL_V), 1.5)
     left, right = truths[-1].knuckle_samples[:, -1]
@@ -214,7 +214,7 @@ def test_with_backlash_the_wheels_wait_for_the_cylinder(side):
     assert end.steer == pytest.approx(side * TRACTOR.steer_limit)  # the play does not take from the lock
 
 
-def test_the_wheels_turn_with_the_way_and_a_worn_valve_gives_less_oil():
+def test_wheel_rotation_follows_distance_and_a_worn_valve_gives_less_oil():
     plant, truths = driven((NEUTRAL_V, 8.0), 3.0)
     way = np.hypot(truths[-1].x - 4.0, truths[-1].y + 3.0)
     assert plant.state[6] == pytest.approx(way, rel=1e-6)
@@ -231,7 +231,7 @@ def test_the_wheels_turn_with_the_way_and_a_worn_valve_gives_less_oil():
     assert worn.actuation()[0] == pytest.approx(0.5 * 3.2e-3 / 60 * (3.0 - 0.7), rel=1e-3)
 
 
-def test_a_state_that_is_no_number_is_a_divergence_and_a_saved_one_goes_on():
+def test_a_nan_state_is_a_divergence_and_a_saved_state_goes_on():
     plant, _ = driven((8.0, 8.0), 2.0)
     kept = plant.save()
     ahead = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]
@@ -242,7 +242,7 @@ def test_a_state_that_is_no_number_is_a_divergence_and_a_saved_one_goes_on():
     assert plant.trouble() == "diverged"
 
 
-def test_what_is_drawn_stands_where_the_bicycle_does():
+def test_the_drawing_is_at_the_bicycles_pose():
     plant, truths = driven((8.0, 8.0), 2.0)
     poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
     assert {"chassis", "wheel_fl", "wheel_rr"} <= set(poses)

@@ -36,7 +36,7 @@ def parked(grade_deg, dt=0.002, **driveline):
 
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("share", [0.97, 1.02])
-def test_it_holds_up_to_the_slope_of_its_torque_without_creeping_or_chattering(share, dt, capsys):
+def test_holds_up_to_its_torques_slope_without_creep_or_chatter(share, dt, capsys):
     tractor = TractorParameters()
     limit = degrees(asin(TORQUE / (tractor.mass_kg * GRAVITY * tractor.rear_wheel_radius_m)))
     plant, start = parked(share * limit, dt)
@@ -49,12 +49,12 @@ def test_it_holds_up_to_the_slope_of_its_torque_without_creeping_or_chattering(s
     assert capsys.readouterr().err == ""
 
 
-def test_without_it_the_tractor_rolls_away():
+def test_without_the_brake_the_tractor_rolls_away():
     plant, _ = parked(6.0)
     assert [plant.advance(FREE) for _ in range(40)][-1].speed < -1.0
 
 
-def test_the_drive_of_a_heavy_tractor_follows_from_its_size_and_that_of_the_compact_one_is_as_printed():
+def test_drive_of_a_heavy_tractor_scales_and_the_compact_ones_is_as_documented():
     compact = Driveline().strength(TractorParameters())
     assert compact == (3000.0, 14e3, pytest.approx(1118.25), 6e4, 400.0)
     heavy = similar(load_scenario("straight_line"), 8 * DEFAULT_KG).tractor
@@ -84,14 +84,14 @@ NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 
     ],
     ids=["rolls", "slides", "falls", "rocks"],
 )
-def test_what_keeps_a_tractor_from_resting_is_named(overrides, words, capsys):
+def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
     Loop(similar(load_scenario("uphill"), 3300.0).changed(overrides))
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert all(word in told for word in words), told
 
 
-def test_it_is_applied_after_standstill_was_asked_for_and_released_at_once():
+def test_is_applied_after_standstill_and_released_at_once():
     ticks = round(STANDSTILL_S / TICK_S)
     state = BrakeState().after(Command(0.0, 0.0), TICK_S)
     assert state.share == 1.0
@@ -103,7 +103,7 @@ def test_it_is_applied_after_standstill_was_asked_for_and_released_at_once():
     assert state.after(Command(0.0, 1.0, pedal=0.0), TICK_S).share == 1.0
 
 
-def test_a_law_that_asks_for_standstill_is_held_on_a_slope_by_the_brake_alone():
+def test_a_standstill_command_on_a_slope_is_held_by_the_brake():
     sim = Simulation("uphill", {"driveline.torque_limit_n_m": 200.0, "duration_s": 20.0})
     sim.reset()
     for _ in range(100):
@@ -112,14 +112,14 @@ def test_a_law_that_asks_for_standstill_is_held_on_a_slope_by_the_brake_alone():
     assert sim.log().column("brake").min() == 1.0
 
 
-def test_the_stop_of_the_supervisor_ends_under_the_brake():
+def test_a_supervised_stop_ends_under_the_brake():
     log = run(load_scenario("gnss_gone"))
     assert log.outcome == "stopped"
     assert log.column("brake")[-1] == 1.0
     assert log.column("brake")[: log.column("t").size // 2].max() == 0.0
 
 
-def test_validation_sees_a_brake_that_is_too_weak(monkeypatch):
+def test_validation_detects_a_brake_that_is_too_weak(monkeypatch):
     monkeypatch.setattr(braking, "force_tyres", lambda: [MagicFormula()])
     monkeypatch.setattr(braking, "MASSES_KG", ())
     assert [check.passed for check in braking.run(Trial("brake"))] == [True] * 3

@@ -36,7 +36,7 @@ def rolling_over(terrain, careful):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_a_tractor_that_rolls_over_touches_the_ground_alike(terrain):
+def test_a_rollover_touches_the_ground_in_both_models(terrain):
     places, touched, clear = rolling_over(terrain, careful=False)
     always, touched_too, _ = rolling_over(terrain, careful=True)
     assert clear > 2
@@ -45,7 +45,7 @@ def test_a_tractor_that_rolls_over_touches_the_ground_alike(terrain):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_nothing_touches_where_the_tractor_is_clear(terrain):
+def test_no_contacts_where_the_tractor_is_clear(terrain):
     """At random attitudes about the height at which the first part touches."""
     plant, rng, found = plant_on(terrain), np.random.default_rng(4), []
     for _ in range(3000):
@@ -69,6 +69,6 @@ def test_a_tractor_at_rest_is_clear_and_one_upside_down_is_not():
     assert not is_clear(plant.clearance, plant.data.qpos)
 
 
-def test_wheels_that_touch_are_never_clear():
+def test_touching_wheels_are_never_clear():
     plant = plant_on(Flat(), Contact())
     assert not is_clear(plant.clearance, plant.data.qpos)

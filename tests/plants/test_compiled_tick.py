@@ -45,7 +45,7 @@ def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_oil_column_winds_up_to_the_relief_torque_and_no_farther(side, rate):
+def test_the_oil_column_winds_up_to_the_relief_torque_only(side, rate):
     """Torque of the column: stiffness times what its end lies beyond the wheels, less the damping of their rate."""
     plant = placed()
     v, oil = plant.views, plant.oil
@@ -70,7 +70,7 @@ def test_the_oil_column_ends_at_the_stops(side):
 
 @pytest.mark.parametrize("play_deg", [0.0, 3.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, play_deg):
+def test_a_cylinder_at_its_stop_responds_at_once_when_steered_back(side, play_deg):
     """No wind-up: after ten seconds of full flow into the stop, the first flow back moves the column."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=play_deg))
     v, oil, dt = plant.views, plant.oil, 0.002
@@ -97,7 +97,7 @@ def test_a_cylinder_against_its_stop_answers_at_once_when_steered_back(side, pla
 
 
 @pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
-def test_inside_its_play_the_cylinder_pushes_no_wheel(cylinder, column):
+def test_inside_the_play_the_cylinder_pushes_no_wheel(cylinder, column):
     """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
     v = plant.views
@@ -118,18 +118,18 @@ def driving(speed, stretch):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("speed", [0.0, 3.0, 12.0])
-def test_driving_the_torque_is_at_most_what_the_power_gives(way, speed):
+def test_driving_torque_is_limited_by_power(way, speed):
     torque = driving(way * speed, way * 5.0)
     limit = 3000.0 if speed * 3000.0 < 14e3 else 14e3 / speed
     assert torque == pytest.approx(way * limit)
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_braking_the_relief_valve_alone_limits(way):
+def test_braking_is_limited_only_by_the_relief_valve(way):
     assert driving(way * 12.0, -way * 5.0) == pytest.approx(-way * 3000.0)
 
 
-def test_both_driven_wheels_count_alike():
+def test_both_driven_wheels_count_equally():
     plant = placed()
     v, oil = plant.views, plant.oil
     v.qpos[v.spins_q], v.qvel[v.spins_v] = (0.3, 0.5), (2.0, 4.0)
@@ -158,13 +158,13 @@ def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
 
 
 @pytest.mark.parametrize(("volts", "side"), [(12.0, 1), (0.0, -1)])
-def test_against_wheels_that_are_held_the_pressure_rises_to_that_of_the_relief_valve(volts, side):
+def test_blocked_wheels_raise_the_pressure_to_relief(volts, side):
     flow, pressure = pushed_against_held_wheels(Valve(), volts=volts)
     assert pressure == pytest.approx(side * 100.0, rel=0.01)
     assert flow == pytest.approx(side * 12.0)
 
 
-def test_held_at_relief_pressure_for_long_the_column_lets_go_at_once():
+def test_after_long_relief_the_column_releases_at_once():
     """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
     assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
 
@@ -176,7 +176,7 @@ def test_a_valve_without_compensation_stalls_at_its_supply_pressure():
     assert flow == pytest.approx(0.0, abs=0.5)
 
 
-def test_every_tyre_slides_as_its_own_place_on_the_tractor_does():
+def test_every_tyre_slides_with_its_own_contact_velocity():
     """One step from rest: the bristles move with the wheels' centres, less what the rims turn.
 
     Rolling of the chassis moves no patch, and its pitching moves a wheel's centre as it turns its rim.
@@ -205,7 +205,7 @@ def test_every_tyre_slides_as_its_own_place_on_the_tractor_does():
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.35, 0.0), (0.0, 0.4), (-0.3, -0.5)])
-def test_a_side_force_is_level_and_square_to_the_heading_however_the_chassis_leans(side, pitch, roll):
+def test_side_force_is_horizontal_and_across_the_heading_on_a_leaning_chassis(side, pitch, roll):
     yaw, force = 0.7, 500.0
     plant = placed(yaw, pitch, roll)
     loads = no_loads(0.5, 0.4)
@@ -219,7 +219,7 @@ def test_a_side_force_is_level_and_square_to_the_heading_however_the_chassis_lea
     assert found[3:] == pytest.approx(np.cross(arm, found[:3]), abs=1e-6)
 
 
-def test_a_side_force_alone_does_not_turn_a_tractor_in_the_air():
+def test_a_side_force_does_not_turn_an_airborne_tractor():
     plant = placed(0.4, 0.2, -0.3)
     plant._apply_conditions(NOMINAL._replace(side_force=800.0))
     plant.loads[CENTRE:HUNG] = plant.model.body_ipos[CHASSIS]
@@ -233,7 +233,7 @@ def test_a_side_force_alone_does_not_turn_a_tractor_in_the_air():
     assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
 
 
-def test_beside_an_implement_the_side_force_acts_on_the_tractor_alone():
+def test_with_an_implement_the_side_force_acts_on_the_tractor_only():
     plant = placed(0.7, 0.2, -0.3, implement=Mounted())
     model, data, loads = plant.model, plant.data, no_loads(0.5, 0.4)
     body = plant.attached.body
@@ -247,7 +247,7 @@ def test_beside_an_implement_the_side_force_acts_on_the_tractor_alone():
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_an_implement_pulls_at_the_hitch_against_its_way_in_the_chassis_own_plane(way):
+def test_the_implement_pulls_against_the_motion_in_the_chassis_plane(way):
     """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
     plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
     plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
@@ -293,7 +293,7 @@ def tensor(model):
     return axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
 
 
-def test_a_chassis_whose_principal_axes_lean_is_read_as_it_is_and_written_back():
+def test_rotated_principal_axes_are_read_and_written_back():
     model = mujoco.MjModel.from_xml_string(LEANING)
     chassis = Chassis(model)
     assert chassis.bare.inertia == pytest.approx(FULL)
@@ -310,7 +310,7 @@ def test_a_chassis_whose_principal_axes_lean_is_read_as_it_is_and_written_back()
     assert tensor(model) == pytest.approx(FULL)
 
 
-def test_a_payload_turns_the_principal_axes_of_a_straight_chassis():
+def test_a_payload_rotates_the_principal_axes():
     """MuJoCo takes a body's axes for those of its inertia where they were the same when the model was made."""
     text = LEANING.replace('fullinertia="60 180 200 -12 -25 8"', 'diaginertia="60 180 200"')
     model = mujoco.MjModel.from_xml_string(text)
@@ -324,7 +324,7 @@ def test_a_payload_turns_the_principal_axes_of_a_straight_chassis():
     assert abs(found[0, 1]) > 10.0
 
 
-def test_what_is_taken_away_leaves_less_inertia():
+def test_removing_mass_reduces_the_inertia():
     bare = Inertial(400.0, np.array([0.5, 0.0, 0.6]), np.diag([60.0, 180.0, 200.0]))
     less = with_payload(bare, (PointMass(-30.0, 1.2, 0.0, 0.5),))
     assert less.mass == pytest.approx(370.0)
@@ -335,7 +335,7 @@ def test_what_is_taken_away_leaves_less_inertia():
 # --- what the sensors see -----------------------------------------------------------------------------------------
 
 
-def test_attitude_and_velocities_of_a_body_that_moves_every_way():
+def test_attitude_and_velocities_of_a_body_in_general_motion():
     """Against finite differences of the sites' places over a short free flight."""
     yaw, pitch, roll = 0.7, 0.2, -0.3
     plant = placed(yaw, pitch, roll)

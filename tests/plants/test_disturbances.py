@@ -74,7 +74,7 @@ class Under:
     [(TANK,), (PointMass(-60.0, 1.3, 0.0, 0.6),), (PointMass(80.0, 1.6, 0.0, 0.7), PointMass(80.0, -0.6, 0.0, 0.7))],
     ids=["tank", "ballast taken away", "both ends"],
 )
-def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
+def test_axles_carry_the_payload_as_statics_predicts(tyre, payload):
     under = Under(NOMINAL._replace(payload=payload), tyre())
     under.wait(4.0)
     load = under.report()[LOAD]
@@ -89,7 +89,7 @@ def test_the_axles_carry_the_payload_as_statics_says(tyre, payload):
     assert under.plant.model.body_subtreemass[1] == pytest.approx(TRACTOR.mass_kg + extra)
 
 
-def test_a_payload_on_the_left_loads_the_left_wheels_and_the_tractor_leans_to_it():
+def test_a_payload_on_the_left_loads_the_left_wheels_and_leans_the_tractor():
     under = Under(NOMINAL._replace(payload=(TANK,)))
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
@@ -99,7 +99,7 @@ def test_a_payload_on_the_left_loads_the_left_wheels_and_the_tractor_leans_to_it
     assert (load[::2].sum() - load[1::2].sum()) * T / 2 == pytest.approx(moment, rel=0.01)
 
 
-def test_centre_and_inertia_of_the_whole_are_those_of_the_sum():
+def test_cg_and_inertia_with_payload_equal_the_sum():
     """Against a model that MuJoCo itself compiles with a point mass on its chassis."""
     under = Under()
     under.plant.chassis.carry((TANK,))
@@ -121,7 +121,7 @@ def test_centre_and_inertia_of_the_whole_are_those_of_the_sum():
     assert (M - M_bare)[:3, :3] == pytest.approx(TANK.kg * np.eye(3), abs=1e-9)
 
 
-def test_dropping_a_payload_on_the_way_disturbs_nothing_but_the_loads():
+def test_dropping_a_payload_disturbs_only_the_loads():
     under = Under(NOMINAL._replace(payload=(TANK,)))
     under.drive(1.2, 6.0)
     before = under.truth
@@ -144,7 +144,7 @@ def test_dropping_a_payload_on_the_way_disturbs_nothing_but_the_loads():
     [((PointMass(-700.0, 0.5, 0.0, 0.6),), "take less away"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
     ids=["mass", "inertia"],
 )
-def test_more_than_there_is_cannot_be_taken_away(payload, words):
+def test_refuses_to_remove_more_mass_than_there_is(payload, words):
     plant = Under().plant
     before = plant.model.body_mass.tobytes()
     with pytest.raises(ValueError, match=rf"^fault\[3\]\.mass_kg: .*{words}"):
@@ -157,7 +157,7 @@ def test_more_than_there_is_cannot_be_taken_away(payload, words):
 
 @pytest.mark.parametrize("pull", [1000.0, 2500.0])
 @pytest.mark.parametrize("tyre", [Linear(rolling_resistance=0.05), MagicFormula(), Soil()], ids=lambda t: t.kind)
-def test_a_pull_asks_for_slip_torque_and_load_on_the_rear_axle(tyre, pull):
+def test_a_pull_increases_slip_torque_and_rear_load(tyre, pull):
     under = Under(NOMINAL._replace(drawbar=pull), tyre)
     trace = under.drive(1.2, 15.0)
     report = trace.wheels[-40:].mean(axis=0)
@@ -191,7 +191,7 @@ def test_slip_grows_with_the_pull_faster_than_the_pull():
     assert (slips[2] - slips[1]) / 1500 > 1.2 * (slips[1] - slips[0]) / 1000
 
 
-def test_an_implement_resists_backwards_too():
+def test_an_implement_resists_in_reverse_too():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     trace = under.drive(-0.8, 12.0)
     assert trace.mean("speed", 2.0) == pytest.approx(-0.8, rel=0.01)
@@ -211,7 +211,7 @@ def test_parked_with_an_implement_it_stays_parked(pull, dt):
     assert under.plant.warnings() == 0
 
 
-def test_at_standstill_the_resistance_fades_and_does_not_push_back():
+def test_at_standstill_the_resistance_fades_without_pushing_back():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
     full = abs(under.plant.loads[AHEAD])
@@ -237,7 +237,7 @@ def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_in_a_turn_the_hitch_is_held_back_along_its_own_course(side):
+def test_in_a_turn_the_hitch_force_opposes_its_own_course(side):
     """The hitch runs wide of the turn, so that its pull has a part that turns the tractor out of it."""
     free, held = (Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
     assert 0 < side * held.mean("yaw_rate", 2.0) < 0.99 * side * free.mean("yaw_rate", 2.0)
@@ -247,7 +247,7 @@ def test_in_a_turn_the_hitch_is_held_back_along_its_own_course(side):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_side_force_makes_the_tractor_crab_as_the_cornering_stiffness_says(side):
+def test_a_side_force_makes_the_tractor_crab_by_its_cornering_stiffness(side):
     """The rear axle carries F l_f / L; with heading and steering the weighted mean slip is F / (C_f + C_r)."""
     tyre, wind = Linear(), 600.0
     under = Under(NOMINAL._replace(side_force=side * wind), tyre)
@@ -266,7 +266,7 @@ def test_a_side_force_makes_the_tractor_crab_as_the_cornering_stiffness_says(sid
     assert lifted == pytest.approx(moment, rel=0.03)
 
 
-def test_a_parked_tractor_leans_on_a_side_force_and_stays():
+def test_a_parked_tractor_leans_under_a_side_force_and_stays():
     under = Under(NOMINAL._replace(side_force=800.0))
     early = under.wait(5.0)
     late = under.wait(10.0)
@@ -277,7 +277,7 @@ def test_a_parked_tractor_leans_on_a_side_force_and_stays():
 # --- soft tyres ---------------------------------------------------------------------------------------------------
 
 
-def test_on_a_soft_rear_tyre_the_tractor_leans_as_its_spring_says():
+def test_on_a_soft_rear_tyre_the_tractor_leans_by_its_spring():
     under = Under(SOFT_LEFT)
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
@@ -296,7 +296,7 @@ def test_a_soft_tyre_pulls_to_its_side(left):
     assert (soft if left else -soft) > radians(0.5)
 
 
-def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
+def test_a_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
     both = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 0.4), tyre_rolling=(1, 1, 1.6, 1.6))
     sound, soft = Under(tyre=MagicFormula()), Under(both, tyre=MagicFormula())
     push = []
@@ -314,7 +314,7 @@ def test_a_soft_tyre_holds_its_direction_less_and_rolls_harder():
 
 
 @pytest.mark.parametrize("tyre", every(Tyre))
-def test_disturbances_of_nothing_change_no_bit(tyre):
+def test_zero_disturbances_leave_the_run_bit_identical(tyre):
     """Also after they have been there: a reset forgets them."""
     nothing = NOMINAL._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
     plain, other = Under(NOMINAL, tyre()), Under(nothing, tyre())
@@ -334,7 +334,7 @@ def test_disturbances_of_nothing_change_no_bit(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_halving_the_step_changes_little_under_all_of_them(tyre):
+def test_halving_the_step_changes_little_under_all_disturbances(tyre):
     rough = SOFT_LEFT._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.8)
     coarse, fine = (Under(rough, tyre(), dt=dt).drive(1.2, 6.0, 0.1) for dt in (0.002, 0.001))
     for name, room in (("x", 0.02), ("y", 0.02), ("speed", 0.02), ("yaw", 0.01), ("roll", 0.01)):

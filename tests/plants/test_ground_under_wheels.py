@@ -62,7 +62,7 @@ def test_braking_with_a_locked_differential_turns_away_from_the_ice(tyre, side):
 
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
-def test_an_open_differential_drives_no_harder_than_its_wheel_on_ice(tyre):
+def test_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
     """Equal torques: it goes straight, and slowly."""
     split, _ = build(icy(1), tyre)
     dry, _ = build(Flat().ground(), tyre)
@@ -76,7 +76,7 @@ def test_an_open_differential_drives_no_harder_than_its_wheel_on_ice(tyre):
 # --- MuJoCo's own contact -----------------------------------------------------------------------------------------
 
 
-def test_each_wheel_in_contact_has_the_friction_of_its_ground_and_of_the_day():
+def test_each_contact_wheel_has_its_grounds_and_the_faults_friction():
     plant, _ = build(icy(1), Contact(friction=0.7))
     hold(plant, REST, 0.1, NOMINAL._replace(grip=0.5))
     found = [plant.model.geom(f"tyre_{wheel}").friction[0] for wheel in ("fl", "fr", "rl", "rr")]
@@ -86,7 +86,7 @@ def test_each_wheel_in_contact_has_the_friction_of_its_ground_and_of_the_day():
 
 
 @pytest.mark.parametrize("grip", [1.0, 0.4])
-def test_the_contact_slides_down_a_slope_that_is_steeper_than_its_friction(grip):
+def test_contact_slides_on_a_slope_steeper_than_its_friction(grip):
     """And reports how much of its friction it uses."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
     day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
@@ -137,7 +137,7 @@ def waves(amplitude):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.3])
-def test_on_rough_ground_all_wheels_touch_as_deep_as_at_rest(yaw):
+def test_on_rough_ground_all_wheels_penetrate_as_at_rest(yaw):
     """Within millimetres, where the gradient below the CG alone would leave a wheel far above or below the ground."""
     _, _, gaps = placed(waves(0.06), ORIGIN._replace(x=0.3, y=-0.4, yaw=yaw))
     sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_wheel.stiffness] * 2)
@@ -147,7 +147,7 @@ def test_on_rough_ground_all_wheels_touch_as_deep_as_at_rest(yaw):
 
 @pytest.mark.parametrize("grade", [0.0, 20.0, 35.0])
 @pytest.mark.parametrize("direction", [0.0, 90.0, 200.0])
-def test_on_a_slope_it_stands_square_to_the_ground_above_its_start(grade, direction):
+def test_stands_square_to_a_slope_above_its_start(grade, direction):
     start = ORIGIN._replace(x=4.0, y=-3.0, yaw=0.7)
     plant, truth, gaps = placed(Slope(grade_deg=grade, direction_deg=direction).ground(), start)
     assert (truth.x, truth.y, truth.yaw) == pytest.approx((4.0, -3.0, 0.7), abs=1e-9)
@@ -157,7 +157,7 @@ def test_on_a_slope_it_stands_square_to_the_ground_above_its_start(grade, direct
 
 
 @pytest.mark.parametrize("tyre", [Linear(), MagicFormula()], ids=lambda tyre: tyre.kind)
-def test_it_settles_on_rough_ground_close_to_where_it_was_put(tyre):
+def test_settles_on_rough_ground_close_to_its_start(tyre):
     plant, truth = build(waves(0.04), tyre)
     assert np.hypot(truth.x, truth.y) < 0.1
     assert (plant.wheels()[:4] > 300).all()

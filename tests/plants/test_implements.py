@@ -60,13 +60,13 @@ def test_wheels_and_depth_wheel_carry_the_weight(implement):
     assert carried == pytest.approx((TRACTOR.mass_kg + implement.mass_kg) * GRAVITY, rel=2e-3)
 
 
-def test_a_mounted_implement_shifts_load_to_the_rear_as_statics_says():
+def test_a_mounted_implement_shifts_load_to_the_rear_by_statics():
     plant, _ = plant_with(Mounted(lowered=False))
     weight, behind = Mounted().mass_kg * GRAVITY, B + Mounted().cg_behind_m
     assert loads_of(plant)[:2].sum() == pytest.approx(TRACTOR.front_axle_load - weight * behind / L, rel=5e-3)
 
 
-def test_the_pin_and_the_axle_share_the_trailer_by_the_lever():
+def test_pin_and_axle_share_the_trailers_weight_by_the_lever():
     plant, _ = plant_with(Drawn())
     weight, share, found = Drawn().mass_kg * GRAVITY, Drawn().cg_behind_m / Drawn().axle_behind_m, said(plant)
     assert found["load_il"] + found["load_ir"] == pytest.approx(share * weight, rel=5e-3)
@@ -74,7 +74,7 @@ def test_the_pin_and_the_axle_share_the_trailer_by_the_lever():
     assert loads_of(plant)[:2].sum() == pytest.approx(TRACTOR.front_axle_load - (1 - share) * weight * B / L, rel=5e-3)
 
 
-def test_a_floating_implement_loads_its_wheel_by_the_lever_about_the_virtual_hitch():
+def test_a_floating_implement_loads_its_wheel_about_the_virtual_hitch():
     implement = Mounted(linkage="float", lowered=False)
     plant, _ = plant_with(implement)
     assert said(plant)["depth_wheel_load"] == pytest.approx(implement._carried(implement.mass_kg * GRAVITY), rel=1e-2)
@@ -103,7 +103,7 @@ def test_parked_on_a_slope_it_stays_parked(implement, tyre):
 
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("texture", ["fine", "medium", "coarse"])
-def test_the_draught_is_that_of_the_standard(kind, texture):
+def test_the_draught_equals_the_standards(kind, texture):
     row, tool = TOOLS[kind], Tool(type=kind, size=2.0, texture=texture, depth_m=0.1)
     F = row.textures[("fine", "medium", "coarse").index(texture)]
     D = F * (row.a + row.b * 7.2 + row.c * 7.2**2) * 2.0 * (10.0 if row.by_depth else 1.0)
@@ -124,7 +124,7 @@ LAW: ToolLaw = Tool(depth_m=0.1, cornering_stiffness_n_deg=120.0, side_limit_n=9
 
 
 @pytest.mark.parametrize("v_x", [0.5, -0.5, 2.0])
-def test_draught_opposes_the_motion_and_suction_pulls_down_only_ahead(v_x):
+def test_draught_opposes_motion_and_suction_acts_only_forward(v_x):
     (f_x, f_y, f_z), _ = worked(LAW, v_x, 0.0)
     D = draught(LAW, v_x, 0.1)
     assert f_x == pytest.approx(-D if v_x > 0 else D)
@@ -145,14 +145,14 @@ def test_the_lateral_force_builds_up_over_the_relaxation_length():
     assert f_y / worked(LAW, 1.0, 0.05)[0][1] == pytest.approx(1 - np.exp(-1), abs=0.005)
 
 
-def test_the_soil_gives_way_at_the_limit_and_a_lifted_tool_forgets():
+def test_the_soil_yields_at_the_limit_and_a_lifted_tool_forgets():
     (_, f_y, _), memory = worked(LAW, 0.5, -0.4)
     assert f_y == pytest.approx(900.0)
     assert soil_on_tool(LAW, 1.0, 0.5, -0.4, -0.01, 0.002, memory) == (0.0, 0.0, 0.0)
     assert memory[:2].tolist() == [0.0, 0.0]
 
 
-def test_a_tool_at_rest_holds_like_a_spring_and_never_more_than_its_draught():
+def test_a_tool_at_rest_holds_like_a_spring_within_its_draught():
     memory, k = np.zeros(MEMORIES), LAW.cornering / LAW.relaxation
     for _ in range(100):
         _, f_y, _ = soil_on_tool(LAW, 1.0, 0.0, 0.01, 0.1, 0.002, memory)
@@ -161,7 +161,7 @@ def test_a_tool_at_rest_holds_like_a_spring_and_never_more_than_its_draught():
     assert soil_on_tool(LAW, 1.0, 0.0, 0.0, 0.1, 0.002, memory)[0] == pytest.approx(-draught(LAW, 0.0, 0.1))
 
 
-def test_the_unevenness_has_its_mean_spread_and_length_and_follows_the_seed():
+def test_unevenness_has_its_spread_and_length_and_follows_the_seed():
     uneven, step = draught_pattern(Unevenness(0.2, 0.5), 3)
     assert uneven.mean() == pytest.approx(1.0, abs=0.02)
     assert uneven.std() == pytest.approx(0.2, abs=0.02)
@@ -181,18 +181,18 @@ def checks():
     return found.checks
 
 
-def test_yaw_gain_off_tracking_draught_and_pull_are_those_of_theory(checks):
+def test_yaw_gain_off_tracking_draught_and_pull_match_theory(checks):
     assert len(checks) == 14
     assert [check.line for check in checks if not check.passed] == []
 
 
-def test_a_third_axle_matters():
+def test_the_third_axle_changes_the_yaw_gain():
     alone = 2.0 / (L + 2.0**2 * TRACTOR.mass_kg * (0.38 / 14800 - 0.62 / 30000))
     assert implements.three_axles(TRACTOR, implements.PLOUGH, 2.0).gain < 0.7 * alone
     assert implements.with_trailer(TRACTOR, implements.TRAILER, 2.0).gain > 1.01 * alone
 
 
-def test_the_manoeuvre_sees_another_stiffness_of_the_soil(monkeypatch):
+def test_the_manoeuvre_detects_another_soil_stiffness(monkeypatch):
     softer = implements.PLOUGH.tool.model_copy(update={"cornering_stiffness_n_deg": 180.0})
     driven = implements.PLOUGH.model_copy(update={"tool": softer})
     theory = lambda tractor, plough, u: implements.three_axles(tractor, implements.PLOUGH, u)  # noqa: E731
@@ -200,13 +200,13 @@ def test_the_manoeuvre_sees_another_stiffness_of_the_soil(monkeypatch):
     assert {check.passed for check in found} == {False}
 
 
-def test_a_draught_off_the_middle_turns_the_tractor_to_its_side():
+def test_an_off_centre_draught_turns_the_tractor_to_its_side():
     plant, truth = plant_with(Mounted(tool_left_m=-0.2, tool=STILL))
     yaw_rate = Driver(plant, truth, 1.0).go(8.0, 0.0).mean("yaw_rate", 2.0)
     assert yaw_rate < -0.005
 
 
-def test_a_wheel_in_reverse_and_a_jackknife_end_without_warnings():
+def test_a_reversing_wheel_and_a_jackknife_cause_no_warnings():
     plant, truth = plant_with(Drawn())
     driver = Driver(plant, truth, -1.0)
     driver.go(12.0, 0.1)
@@ -215,7 +215,7 @@ def test_a_wheel_in_reverse_and_a_jackknife_end_without_warnings():
     assert plant.warnings() == 0
 
 
-def test_friction_reaches_the_trailers_tyres_and_a_side_force_acts_on_the_tractor_alone():
+def test_friction_faults_reach_the_trailer_but_side_force_does_not():
     plant, _ = plant_with(Drawn())
     plant.advance(REST, NOMINAL._replace(grip=0.4, side_force=100.0))
     assert plant.attached.tyres.grip.tolist() == [0.4, 0.4]
@@ -226,7 +226,7 @@ def test_friction_reaches_the_trailers_tyres_and_a_side_force_acts_on_the_tracto
     assert arm[0] == pytest.approx(TRACTOR.cg_to_rear_axle, abs=2e-3)
 
 
-def test_the_pattern_of_the_soil_follows_the_seed_alone():
+def test_the_soil_pattern_depends_only_on_the_seed():
     pulls = {}
     for seed in (1, 1, 2):
         plant, truth = plant_with(Mounted(), seed=seed)
@@ -244,7 +244,7 @@ def test_native_contact_carries_a_trailer_too():
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 @pytest.mark.parametrize("implement", [Mounted(linkage="float"), Drawn(lowered=True)], ids=["floating", "drawn tool"])
-def test_kernels_with_an_implement_make_no_arrays(implement):
+def test_kernels_with_an_implement_allocate_no_arrays(implement):
     plant, _ = plant_with(implement, terrain=Rough(half_size_m=20.0))
     _nrt_python.memsys_enable_stats()
     try:
@@ -274,7 +274,7 @@ def test_the_antenna_on_the_implement_moves_with_it():
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "ekf_full"])
-def test_behind_a_rigid_implement_the_estimate_finds_the_rear_axle(estimator):
+def test_with_a_rigid_implement_the_estimate_is_at_the_rear_axle(estimator):
     sensors = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed")}
     still = {"sensors.gnss.sigma_m": 0.001, "duration_s": 15.0, "estimator.kind": estimator, **sensors}
     lifted = {"implement.kind": "mounted", "implement.lowered": False, "implement.receiver": True}
@@ -295,7 +295,7 @@ def test_behind_a_rigid_implement_the_estimate_finds_the_rear_axle(estimator):
         ({"implement.kind": "mounted", "implement.axle_behind_m": 2.0}, "implement.axle_behind_m"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(overrides, told):
+def test_refuses_impossible_implements_by_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         load_scenario("straight_line", overrides)
 
@@ -311,12 +311,12 @@ def test_what_cannot_be_is_refused_by_name(overrides, told):
         ),
     ],
 )
-def test_what_would_blow_up_is_refused_by_name(overrides, told):
+def test_refuses_unstable_implements_by_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         run(load_scenario("straight_line", overrides))
 
 
-def test_metrics_say_where_the_implement_works_and_only_where_there_is_one():
+def test_implement_metrics_exist_only_with_an_implement():
     bare = run(load_scenario("straight_line", {"duration_s": 1.0}))
     assert not {name for name in bare.metrics if name.startswith(("implement", "hitch"))}
     assert "implement_x" not in bare.rows.columns
@@ -327,7 +327,7 @@ def test_metrics_say_where_the_implement_works_and_only_where_there_is_one():
     assert np.hypot(x, y)[-1] == pytest.approx(B + Drawn().axle_behind_m, abs=0.01)
 
 
-def test_a_trailer_that_falls_over_ends_the_run():
+def test_a_trailer_rollover_ends_the_run():
     tall = {"implement.kind": "drawn", "implement.cg_height_m": 1.8, "implement.mass_kg": 300}
     log = run(load_scenario("side_slope", {"terrain.grade_deg": 22, **tall}))
     assert log.outcome == "rolled_over"

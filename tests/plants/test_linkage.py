@@ -36,7 +36,7 @@ def steered(plant, volts, ticks):
     return degrees(truth.steer)
 
 
-def test_kingpins_leave_masses_and_wheels_where_they_are():
+def test_kingpins_move_no_masses_and_wheels():
     tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
     upright, laid = (tractor_spec(Machine(tractor, linkage=linkage)).compile() for linkage in kinds)
     assert np.array_equal(upright.body_pos, laid.body_pos)
@@ -44,7 +44,7 @@ def test_kingpins_leave_masses_and_wheels_where_they_are():
     assert np.array_equal(upright.jnt_type, laid.jnt_type)
 
 
-def test_the_axis_meets_the_ground_inside_the_wheel_and_ahead_of_it():
+def test_the_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
     linkage = Linkage(kingpin_offset_m=0.05, kingpin_inclination_deg=8.0, caster_deg=4.0)
     for side in (1, -1):
         foot, axis = np.array(linkage.foot(side, 0.27)), np.array(linkage.axis(side))
@@ -69,7 +69,7 @@ def test_a_reversal_crosses_the_play(kind):
     assert found[0.0] - found[backlash] == pytest.approx(backlash, abs=0.1)
 
 
-def test_inside_the_play_there_is_no_pressure_and_the_wheels_stay():
+def test_inside_the_play_there_is_no_pressure_and_no_wheel_motion():
     plant = plant_of("mujoco", Linkage(backlash_deg=4.0, friction_n_m=20.0))
     plant.reset(ORIGIN)
     steered(plant, 2.0, 20)
@@ -80,7 +80,7 @@ def test_inside_the_play_there_is_no_pressure_and_the_wheels_stay():
     assert abs(plant.actuation()[1]) < 1e3
 
 
-def test_the_play_is_the_bicycle_s_operator():
+def test_the_play_equals_the_bicycles():
     """Against the definition: the wheel stays unless the cylinder is more than half the play away."""
     plant, half = plant_of("bicycle", Linkage(backlash_deg=3.0)), radians(1.5)
     plant.reset(ORIGIN)
@@ -96,7 +96,7 @@ def test_the_play_is_the_bicycle_s_operator():
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
-def test_a_restored_run_crosses_the_play_alike(kind):
+def test_a_restored_run_crosses_the_play_identically(kind):
     changes = {"plant.kind": kind, "steering.linkage.backlash_deg": 1.5, "duration_s": 4.0}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -111,7 +111,7 @@ def test_a_restored_run_crosses_the_play_alike(kind):
     assert found[0] == found[1]
 
 
-def test_the_knuckles_follow_ackermann():
+def test_knuckles_follow_ackermann():
     for kind in ("bicycle", "mujoco"):
         plant = plant_of(kind, Linkage())
         plant.reset(ORIGIN)
@@ -145,7 +145,7 @@ def test_a_sensor_on_a_knuckle_reads_that_wheel_through_its_characteristic(side)
     assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
 
 
-def test_the_library_has_the_steering_of_the_validation():
+def test_the_library_scenario_has_the_validated_steering():
     steering = load_scenario("steering_backlash").steering
     assert steering.cylinder == kingpins.CYLINDER
     assert steering.valve == kingpins.VALVE

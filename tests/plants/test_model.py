@@ -71,7 +71,7 @@ def test_masses_inertia_and_geometry_equal_the_parameters(make, tractor, rel):
     assert wheels[2, 2] == pytest.approx(tractor.rear_wheel_radius_m - sink[1], abs=1e-5)
 
 
-def test_shipped_numbers_equal_the_written_ones():
+def test_the_xml_numbers_equal_the_parameters():
     shipped, default = as_shipped(TractorParameters()), written(TractorParameters())
     for name in ("steering", "drive"):
         a, b = shipped.actuator(name), default.actuator(name)
@@ -103,12 +103,12 @@ def test_knuckles_follow_ackermann():
         ({"roll_inertia_kg_m2": 900.0}, "inertia"),
     ],
 )
-def test_an_impossible_tractor_is_refused(change, message):
+def test_refuses_an_impossible_tractor(change, message):
     with pytest.raises(ValueError, match=message):
         written(TractorParameters(**change))
 
 
-def test_the_scene_drives_from_its_sliders():
+def test_the_scene_file_can_be_driven_from_its_sliders():
     model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)
@@ -127,7 +127,7 @@ def test_the_scene_drives_from_its_sliders():
     assert not any(warning.number for warning in data.warning)
 
 
-def test_the_scene_has_cameras_a_pose_to_start_from_and_room_for_a_picture():
+def test_the_scene_has_cameras_an_initial_pose_and_a_large_framebuffer():
     model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
     assert {model.camera(i).name for i in range(model.ncam)} == {"three_quarter", "side", "rear", "above"}
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (1920, 1080)

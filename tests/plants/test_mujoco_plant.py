@@ -95,7 +95,7 @@ def rigid_angle(voltages, dt=0.002):
 
 
 @pytest.mark.parametrize("tyre", TYRES)
-def test_the_wheels_carry_the_weight_as_the_parameters_say(tyre):
+def test_wheel_loads_match_the_parameters(tyre):
     plant, _ = build(Mujoco(tyre=tyre()))
     rest(plant, 5.0)
     carried = loads(plant)
@@ -107,7 +107,7 @@ def test_the_wheels_carry_the_weight_as_the_parameters_say(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_it_stands_at_its_own_height_above_the_start(tyre):
+def test_stands_at_its_own_height_above_the_start(tyre):
     plant, truth = build(Mujoco(tyre=tyre()), start=Reference(3.0, -4.0, 0.0, 0.0, 2.0, 0.0))
     assert (truth.x, truth.y, truth.yaw) == pytest.approx((3.0, -4.0, 2.0), abs=1e-4)
     assert truth.z == pytest.approx(TRACTOR.cg_height_m, abs=5e-4)
@@ -212,7 +212,7 @@ def test_forces_balance_the_acceleration_on_a_steady_circle():
 @pytest.mark.parametrize(
     ("speed", "steady_rel", "rms_rel"), [(1.0, 0.02, 0.04), (2.0, 0.02, 0.04), (4.0, 0.02, 0.04)], ids=["1", "2", "4"]
 )
-def test_the_yaw_rate_after_a_step_of_the_steering_is_the_bicycles(speed, steady_rel, rms_rel):
+def test_the_steered_yaw_rate_equals_the_bicycles(speed, steady_rel, rms_rel):
     """The remainder: wheel spin and pitch, relaxation over 2 cm, Ackermann and the longitudinal slip of driving."""
     answers = []
     for spec in (Bicycle(), Mujoco(tyre=SHORT)):
@@ -262,7 +262,7 @@ def test_the_contact_tyre_drives_and_turns():
 # --- steering -----------------------------------------------------------------------------------------------------
 
 
-def test_the_wheels_follow_a_rigid_cylinder_within_the_oils_spring():
+def test_the_wheels_follow_a_rigid_cylinder_within_the_oil_spring():
     times = 0.05 * np.arange(200)
     voltages = NEUTRAL_V + 2.5 * np.sin(times) - 1.0 * (times > 3)
     rigid = rigid_angle(voltages)
@@ -290,7 +290,7 @@ def test_the_steering_stops_at_its_limit_and_does_not_wind_up(side):
 
 
 @pytest.mark.parametrize("torque", [100.0, -170.0])
-def test_the_oil_holds_the_wheels_as_a_spring_below_relief(torque):
+def test_oil_holds_the_wheels_like_a_spring_below_relief(torque):
     plant, _ = linear()
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = torque
     assert rest(plant, 3.0).steer == pytest.approx(torque / COLUMN.stiffness, rel=0.05)
@@ -346,7 +346,7 @@ def test_it_stands_on_a_side_slope_of_25_degrees(direction_deg):
     assert abs(degrees(truth.roll)) == pytest.approx(25, abs=2.5)
 
 
-def test_it_notices_that_it_left_the_terrain():
+def test_leaving_the_terrain_is_detected():
     driver = Driver(*linear(Flat(half_size_m=6.0)))
     while driver.plant.trouble() is None and driver.truth.t < 20:
         driver.go(0.05)
@@ -393,7 +393,7 @@ def test_it_is_stable_at_5_ms(tyre):
 
 
 @pytest.mark.parametrize("tyre", TYRES)
-def test_the_same_inputs_give_the_same_bits(tyre):
+def test_the_same_inputs_give_bit_identical_results(tyre):
     ends = []
     for _ in range(2):
         plant, _ = build(Mujoco(tyre=tyre()))
@@ -461,7 +461,7 @@ answers = [run(tyre()) for tyre in every(Tyre) if tyre().judged]
 """
 
 
-def test_plain_python_computes_what_the_compiled_kernel_does():
+def test_plain_python_equals_the_compiled_kernel():
     here = {}
     exec(UNCOMPILED, here)
     script = UNCOMPILED + "print(json.dumps([numba.config.DISABLE_JIT, answers]))"
@@ -472,7 +472,7 @@ def test_plain_python_computes_what_the_compiled_kernel_does():
     assert np.array(answers) == pytest.approx(np.array(here["answers"]), rel=1e-9, abs=1e-9)
 
 
-def test_the_poses_are_those_of_the_scene():
+def test_the_poses_equal_the_scenes():
     plant, truth = linear(start=Reference(1.0, 2.0, 0.0, 0.0, 0.5, 0.0))
     poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
     assert {"chassis", "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"} <= set(poses)

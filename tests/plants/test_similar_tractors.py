@@ -46,7 +46,7 @@ def check(name, mass_kg, capsys):
 
 
 @pytest.mark.parametrize(("name", "mass_kg"), SOME)
-def test_it_starts_at_rest_and_stays(name, mass_kg, capsys):
+def test_starts_at_rest_and_stays(name, mass_kg, capsys):
     check(name, mass_kg, capsys)
 
 

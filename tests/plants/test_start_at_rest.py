@@ -58,14 +58,14 @@ def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkey
 
 
 @pytest.mark.parametrize(("tyre", "limit"), [(Contact(), 8.0)], ids=["contact"])
-def test_a_tractor_that_creeps_is_named_and_starts_as_it_is(tyre, limit, capsys):
+def test_a_creeping_tractor_is_reported_and_starts_as_it_is(tyre, limit, capsys):
     _, truth = start(Slope(grade_deg=15), tyre, settle_limit_s=limit)
     told = capsys.readouterr().err
     assert told.startswith(f"plant.settle_limit_s: not at rest after {limit:g} s, still ")
     assert moving(truth) > 0.0005
 
 
-def test_it_settles_not_at_all_when_told_so(capsys):
+def test_does_not_settle_when_told_not_to(capsys):
     plant, truth = start(Slope(grade_deg=10), settle_s=0.0)
     assert plant.data.time == 0.0
     assert off(truth) < 1e-9

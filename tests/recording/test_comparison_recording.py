@@ -44,7 +44,7 @@ def test_only_a_network_has_a_share(compared):
     np.testing.assert_allclose(np.ravel(values), -logs["mujoco-pd_t2fnn"].column("tau_n") * 180 / np.pi, rtol=1e-14)
 
 
-def test_tractors_move_as_their_logs_say_in_their_own_colours(compared):
+def test_tractors_follow_their_logs_in_their_own_colours(compared):
     recorded, logs = compared
     for name, log in logs.items():
         times, places = recorded.column(f"/world/{name}/chassis", "Transform3D:translation")
@@ -60,7 +60,7 @@ def test_tractors_move_as_their_logs_say_in_their_own_colours(compared):
     assert opacities[1] == {0xFF}
 
 
-def test_tracks_lie_one_above_the_other(compared):
+def test_tracks_lie_above_each_other(compared):
     recorded, logs = compared
     lifts, radii = [], []
     for name in logs:
@@ -84,7 +84,7 @@ def test_lateral_and_cross_track_error_agree_in_sign(compared):
     assert (np.sign(lateral[far]) == np.sign(beside[far])).all()
 
 
-def test_the_ground_is_drawn_once_and_the_words_name_colours(compared):
+def test_the_ground_is_drawn_once_and_the_text_names_colours(compared):
     recorded, logs = compared
     assert "/world/ground" in recorded.entities()
     info = recorded.static("/info", "TextDocument:text")[0]

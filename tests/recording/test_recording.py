@@ -77,11 +77,11 @@ def verify(path):
     assert done.returncode == 0, done.stderr
 
 
-def test_rerun_finds_no_fault(eight):
+def test_rerun_verifies_the_recording(eight):
     verify(eight.path)
 
 
-def test_says_what_it_records(eight):
+def test_states_what_it_records(eight):
     scenario = eight.log.scenario
     said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "hash", "version")}
     assert said == {
@@ -110,7 +110,7 @@ def test_agrees_with_the_metrics(eight):
     assert f"| nn_share | {metrics['nn_share'][0]:.6g} |" in table
 
 
-def test_accuracy_from_pass_to_pass_and_the_expected_outcome_are_told(tmp_path):
+def test_pass_to_pass_accuracy_and_expected_outcome_are_shown(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("one_hectare", {"duration_s": 190, "plant.kind": "bicycle"})
     log = run(scenario.model_copy(update={"expected_outcome": "stuck"}), (Recording(path),))
@@ -122,7 +122,7 @@ def test_accuracy_from_pass_to_pass_and_the_expected_outcome_are_told(tmp_path):
     assert f"| 1 | {numbers} |" in info
 
 
-def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
+def test_an_aborted_run_is_complete_up_to_its_end(tmp_path):
     ticks = iter(range(10_000))
     path = tmp_path / "run.rrd"
     recording = Recording(path)  # kept, so that it is not its end that closes the file
@@ -138,7 +138,7 @@ def test_an_aborted_run_is_whole_as_far_as_it_went(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_killed_run_leaves_what_was_told_before(tmp_path):
+def test_a_killed_run_leaves_what_was_written_before(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, KILLED, path)
     assert done.returncode == -9, done.stderr
@@ -151,7 +151,7 @@ def test_a_killed_run_leaves_what_was_told_before(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("extra_bytes", [0, 150_000])
-def test_kill_minus_nine_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
+def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
     command = [
         sys.executable,
         "-m",
@@ -212,7 +212,7 @@ def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path):
         assert not (tmp_path / str(limit)).exists()
 
 
-def test_an_error_in_the_run_is_told(short, tmp_path, monkeypatch):
+def test_an_error_in_the_run_is_recorded(short, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 200)
 
     class Failing(Recording):
@@ -232,7 +232,7 @@ def test_an_error_in_the_run_is_told(short, tmp_path, monkeypatch):
     verify(path)
 
 
-def test_a_slow_run_is_told_by_the_clock(monkeypatch, tmp_path):
+def test_a_slow_run_is_flushed_by_wall_time(monkeypatch, tmp_path):
     whole_runs = importlib.import_module("agrobot_mj.simulation.run")
 
     told = []
@@ -262,14 +262,14 @@ def test_a_recording_of_the_previous_rerun_opens():
     verify(path)
 
 
-def test_a_run_that_blew_up_is_recorded_to_its_last_position(short, tmp_path):
+def test_a_diverged_run_is_recorded_to_its_last_position(short, tmp_path):
     short.rows.values[-3:, short.rows.columns.index("x")] = np.nan
     recorded = replay(short, tmp_path / "run.rrd")
     assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == len(short.column("t")) - 3
     assert len(recorded.column("/plots/speed/loop", "Scalars:scalars")[0]) == len(short.column("t"))
 
 
-def test_a_second_run_replaces_the_first_and_is_another_recording(short, tmp_path):
+def test_a_second_run_replaces_the_first_recording(short, tmp_path):
     ids = []
     for _ in range(2):
         replay(short, tmp_path / "run.rrd")

@@ -16,7 +16,7 @@ def numbers(low, high, most_steps):
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e4), st.sampled_from([10.5, 14.0, 42.0]))
-def test_every_axis_has_two_numbers_and_all_values(low, span, most_steps):
+def test_every_axis_shows_two_numbers_and_all_values(low, span, most_steps):
     a, b = readable(low, low + span, most_steps)
     assert a < low
     assert b > low + span
@@ -24,26 +24,26 @@ def test_every_axis_has_two_numbers_and_all_values(low, span, most_steps):
     assert numbers(a, b, most_steps) >= 2
 
 
-def test_a_range_that_has_its_numbers_only_gets_a_margin():
+def test_a_range_with_numbers_only_at_its_ends_gets_a_margin():
     np.testing.assert_allclose(readable(-0.45, 0.5, 10.5), (-0.488, 0.538))
     np.testing.assert_allclose(readable(-8.0, 8.0, 10.5), (-8.72, 10.72))
 
 
-def test_rare_giants_are_cut_where_that_is_allowed_and_nowhere_else():
+def test_rare_outliers_are_cut_only_where_allowed():
     values = np.r_[np.full(95, 50.0), np.full(4, 5000.0), 20.0, np.nan]
     assert value_range(values) == (20.0, 5000.0, None)
     assert value_range(values, may_be_cut=True) == (20.0, 75.0, 5000.0)
     assert value_range(np.linspace(0, 2, 50), may_be_cut=True) == (0.0, 2.0, None)
 
 
-def test_what_must_be_seen_is_in_the_range_and_what_has_no_extent_is_left_to_the_viewer():
+def test_required_values_are_in_range_and_constant_ones_are_left_to_the_viewer():
     assert value_range(np.full(5, 2.0), includes=(0.0, 2.0)) == (0.0, 2.0, None)
     assert value_range(np.full(5, 2.0)) is None
     assert value_range(np.full(5, np.nan), includes=(0.0, 1.0)) is None
 
 
 @pytest.mark.parametrize("run_s", [1.0, 14.3, 60.0, 85.0, 120.0, 240.0, 253.05, 1950.0, 3600.0])
-def test_the_time_axis_is_full_and_no_number_is_cut_at_its_end(run_s):
+def test_the_time_axis_is_complete_and_cuts_no_number(run_s):
     end = time_end(run_s)
     step = 10.0 if end < 120 else 60.0 if end < 600 else 600.0
     assert run_s < end < 1.08 * run_s

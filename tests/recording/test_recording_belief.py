@@ -48,14 +48,14 @@ def test_the_ellipse_lies_on_a_slope(tmp_path):
     assert 0.0 < z - g * (x * np.cos(d) + y * np.sin(d)) < 0.05
 
 
-def test_there_is_no_ellipse_of_what_is_not_known(short, tmp_path):
+def test_no_ellipse_without_a_covariance(short, tmp_path):
     short.column("p_xy")[30:40] = np.nan
     times, _ = replay(short, tmp_path / "run.rrd").column(ELLIPSE, "Ellipsoids3D:centers")
     ticks = times // 50_000_000
     assert set(range(len(short.column("t")))) - set(ticks.tolist()) == set(range(30, 40))
 
 
-def test_a_lost_solution_makes_it_grow(tmp_path):
+def test_the_ellipse_grows_in_a_loss(tmp_path):
     path = tmp_path / "run.rrd"
     faults = [{"kind": "gnss_loss", "start_s": 4, "end_s": 9}]
     run(load_scenario("straight_line", {"duration_s": 10, "fault": faults}), (Recording(path),))

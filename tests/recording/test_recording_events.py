@@ -32,7 +32,7 @@ def lane(recorded, path):
     return [(int(tick), state) for tick, (state,) in zip(times // 50_000_000, states, strict=True)]
 
 
-def test_markers_stand_where_and_when_faults_begin_and_end(faulty):
+def test_markers_show_where_and_when_faults_begin_and_end(faulty):
     found = [(tick, label) for tick, label, _ in marks(faulty) if "limit" not in label]
     assert found == [
         *[(80, "GNSS loss begins"), (120, "GNSS loss ends"), (160, "friction begins")],
@@ -52,7 +52,7 @@ def test_each_kind_of_fault_has_a_lane(faulty):
     assert lane(faulty, "run") == [(0, "running"), (239, "completed")]
 
 
-def test_without_faults_there_are_no_such_lanes(eight):
+def test_without_faults_there_are_no_fault_lanes(eight):
     assert not [entity for entity in eight.entities() if entity.startswith("/states/fault")]
 
 
@@ -63,7 +63,7 @@ def test_a_fault_from_the_start_is_marked(tmp_path):
     assert [(tick, label) for tick, label, _ in marks(Recorded(path))] == [(0, "GNSS loss begins"), (19, "completed")]
 
 
-def test_the_limit_is_marked_once_a_time(short, tmp_path):
+def test_the_steering_limit_is_marked_once_per_event(short, tmp_path):
     saturated = short.column("steer_saturated")
     saturated[:] = 0
     saturated[[30, 31, 60, 90]] = 1  # never free for two seconds
@@ -81,7 +81,7 @@ def test_markers_stay_few(short, tmp_path):
     assert found[-1][1] == "completed"
 
 
-def test_an_end_before_its_time_is_said(tmp_path):
+def test_an_early_end_is_marked(tmp_path):
     ticks, path = iter(range(10_000)), tmp_path / "run.rrd"
     run(load_scenario("straight_line"), (Recording(path),), lambda: next(ticks) == 229)
     recorded = Recorded(path)

@@ -21,7 +21,7 @@ def report(log, quantity):
     return np.stack([log.column(f"{quantity}_{wheel}") for wheel in WHEELS], axis=1)
 
 
-def test_patches_and_frames_are_those_of_the_tyres():
+def test_patches_and_frames_equal_the_tyres():
     rng = np.random.default_rng(4)
     ground = plane(0.1, -0.2, 50.0)
     quaternions = rng.normal(size=(6, 4, 4)) * 0.15 + [1.0, 0, 0, 0]
@@ -42,7 +42,7 @@ def test_patches_and_frames_are_those_of_the_tyres():
             np.testing.assert_allclose(arm / radii[i], np.array(patch.arm) / np.linalg.norm(patch.arm), atol=1e-9)
 
 
-def test_arrows_are_the_forces_of_the_log_in_the_world(eight):
+def test_arrows_equal_the_logged_forces_in_world_axes(eight):
     times, along = eight.column("/world/forces/ground", "Arrows3D:vectors")
     _, loads = eight.column("/world/forces/load", "Arrows3D:vectors")
     np.testing.assert_array_equal(times, np.rint(eight.log.column("t") * 1e9))
@@ -87,14 +87,14 @@ def test_arrows_start_at_the_wheels(eight):
     assert (leftward[:, [1, 3]] < -0.1).all()
 
 
-def test_colours_tell_the_friction_in_use(short, tmp_path):
+def test_colours_show_the_friction_in_use(short, tmp_path):
     for i, wheel in enumerate(WHEELS):
         short.column(f"friction_use_{wheel}")[:] = [0.0, 0.97, 0.6, np.nan][i]
     _, colours = replay(short, tmp_path / "run.rrd").column("/world/forces/ground", "Arrows3D:colors")
     assert colours[50] == [CALM, HARD, 0xFFC400FF, CALM]
 
 
-def test_marks_run_behind_the_wheels(eight):
+def test_marks_trail_the_wheels(eight):
     times, pieces = eight.column("/world/tracks/tyres", "Mesh3D:vertex_positions")
     triangles = np.array(eight.static("/world/tracks/tyres", "Mesh3D:triangle_indices"))
     ends = times // 50_000_000
@@ -116,7 +116,7 @@ def test_marks_run_behind_the_wheels(eight):
     assert np.abs(areas).sum() == pytest.approx((0.16 + 0.24) * 2 * travelled, rel=0.05)
 
 
-def test_marks_tell_slip_and_flight(short, tmp_path):
+def test_marks_show_slip_and_lost_contact(short, tmp_path):
     short.column("slip_ratio_rl")[:], short.column("slip_angle_rl")[:] = 0.3, 0.0
     short.column("slip_ratio_rr")[:], short.column("slip_angle_rr")[:] = 0.0, 0.0
     short.column("load_fl")[:] = 0.0

@@ -96,7 +96,7 @@ def test_far_from_the_path_furrows_are_level():
     assert np.abs(mesh.positions[far, 2]).max() < 0.03
 
 
-def test_relief_has_no_gaps_and_all_of_the_field():
+def test_relief_has_no_gaps_and_covers_the_field():
     mesh = Mesh(furrows())
     assert (mesh.areas > 0).all()
     assert mesh.areas.sum() == pytest.approx(60 * 60, rel=1e-6)
@@ -132,7 +132,7 @@ def test_patches_have_their_colours_and_sharp_borders():
     assert bluish[:, 0].max() == pytest.approx(5.0, abs=0.26)
 
 
-def test_borders_of_patches_blend_without_teeth():
+def test_patch_borders_blend_smoothly():
     """Along an oblique border the colours change as a straight border does: none of the cells of the grid shows."""
     cells = (np.arange(160) + 0.5) * 0.25 - 20
     x, y = np.meshgrid(cells, cells)
@@ -149,7 +149,7 @@ def test_borders_of_patches_blend_without_teeth():
     assert np.corrcoef(across[between], blue[between])[0, 1] < -0.9
 
 
-def test_slopes_are_shaded_and_furrows_only_divided_across():
+def test_slopes_are_shaded_and_furrows_divided_only_across():
     facing, averted = (Mesh(Slope(grade_deg=12, direction_deg=d, half_size_m=30).ground()) for d in (-45, 135))
     assert facing.colours.mean() > 1.1 * averted.colours.mean(), "light from the north-west"
     mesh = Mesh(furrows())

@@ -15,7 +15,7 @@ def rutted(tmp_path_factory):
     return Recorded(path, run(scenario, (Recording(path),)))
 
 
-def test_each_piece_appears_when_the_first_wheel_is_there(rutted):
+def test_each_piece_appears_when_the_first_wheel_arrives(rutted):
     pieces = sorted(name for name in rutted.entities() if name.startswith("/world/ruts/"))
     assert pieces == [f"/world/ruts/{k}" for k in range(3)]
     t, x = rutted.log.column("t"), rutted.log.column("x")
@@ -28,7 +28,7 @@ def test_each_piece_appears_when_the_first_wheel_is_there(rutted):
         assert k == 0 or here.min() > front.min() - 1.5
 
 
-def test_they_lie_in_the_tracks_and_darken_with_depth(rutted):
+def test_ruts_lie_in_the_tracks_and_darken_with_depth(rutted):
     _, (points,) = rutted.column("/world/ruts/1", "Mesh3D:vertex_positions")
     _, (colours,) = rutted.column("/world/ruts/1", "Mesh3D:vertex_colors")
     points = np.array(points)

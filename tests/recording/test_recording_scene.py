@@ -19,7 +19,7 @@ def points(values):
     return np.array([point for piece in values for point in piece])
 
 
-def test_bodies_are_where_the_log_says(eight):
+def test_bodies_follow_the_log(eight):
     for i, body in enumerate(eight.log.scene.bodies):
         times, places = eight.column(f"/world/bodies/{body}", "Transform3D:translation")
         _, turns = eight.column(f"/world/bodies/{body}", "Transform3D:quaternion")
@@ -43,7 +43,7 @@ def test_every_geom_is_drawn(eight):
         assert sum(drawn) == len([geom for geom in eight.log.scene.geoms if geom.body == body])
 
 
-def test_shapes_have_the_sizes_of_mujoco():
+def test_shapes_have_mujocos_sizes():
     colour, place = (0.2, 0.4, 0.6, 1.0), (1.0, 2.0, 3.0)
     geoms = [
         Geom(kind, "b", kind, (0.1, 0.2, 0.3), place, TILT, colour)
@@ -76,7 +76,7 @@ def test_tracks_join_up_and_end_at_the_present(eight, track, x, y):
     assert ticks[-1] == len(path) - 1
 
 
-def test_fixes_are_shown_where_there_are_any(short, tmp_path):
+def test_fixes_are_drawn_where_they_exist(short, tmp_path):
     x, y, quality = (short.column(name) for name in ("gnss_x", "gnss_y", "gnss_quality"))
     x[30:57], quality[30:57], quality[57:60] = np.nan, 0, 1
     recorded = replay(short, tmp_path / "run.rrd")
@@ -90,14 +90,14 @@ def test_fixes_are_shown_where_there_are_any(short, tmp_path):
     assert [colour for piece in colours for colour in piece][29:34] == [0x009E73FF] + 3 * [0xE69F00FF] + [0x009E73FF]
 
 
-def test_the_reference_is_the_whole_path(eight):
+def test_the_reference_covers_the_whole_path(eight):
     scenario = eight.log.scenario
     (line,) = eight.static("/world/path", "LineStrips3D:strips")
     ends = sample(scenario.path, [0.0, 25.4])
     np.testing.assert_allclose(np.array(line)[[0, -1], :2], ends, atol=1e-5)
 
 
-def test_heights_are_those_that_the_wheels_feel():
+def test_heights_are_those_the_wheels_touch():
     rng = np.random.default_rng(3)
     ground = Ground(-2.0, -3.0, 0.5, rng.normal(size=(13, 9)))
     x, y = rng.uniform(-4, 4, size=(2, 500))
@@ -105,11 +105,11 @@ def test_heights_are_those_that_the_wheels_feel():
     np.testing.assert_allclose(heights(ground, x, y), expected, atol=1e-12)
 
 
-def test_a_layout_without_plots_is_a_layout():
+def test_a_layout_without_plots_works():
     blueprint(Shown([]), np.zeros((1, 3)), 0.0, 1.0)
 
 
-def test_no_place_of_a_tab_is_empty():
+def test_no_tab_has_an_empty_cell():
     for count in range(1, 14):
         views = [TextDocumentView(origin=f"{i}") for i in range(count)]
         rows = tiled(views, "Tab").contents

@@ -73,7 +73,7 @@ def names(recorded, path):
 
 
 @pytest.mark.parametrize("path", SHOWN)
-def test_plots_equal_the_table_of_signals(eight, signals, path):
+def test_plots_equal_the_signal_table(eight, signals, path):
     unit, factor, columns = SHOWN[path]
     times, values = scalars(eight, path)
     np.testing.assert_array_equal(times, np.rint(signals["t"] * 1e9))
@@ -81,7 +81,7 @@ def test_plots_equal_the_table_of_signals(eight, signals, path):
     assert all(name.endswith(f"[{unit}]") for name in names(eight, path))
 
 
-def test_the_command_is_the_sum_of_its_parts(eight):
+def test_the_plotted_command_is_the_sum_of_its_parts(eight):
     _, values = scalars(eight, "control/command")
     total, pd, network = values.T / DEG
     np.testing.assert_allclose(total, eight.log.column("steer_ref"), rtol=1e-14)
@@ -98,7 +98,7 @@ def test_the_command_is_the_sum_of_its_parts(eight):
         ("yaw", DEG, "yaw_hat", "yaw", "p_yaw"),
     ],
 )
-def test_estimates_stand_between_their_bounds(eight, path, factor, estimate, truth, variance):
+def test_estimates_lie_between_their_plotted_bounds(eight, path, factor, estimate, truth, variance):
     column = eight.log.column
     _, values = scalars(eight, f"estimator/{path}")
     upper, lower, error = values.T / factor
@@ -107,7 +107,7 @@ def test_estimates_stand_between_their_bounds(eight, path, factor, estimate, tru
     np.testing.assert_array_equal(lower, -upper)
 
 
-def test_the_error_of_the_speed_is_that_of_its_estimate(eight):
+def test_the_speed_error_is_the_estimates(eight):
     _, values = scalars(eight, "estimator/speed")
     np.testing.assert_allclose(values[:, 0], eight.log.column("speed_hat") - eight.log.column("speed"))
 
@@ -129,7 +129,7 @@ def worn(tmp_path_factory):
 
 
 @pytest.mark.parametrize("path", LATER)
-def test_plots_of_what_a_log_may_have(worn, path):
+def test_optional_columns_are_plotted(worn, path):
     unit, factor, columns = LATER[path]
     values = worn.log.column(columns[0])
     there = np.isfinite(values)
@@ -139,7 +139,7 @@ def test_plots_of_what_a_log_may_have(worn, path):
 
 
 @pytest.mark.parametrize("path", SLOW)
-def test_parameters_of_the_network_equal_the_table_four_times_a_second(eight, signals, path):
+def test_network_parameters_equal_the_table_four_times_per_second(eight, signals, path):
     unit, columns = SLOW[path]
     times, values = scalars(eight, path)
     np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::5] * 1e9))
@@ -149,7 +149,7 @@ def test_parameters_of_the_network_equal_the_table_four_times_a_second(eight, si
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
-def test_heat_maps_show_the_firing_and_its_numbers(eight, bound):
+def test_heat_maps_show_the_firing_with_numbers(eight, bound):
     times, buffers = eight.column(f"/network/firing_{bound}", "DepthImage:buffer")
     pictures = np.array([np.frombuffer(bytes(buffer[0]), dtype=np.float32) for buffer in buffers])
     expected = np.array([eight.log.column(f"w_{bound}_{rule}")[::5] for rule in RULES]).T
@@ -174,7 +174,7 @@ def test_a_network_of_another_size_is_drawn_too(tmp_path):
     assert len(names(recorded, "network/centres_2")) == 11
 
 
-def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
+def test_every_plot_is_tested_and_is_on_a_tab(eight):
     recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
     recorded = {path for path in recorded if not path.endswith("/mean")}
     looked_at = SHOWN.keys() | COMPUTED | SLOW.keys() | LATER.keys()
@@ -194,7 +194,7 @@ def test_every_plot_is_looked_at_and_is_on_a_tab(eight):
         ({}, {"Control", "Network"}, set()),
     ],
 )
-def test_a_tab_is_there_if_any_of_its_plots_is(monkeypatch, tmp_path, keys, present, absent):
+def test_a_tab_exists_if_any_of_its_plots_does(monkeypatch, tmp_path, keys, present, absent):
     layouts = []
     monkeypatch.setattr(recorder, "blueprint", lambda *a: layouts.append(blueprint(*a)) or layouts[-1])
     scenario = load_scenario("straight_line", {"duration_s": 1, **keys})
@@ -204,7 +204,7 @@ def test_a_tab_is_there_if_any_of_its_plots_is(monkeypatch, tmp_path, keys, pres
     assert not tabs & absent
 
 
-def test_the_text_names_the_law_that_drove_and_what_came_over_a_link(tmp_path):
+def test_the_text_names_the_law_and_the_links_metrics(tmp_path):
     scenario = load_scenario("straight_line", {"duration_s": 1, "guidance.kind": "lqr"})
     log = run(scenario, (Recording(tmp_path / "run.rrd"),))
     text = Recorded(tmp_path / "run.rrd").static("/info", "TextDocument:text")[0]
@@ -223,7 +223,7 @@ def test_the_text_names_the_law_that_drove_and_what_came_over_a_link(tmp_path):
     assert "| engaged_s | 12.5 | s |" in told
 
 
-def test_nothing_is_drawn_that_does_not_exist(tmp_path):
+def test_nothing_nonexistent_is_drawn(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle", "controller.kind": "pd"})
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
@@ -239,7 +239,7 @@ def test_nothing_is_drawn_that_does_not_exist(tmp_path):
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 
-def test_units_of_plots_are_those_of_the_columns(eight):
+def test_plot_units_follow_the_columns(eight):
     units = {column.name: column.unit for column in eight.log.rows.table}
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:
@@ -258,7 +258,7 @@ def test_a_reported_column_of_any_unit_is_plotted(unit, shown, factor):
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])
-def test_a_run_that_diverged_opens(short, tmp_path, broken):
+def test_a_diverged_run_opens(short, tmp_path, broken):
     """From tick 300 on nothing is a number."""
     for name in short.rows.columns:
         if name != "t":
@@ -285,7 +285,7 @@ def test_a_lane_appears_with_its_column(short, tmp_path):
     assert labels == [["not engaged"], ["engaged"], ["unknown"], ["not engaged"]]
 
 
-def test_a_dense_signal_gets_its_mean_and_a_calm_one_does_not(short, tmp_path):
+def test_only_dense_signals_get_a_mean(short, tmp_path):
     t = short.column("t")
     for wheel in WHEELS:
         short.column(f"load_{wheel}")[:] = 2000 + 1500 * np.sin(2 * np.pi * t)
@@ -301,7 +301,7 @@ def test_a_dense_signal_gets_its_mean_and_a_calm_one_does_not(short, tmp_path):
     np.testing.assert_allclose(values[:, 0], short.column("load_fl") * 1e-3)
 
 
-def test_plots_that_carry_nothing_are_not_laid_out(short):
+def test_empty_plots_are_not_laid_out(short):
     signals = Signals(short.rows)
     signals.shown = [line.plot for line in signals.lines]
     stream = rr.RecordingStream("test")
@@ -320,7 +320,7 @@ def test_rows_without_a_value_are_left_out(short, tmp_path):
     np.testing.assert_array_equal(values[:, 0], short.column("position_nees")[there])
 
 
-def test_states_tell_their_changes(short, tmp_path):
+def test_states_show_their_changes(short, tmp_path):
     quality, saturated = short.column("gnss_quality"), short.column("steer_saturated")
     quality[:], saturated[:] = 2, 0
     quality[200:250], quality[250:400], saturated[199] = 0, 1, 1

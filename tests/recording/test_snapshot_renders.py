@@ -76,7 +76,7 @@ def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_without_a_driver_it_says_what_to_install(eight, tmp_path, monkeypatch):
+def test_without_a_vulkan_driver_it_says_what_to_install(eight, tmp_path, monkeypatch):
     for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
         monkeypatch.setenv(name, "/nonexistent")
     with pytest.raises(SnapshotError, match="apt-get install mesa-vulkan-drivers libvulkan1"):
@@ -84,13 +84,13 @@ def test_without_a_driver_it_says_what_to_install(eight, tmp_path, monkeypatch):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_viewer_that_does_not_start_is_no_traceback(eight, tmp_path, monkeypatch):
+def test_a_viewer_that_fails_to_start_gives_no_traceback(eight, tmp_path, monkeypatch):
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(SnapshotError, match="no pictures"):
         snapshots(eight.path, [1.0], tmp_path)
 
 
-def test_a_viewer_that_is_late_is_tried_again_with_more_patience(eight, tmp_path, monkeypatch):
+def test_a_late_viewer_is_retried_with_more_patience(eight, tmp_path, monkeypatch):
     """As on a busy machine; in the end the message names the file, the cause and what to do."""
     patience = []
 
@@ -108,7 +108,7 @@ def test_a_viewer_that_is_late_is_tried_again_with_more_patience(eight, tmp_path
     assert not (tmp_path / "none").exists()
 
 
-def test_what_was_drawn_before_a_viewer_broke_off_is_not_drawn_again(eight, tmp_path, monkeypatch):
+def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypatch):
     class Client:
         def __init__(self):
             self.breaks = len(clients) == 0

@@ -10,7 +10,7 @@ import agrobot_mj
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import in_polygon
-from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.simulation.api import ScenarioWarning
 from agrobot_mj.simulation.outcomes import Watch
 from agrobot_mj.terrain.shapes import PolygonPatch
@@ -41,20 +41,20 @@ def refused(source="straight_line", **overrides):
         ("duration_s", 1e-300, "must be at least 0.001, got 1e-300"),
     ],
 )
-def test_it_is_refused_with_key_value_and_limit(key, value, said):
+def test_refuses_nonsense_with_key_value_and_limit(key, value, said):
     text = refused(**{key: value})
     assert said in text
     assert key in text or "path." in said
 
 
-def test_soil_that_rebounds_within_a_step_is_refused():
+def test_refuses_soil_that_rebounds_within_a_step():
     soil = {"plant__tyre__kind": "ruts"}
     said = refused(**soil, plant__tyre__rebound_mpa_m=2e4)
     assert "plant.tyre.rebound_mpa_m: must be from 1 to 10000 MPa/m" in said
     assert load_scenario("straight_line", {"plant.tyre.kind": "ruts", "plant.tyre.rebound_mpa_m": 1e4})
 
 
-def test_a_bend_sharper_than_tyres_hold_is_refused():
+def test_refuses_a_bend_sharper_than_the_tyres_hold():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
     assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})
@@ -69,14 +69,14 @@ def test_a_bend_sharper_than_tyres_hold_is_refused():
         ({"start_s": 5.01, "end_s": 5.06}, None),
     ],
 )
-def test_a_fault_that_never_acts_is_told(window, said):
+def test_a_fault_that_never_acts_is_reported(window, said):
     scenario = load_scenario("circle", {"duration_s": 10.0, "fault": [{"kind": "gnss_loss", **window}]})
-    assert [line.startswith(said) for line in doubts(scenario)] == ([True] if said else [])
+    assert [line.startswith(said) for line in hints(scenario)] == ([True] if said else [])
     short = scenario.changed({"plant.kind": "bicycle"})
     assert bool(run(short).column("faults_active").any()) == (said is None)
 
 
-def test_the_command_tells_doubts_on_stderr(monkeypatch, capsys, tmp_path):
+def test_the_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
     fault = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle")
     arguments = ["run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", ["agrobot-mj", *arguments])
@@ -100,7 +100,7 @@ LATE = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kin
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_that_drives_tells_doubts_once(call, command, tmp_path, monkeypatch):
+def test_every_command_that_drives_prints_hints_once(call, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     common = '"plant.kind" = "bicycle"\nduration_s = 1\nfault = [{ kind = "gnss_loss", start_s = 60 }]'
     (tmp_path / "late.toml").write_text(f'base = "circle"\n[set]\n{common}\n[axes]\n"path.radius_m" = [9, 12]\n')
@@ -114,7 +114,7 @@ def test_every_command_that_drives_tells_doubts_once(call, command, tmp_path, mo
         assert "fault[0].start_s" not in err
 
 
-def test_a_run_from_python_warns_of_doubts():
+def test_a_run_from_python_warns_of_hints():
     fault = {"fault": [{"kind": "gnss_loss", "start_s": 60.0}], "plant.kind": "bicycle", "duration_s": 1.0}
     with pytest.warns(ScenarioWarning, match=r"circle: fault\[0\]\.start_s: 60 s is not before the end"):
         agrobot_mj.run(load_scenario("circle", fault))
@@ -148,7 +148,7 @@ def test_polygons_of_many_corners_are_filled():
     load_scenario("straight_line", {"terrain.half_size_m": 40.0, "terrain.patch": patches})
 
 
-def test_a_grid_in_a_polygon_is_what_its_points_are():
+def test_a_grid_in_a_polygon_equals_its_points():
     polygon = PolygonPatch(points=tuple(map(tuple, corners(37))))
     x, y = np.linspace(-31, 31, 83), np.linspace(-31, 31, 71)
     grid, points = polygon.covers(x[None, :], y[:, None]), [[in_polygon(polygon.points, a, b) for a in x] for b in y]
@@ -156,12 +156,12 @@ def test_a_grid_in_a_polygon_is_what_its_points_are():
     assert 0.2 < grid.mean() < 0.6
 
 
-def test_patches_that_lie_on_each_other_a_thousandfold_are_counted_first():
+def test_overlapping_patches_are_counted_before_filling():
     patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
     assert "cells were to be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 
 
-def test_a_thousand_laps_are_counted_before_they_are_laid(tmp_path):
+def test_a_thousand_laps_are_counted_before_building_the_path(tmp_path):
     ways = 2 * np.pi * np.arange(200) / 200
     rows = [f"{1600 * np.cos(a)},{1600 * np.sin(a)}" for a in ways]
     (tmp_path / "loop.csv").write_text("\n".join(["x_m,y_m", *rows]))

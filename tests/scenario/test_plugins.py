@@ -30,7 +30,7 @@ MEMBERS = {
 }
 
 
-def test_a_member_of_every_family_is_validated_overridden_written_and_found_again(tmp_path):
+def test_a_member_of_every_family_is_validated_overridden_and_written(tmp_path):
     code = ""
     for k, (key, (module, base)) in enumerate(MEMBERS.items()):
         code += f"""
@@ -121,7 +121,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
         (
             "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
             'class A(Spec):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: is of no family; derive it from one of ",
+            "own.py: register: A: belongs to no family; derive it from one of ",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
@@ -141,7 +141,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
-def test_a_bad_plugin_is_told_in_one_message_and_changes_no_family(tmp_path, monkeypatch, call, file, message):
+def test_a_bad_plugin_gives_one_message_and_changes_no_family(tmp_path, monkeypatch, call, file, message):
     monkeypatch.chdir(tmp_path)
     if file is not None:
         (tmp_path / "own.py").write_text(file)
@@ -168,7 +168,7 @@ def test_a_bad_plugin_is_told_in_one_message_and_changes_no_family(tmp_path, mon
         (lambda state: sys.exit(3), "code of the scenario's kinds has ended the run (SystemExit)"),
     ],
 )
-def test_a_law_that_answers_with_something_else_is_told(answer, message):
+def test_a_law_that_returns_another_type_is_reported(answer, message):
     class Mine(GuidanceLaw):
         """A law."""
 
@@ -219,7 +219,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
         ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class asks for"),
     ],
 )
-def test_a_metric_that_cannot_be_told_from_others_is_refused(tmp_path, monkeypatch, call, old, new, message):
+def test_refuses_a_metric_with_a_taken_name(tmp_path, monkeypatch, call, old, new, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(HEAD + OWN_METRIC.replace(old, new))
     before = list(METRICS)
@@ -228,7 +228,7 @@ def test_a_metric_that_cannot_be_told_from_others_is_refused(tmp_path, monkeypat
     assert message in err
 
 
-def test_docstrings_of_plugins_command_no_terminal(tmp_path):
+def test_plugin_docstrings_cannot_control_the_terminal(tmp_path):
     code = (
         HEAD
         + """

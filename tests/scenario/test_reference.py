@@ -85,14 +85,14 @@ def test_every_scenario_of_the_library_conforms_to_the_json_schema(name):
         "[[fault]]\nstart_s = 3",
     ],
 )
-def test_what_loading_refuses_the_json_schema_refuses(text):
+def test_the_json_schema_refuses_what_loading_refuses(text):
     data = tomllib.loads(text)
     assert not conforms(data, SCHEMA)
     with pytest.raises(ScenarioError):
         resolve(data, "mine.toml")
 
 
-def test_the_json_schema_has_descriptions_and_no_titles_of_the_generator():
+def test_the_json_schema_has_descriptions_and_no_generated_titles():
     text = json.dumps(SCHEMA)
     assert '"title": "Wheelbase M"' not in text
     assert SCHEMA["$defs"]["TractorParameters"]["properties"]["wheelbase_m"]["description"]
@@ -102,7 +102,7 @@ def test_the_json_schema_has_descriptions_and_no_titles_of_the_generator():
 # --- kinds and keys -----------------------------------------------------------------------------------------------
 
 
-def test_families_are_the_unions_of_the_schema():
+def test_families_equal_the_schemas_unions():
     found = families()
     assert found["plant.tyre"] == members(Tyre)
     assert found["controller"] == members(Controller)
@@ -110,7 +110,7 @@ def test_families_are_the_unions_of_the_schema():
     assert {"plant", "terrain", "terrain.patch", "path", "estimator"} <= set(found)
 
 
-def test_the_list_of_kinds_has_a_line_for_each_with_its_docstring():
+def test_the_list_of_kinds_has_a_line_for_each():
     lines = kinds_text().splitlines()
     assert len(lines) == sum(map(len, families().values())) + len(METRICS)
     (soil,) = [line for line in lines if line.startswith("plant.tyre ") and line.split()[1] == "soil"]
@@ -137,7 +137,7 @@ def test_a_key_is_explained_by_unit_range_default_source_and_kinds():
         assert re.search(rf"^  with +plant\.tyre\.kind = .*\b{kind}\b", text, re.M)
 
 
-def test_kinds_that_differ_in_a_key_are_told_apart():
+def test_kinds_that_differ_in_a_key_are_distinguished():
     text = explain_key("terrain.grade_deg")
     defaults = {str(part().grade_deg) for part in families()["terrain"].values() if "grade_deg" in part.model_fields}
     assert len(defaults) > 1
@@ -168,7 +168,7 @@ def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
         ("[3].1", "`agrobot-mj explain` lists the tables"),
     ],
 )
-def test_an_unknown_key_is_told_with_the_near_ones(key, near):
+def test_an_unknown_key_suggests_similar_ones(key, near):
     with pytest.raises(ScenarioError, match=f"^{re.escape(key)}: unknown key") as error:
         explain_key(key)
     assert near in str(error.value)
@@ -177,7 +177,7 @@ def test_an_unknown_key_is_told_with_the_near_ones(key, near):
 # --- a file to start from -----------------------------------------------------------------------------------------
 
 
-def test_the_file_to_start_from_is_the_default_scenario(tmp_path, monkeypatch):
+def test_the_template_is_the_default_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = write_template("my field")
     text = path.read_text(encoding="utf-8")
@@ -187,7 +187,7 @@ def test_the_file_to_start_from_is_the_default_scenario(tmp_path, monkeypatch):
     assert all(f"#   {kind} " in text for table in ("path", "plant.tyre", "fault") for kind in families()[table])
 
 
-def test_every_comment_that_is_a_key_can_be_made_one(tmp_path):
+def test_every_commented_key_can_be_activated(tmp_path):
     """Uncommented, the file says every default aloud: the same scenario again."""
     text = write_template(str(tmp_path / "mine")).read_text(encoding="utf-8")
     keys = re.sub(r"^# (\w+ = .+)$", r"\1", text.partition("# [[fault]]")[0], flags=re.M)
@@ -197,7 +197,7 @@ def test_every_comment_that_is_a_key_can_be_made_one(tmp_path):
     assert full == load_scenario(tmp_path / "mine.toml")
 
 
-def test_a_file_that_is_there_is_not_written_over(tmp_path, monkeypatch):
+def test_an_existing_file_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text("seed = 4")
     for name in ("mine", "mine.toml"):
@@ -207,7 +207,7 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", ".toml", "x/.toml"])
-def test_a_name_that_is_none_is_refused(name, tmp_path, monkeypatch):
+def test_refuses_an_invalid_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="not a name"):
         write_template(name)
@@ -215,11 +215,11 @@ def test_a_name_that_is_none_is_refused(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ['a"b', "a\nb", "ümlaut", "a'''b", "a\\b", "\x07"])
-def test_hostile_names_still_make_a_scenario(name, tmp_path):
+def test_odd_names_still_make_a_scenario(name, tmp_path):
     assert load_scenario(write_template(str(tmp_path / name))).seed == 1
 
 
-def test_an_endless_key_is_refused_shortened():
+def test_an_overlong_key_is_refused_shortened():
     with pytest.raises(ScenarioError, match="unknown key") as error:
         explain_key("a." * 100_000)
     assert len(str(error.value)) < 400

@@ -57,7 +57,7 @@ def all_models(model=Scenario, seen=None):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_scenarios_of_the_package_load_and_say_what_they_show(name):
+def test_the_shipped_scenarios_load_and_state_what_they_show(name):
     file = scenario_files()[name]
     scenario = load_scenario(name)
     assert scenario.name == name
@@ -66,7 +66,7 @@ def test_the_scenarios_of_the_package_load_and_say_what_they_show(name):
     assert "Look at:" in file.read_text()
 
 
-def test_the_papers_experiment_is_two_turns_of_about_120_s_on_the_mujoco_tractor():
+def test_the_papers_experiment_is_two_turns_of_120_s_on_mujoco():
     scenario = load_scenario("figure_eight")
     assert (scenario.plant.kind, scenario.controller.kind, scenario.path.turns) == ("mujoco", "pd_t2fnn", 2)
     first = scenario.path.turns_s[0]
@@ -74,11 +74,11 @@ def test_the_papers_experiment_is_two_turns_of_about_120_s_on_the_mujoco_tractor
     assert scenario.ticks == pytest.approx((240 + 13.7) / TICK_S, abs=20), "two turns and the run-in"
 
 
-def test_an_empty_file_is_a_whole_scenario():
+def test_an_empty_file_is_a_complete_scenario():
     assert resolve({}, "empty") == Scenario()
 
 
-def test_every_key_has_a_word_of_its_own():
+def test_every_key_has_its_own_description():
     for model in all_models():
         for name, field in model.model_fields.items():
             if name != "kind" and not members(field.annotation):
@@ -86,7 +86,7 @@ def test_every_key_has_a_word_of_its_own():
 
 
 @pytest.mark.parametrize("suffix", ["_m", "_s", "_deg", "_kg", "_v", "_hz"])
-def test_a_key_that_ends_in_a_unit_says_so_in_brackets(suffix):
+def test_a_key_ending_in_a_unit_has_it_in_brackets(suffix):
     for model in all_models():
         for name in model.model_fields:
             if name.endswith(suffix):
@@ -102,23 +102,23 @@ def test_a_file_is_found_by_path_and_gives_its_name(tmp_path):
     assert load_scenario(str(tmp_path / "mine.toml")) == scenario
 
 
-def test_an_unknown_name_offers_the_nearest():
+def test_an_unknown_name_suggests_the_nearest():
     message = refused("figure_eigth")
     assert "figure_eigth" in message
     assert "did you mean 'figure_eight'?" in message
 
 
 @pytest.mark.parametrize("source", ["no/such/file", "nothing.toml"])
-def test_a_missing_file_is_said_to_be_missing(source):
+def test_a_missing_file_is_reported_as_missing(source):
     assert refused(source) == f"{source}: no such file"
 
 
-def test_a_folder_is_no_scenario(tmp_path):
+def test_refuses_a_folder_as_scenario(tmp_path):
     assert "folder" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"a = = 3", b"[path\nkind = 1", b"\xff\xfe\x00", b"seed = 1\nseed = 2"])
-def test_broken_toml_is_told_with_the_file(tmp_path, content):
+def test_broken_toml_is_reported_with_the_file(tmp_path, content):
     file = tmp_path / "broken.toml"
     file.write_bytes(content)
     assert refused(file).startswith("broken.toml: not valid TOML: ")
@@ -150,7 +150,7 @@ def test_an_override_may_be_a_whole_table():
         ("step_steer", {"plant.tyre.kind": "contact"}),
     ],
 )
-def test_another_kind_leaves_the_old_ones_own_keys_behind(name, overrides):
+def test_a_new_kind_drops_the_old_ones_own_keys(name, overrides):
     """Also where the file itself names no kind because it is the default."""
     (key, kind), *_ = overrides.items()
     part = load_scenario(name, overrides)
@@ -159,7 +159,7 @@ def test_another_kind_leaves_the_old_ones_own_keys_behind(name, overrides):
     assert part == kind
 
 
-def test_another_kind_keeps_the_keys_that_both_have():
+def test_a_new_kind_keeps_common_keys():
     scenario = load_scenario("straight_line", {"path.speed_m_s": 0.7}).changed({"path.kind": "circle"})
     assert scenario.path.speed_m_s == 0.7
 
@@ -251,14 +251,14 @@ def test_a_fault_names_the_file_the_key_and_the_fix(overrides, key, fix):
     assert "\n" not in message
 
 
-def test_a_slope_under_the_bicycle_is_refused_from_either_side():
+def test_refuses_a_slope_under_the_bicycle_in_either_order():
     slope = load_scenario("straight_line", {"terrain.kind": "slope"})
     with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant knows only flat ground, got 'slope'"):
         slope.changed({"plant.kind": "bicycle"})
 
 
 @pytest.mark.parametrize("step", [0.003, 0.0035, 0.0049, 0.0011, 0.000123])
-def test_a_step_that_does_not_divide_the_tick_gets_one_that_does(step):
+def test_a_step_that_does_not_divide_the_tick_suggests_one_that_does(step):
     message = refused("straight_line", {"physics_dt_s": step})
     assert message.startswith(f"straight_line.toml: physics_dt_s: {step:g} does not divide the 0.05 s tick; try ")
     better = float(re.search(r"try ([0-9.e-]+)$", message).group(1))
@@ -290,7 +290,7 @@ def test_the_step_follows_from_the_name_of_the_physics(changes, step):
     assert scenario.steps_per_tick == round(TICK_S / step)
 
 
-def test_a_step_and_a_name_for_it_are_not_both_taken():
+def test_refuses_both_a_step_and_a_physics_name():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
     assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; leave one out")
 
@@ -303,7 +303,7 @@ def test_all_faults_of_a_file_come_in_one_message(tmp_path):
     assert {line.split(": ")[1] for line in lines} == {"duraton_s", "terrain.grade_deg", "path.speed_m_s"}
 
 
-def test_misfits_between_keys_come_in_one_message_too(tmp_path):
+def test_conflicts_between_keys_come_in_one_message_too(tmp_path):
     file = write(tmp_path, 'physics_dt_s = 0.003\n[plant]\nkind = "bicycle"\n[terrain]\nkind = "slope"\n')
     lines = refused(file).splitlines()
     assert {line.split(": ")[1] for line in lines} == {"physics_dt_s", "terrain.kind"}
@@ -311,7 +311,7 @@ def test_misfits_between_keys_come_in_one_message_too(tmp_path):
 
 
 @pytest.mark.parametrize("key", ["seed.x", "a..b", ".seed", "seed."])
-def test_an_override_that_is_no_key_is_told(key):
+def test_an_override_of_an_unknown_key_is_reported(key):
     assert f"--set {key}" in refused("straight_line", {key: 1})
 
 
@@ -325,7 +325,7 @@ def test_an_override_that_is_no_key_is_told(key):
     ],
     ids=["delay", "settling", "step", "duration"],
 )
-def test_numbers_that_no_computer_can_run_are_refused(overrides):
+def test_refuses_numbers_too_large_to_run(overrides):
     """Each of these would fill the memory or run for years."""
     refused("circle", overrides)
 
@@ -352,7 +352,7 @@ def test_every_member_survives_the_round_trip(table_union, tmp_path):
         assert load_scenario(write(tmp_path, scenario.to_toml())) == scenario.changed({"name": "straight_line"})
 
 
-def test_the_hash_stands_for_what_the_run_depends_on():
+def test_the_hash_covers_everything_a_run_depends_on():
     scenario = load_scenario("straight_line")
     assert re.fullmatch("[0-9a-f]{8}", scenario.hash8)
     assert scenario.changed({"title": "other", "name": "else", "version": "0"}).hash8 == scenario.hash8
@@ -371,7 +371,7 @@ def test_the_duration_is_the_paths_unless_given():
     assert load_scenario("circle", {"duration_s": 1e-3}).ticks == 1
 
 
-def test_scenario_files_lie_in_the_package_or_beside_it():
+def test_scenario_files_are_in_the_package_or_beside_it():
     assert set(SHIPPED) <= set(scenario_files())
     assert all(isinstance(path, Path) and path.suffix == ".toml" for path in scenario_files().values())
 
@@ -414,6 +414,6 @@ def test_a_file_in_an_override_counts_from_the_working_directory(tmp_path, monke
     assert "nowhere.csv: no such file in" in refused(field / "mine.toml", {"path.file": "nowhere.csv"})
 
 
-def test_what_is_nested_too_deeply_is_refused(tmp_path):
+def test_refuses_too_deep_nesting(tmp_path):
     assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))

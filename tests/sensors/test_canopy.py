@@ -35,7 +35,7 @@ def qualities(canopy, xs, seed=1, conditions=NOMINAL):
     return np.array(found)
 
 
-def test_the_place_decides_and_the_fix_comes_back_later():
+def test_the_antennas_place_decides_and_the_fix_returns_later():
     xs = np.arange(0.0, 40.0, 0.06)
     found = qualities(Canopy(points=STRIP, lapse_share=0.0, refix_s=4.0), xs)
     below = (xs > 10.0) & (xs < 20.0)
@@ -44,12 +44,12 @@ def test_the_place_decides_and_the_fix_comes_back_later():
     assert (found[~(below | late)] == Quality.FIX).all()
 
 
-def test_a_closed_sky_gives_nothing():
+def test_a_closed_sky_gives_no_solution():
     found = qualities(Canopy(points=STRIP, sky="none", refix_s=0.0), [5.0, 15.0, 25.0])
     assert found.tolist() == [Quality.FIX, Quality.NONE, Quality.FIX]
 
 
-def test_lapses_have_their_share_and_their_duration():
+def test_lapses_have_their_share_and_mean_duration():
     """A Markov chain of two states: its share, and the mean of its geometric dwells."""
     n, canopy = 60_000, Canopy(points=STRIP, lapse_share=0.3, lapse_s=0.5)
     none = qualities(canopy, np.full(n, 15.0)) == Quality.NONE
@@ -60,12 +60,12 @@ def test_lapses_have_their_share_and_their_duration():
     assert none.sum() * DT / len(begins) == pytest.approx(0.5, rel=5 / sqrt(len(begins)))
 
 
-def test_a_scripted_fault_that_is_worse_wins():
+def test_a_worse_scripted_fault_wins():
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     assert qualities(Canopy(points=STRIP, lapse_share=0.0), [15.0], conditions=lost)[0] == Quality.NONE
 
 
-def test_a_canopy_shifts_no_noise():
+def test_a_canopy_changes_no_noise():
     """Outside of it the fixes are those of a receiver without one."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):
@@ -78,7 +78,7 @@ def test_a_canopy_shifts_no_noise():
 
 
 @pytest.mark.parametrize("points", [((0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))])
-def test_corners_that_enclose_nothing_are_refused(points):
+def test_refuses_corners_that_enclose_nothing(points):
     with pytest.raises(ValidationError, match="points: "):
         Canopy(points=points)
 
@@ -94,7 +94,7 @@ def test_inside_is_an_odd_number_of_crossings(points):
         assert in_polygon(points, x, y) == (abs(turned) > 3.0)
 
 
-def test_the_library_s_tree_line_floats_beside_the_trees_alone():
+def test_the_library_tree_line_floats_only_beside_the_trees():
     """The first pass lies below them, the others do not; a minute of it."""
     log = run(load_scenario("tree_line", {"duration_s": 70}))
     signals = {column: log.signals[column].to_numpy() for column in log.signals.column_names}

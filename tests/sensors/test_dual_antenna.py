@@ -56,7 +56,7 @@ def test_the_slow_error_starts_in_its_stationary_distribution():
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.2, 0.0), (0.0, 0.2), (0.2, 0.15), (-0.2, 0.15)])
-def test_a_leaning_roof_turns_the_baseline(roll, pitch):
+def test_a_leaning_roof_rotates_the_baseline(roll, pitch):
     """Against rotation matrices: yaw, then pitch, then roll (ISO 8855)."""
     c, s = np.cos, np.sin
     R_z = np.array([[c(0.3), -s(0.3), 0], [s(0.3), c(0.3), 0], [0, 0, 1]])
@@ -68,7 +68,7 @@ def test_a_leaning_roof_turns_the_baseline(roll, pitch):
     assert headings(perfect, 1, now=truth(roll=roll, pitch=pitch))[0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_it_comes_with_its_fix_and_shifts_no_other_noise():
+def test_heading_comes_with_its_fix_and_changes_no_other_noise():
     on = DualAntenna(enabled=True)
     assert np.array_equal(headings(on, 20)[:-4], headings(on, 20, latency=0.2)[4:])
     fixes = []
@@ -98,7 +98,7 @@ def test_the_heading_is_found_at_a_standstill():
         assert (degrees(off) < 1.5) == found
 
 
-def test_on_a_side_slope_two_antennas_tell_heading_from_course_without_an_inertial_unit():
+def test_on_a_side_slope_two_antennas_separate_heading_from_course():
     """10 deg: the tractor crabs by more than a degree, which one antenna takes for heading."""
     slope = {**FULL, "duration_s": 40}
     off = {}
@@ -113,7 +113,7 @@ def test_on_a_side_slope_two_antennas_tell_heading_from_course_without_an_inerti
     assert off["two"] < 0.35
 
 
-def test_a_fix_whose_heading_is_nonsense_is_refused():
+def test_refuses_a_fix_with_an_invalid_heading():
     estimator = load_scenario("straight_line", FULL | BOTH).estimator
     scenario = load_scenario("straight_line", FULL | BOTH)
     state = estimator.init(0.0, 0.0, 0.0, scenario.tractor)

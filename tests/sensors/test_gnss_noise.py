@@ -51,12 +51,12 @@ def allan(error, ticks):
     return sqrt(np.mean(second**2) / 2) / (ticks * DT)
 
 
-def test_the_default_is_the_paper_s():
+def test_the_default_noise_is_the_papers():
     assert (Gnss().multipath_sigma_m, Gnss().drift_sigma_m, Gnss().canopy) == (0.0, 0.0, ())
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, 4.0])
-def test_the_autocovariance_is_that_of_the_sum(lag_s):
+def test_the_autocovariance_is_the_sum_of_the_parts(lag_s):
     """Mean over runs from the stationary distribution, so that no time average hides the slow part."""
     runs, lag = 1200, round(lag_s / DT)
     pairs = np.array([errors(REAL, lag + 1, seed)[[0, -1]] for seed in range(runs)])
@@ -68,7 +68,7 @@ def test_the_autocovariance_is_that_of_the_sum(lag_s):
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.5, 2.0, 10.0])
-def test_the_allan_deviation_is_that_of_the_sum(tau_s):
+def test_the_allan_deviation_is_the_sum_of_the_parts(tau_s):
     """A stationary series with autocovariance C has second differences of variance 6 C(0) - 8 C(tau) + 2 C(2 tau)."""
     error, ticks = errors(REAL, 40_000), round(tau_s / DT)
     second = 6 * variance_of_sum(REAL, 0) - 8 * variance_of_sum(REAL, tau_s) + 2 * variance_of_sum(REAL, 2 * tau_s)
@@ -78,7 +78,7 @@ def test_the_allan_deviation_is_that_of_the_sum(tau_s):
         assert allan(error[:, axis], ticks) == pytest.approx(scale * expected, rel=4 / sqrt(2 * independent) + 0.03)
 
 
-def test_the_preset_jitters_by_millimetres_and_wanders_by_a_centimetre():
+def test_the_preset_has_millimetre_jitter_and_centimetre_wander():
     """The library's `rtk_noise`: from tick to tick and over 5 minutes, beside the default's 2.4 cm of jitter."""
     gnss = load_scenario("rtk_noise").sensors.gnss
     jitter, paper = (np.diff(errors(part, 2000)[:, 0]).std() for part in (gnss, Gnss()))
@@ -95,7 +95,7 @@ def test_axes_are_independent():
     assert np.abs(np.corrcoef(error.T)[np.triu_indices(3, 1)]).max() < 5 / sqrt(1500)
 
 
-def test_a_further_part_shifts_nothing_else():
+def test_a_further_part_changes_no_other_noise():
     """The paper's error is the same to the last bit below a further part."""
     plain, more = Gnss(), Gnss(drift_sigma_m=0.01)
     drift = Gnss(sigma_m=0.0, drift_sigma_m=0.01)
@@ -107,7 +107,7 @@ def test_a_float_solution_has_no_parts_of_a_fixed_one():
     assert np.array_equal(errors(plain, 50, quality=Quality.FLOAT), errors(more, 50, quality=Quality.FLOAT))
 
 
-def test_the_height_has_its_ratio_and_no_reading_without_a_fix():
+def test_height_error_has_its_ratio_and_no_reading_without_a_fix():
     error = errors(Gnss(height_ratio=3.0, correlated_fraction=0.0), 4000)
     assert error[:, 2].std() == pytest.approx(0.06, rel=5 / sqrt(8000))
     gnss = Gnss()

@@ -63,7 +63,7 @@ def bend(speed, rate):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_an_unaided_inclinometer_takes_a_bend_for_tilt(way):
+def test_an_unaided_inclinometer_mistakes_a_bend_for_tilt(way):
     """5.7 degrees at 0.1 g, left side up in a left bend, also in reverse on the same circle."""
     speed = 4.2
     found = drive(perfect(aiding="none", time_constant_s=0.0), bend(speed * way, 0.981 / speed * way), 40)
@@ -72,7 +72,7 @@ def test_an_unaided_inclinometer_takes_a_bend_for_tilt(way):
     assert found[5:, 2:] == pytest.approx(np.tile([0.0, 0.981, 9.81], (35, 1)), abs=1e-3)
 
 
-def test_gyros_that_turn_with_the_tractor_share_the_error_of_a_bend():
+def test_gyros_reduce_the_tilt_error_in_a_bend():
     """The filter's vertical stands in space: tau r smaller in roll, and behind in pitch."""
     tau, r = 2.0, 0.3
     found = drive(perfect(aiding="none", time_constant_s=tau), bend(3.0, r), 600)[-1]
@@ -82,7 +82,7 @@ def test_gyros_that_turn_with_the_tractor_share_the_error_of_a_bend():
 
 
 @pytest.mark.parametrize("a", [0.8, -1.3])
-def test_an_unaided_unit_takes_acceleration_for_pitch(a):
+def test_an_unaided_unit_mistakes_acceleration_for_pitch(a):
     """Nose up when it speeds up; the time constant is that of the key."""
 
     def speeding(t):
@@ -94,12 +94,12 @@ def test_an_unaided_unit_takes_acceleration_for_pitch(a):
 
 
 @pytest.mark.parametrize("motion", [bend(2.5, -0.35), lambda t: (0.7 * t, 1.0, 0.0), bend(-1.5, 0.2)])
-def test_speed_takes_the_accelerations_of_the_machine_out(motion):
+def test_speed_aiding_removes_the_machines_accelerations(motion):
     assert drive(perfect(time_constant_s=0.0), motion, 100)[:, :2] == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("aiding", ["none", "speed"])
-def test_straight_on_at_constant_speed_a_slope_is_read_without_error(aiding):
+def test_a_slope_is_read_exactly_straight_on_at_constant_speed(aiding):
     lean, nose = radians(11.0), radians(-6.0)
     found = drive(perfect(aiding=aiding, up_m=1.7), lambda t: (1.8, 2.0, 0.0), 200, lean, nose)
     assert found[:, :2] == pytest.approx(0.0, abs=1e-12)
@@ -122,7 +122,7 @@ def test_the_lever_arm_swings_with_the_roof():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_both_plants_pull_an_unaided_unit_outwards_in_a_bend(plant):
+def test_both_plants_tilt_an_unaided_unit_outwards_in_a_bend(plant):
     """On level ground: the reading beyond the true roll is a / g of the circle that is driven."""
     given = {
         "plant.kind": plant,
@@ -139,7 +139,7 @@ def test_both_plants_pull_an_unaided_unit_outwards_in_a_bend(plant):
     assert np.mean(log["imu_force_z"]) == pytest.approx(9.81, abs=0.05)
 
 
-def test_without_one_roll_and_pitch_are_not_known():
+def test_without_an_imu_roll_and_pitch_are_nan():
     sensors = Sensors()
     _, measurement = sensors.measure(sensors.init(1), truth(), NOMINAL, DT)
     assert isnan(measurement.roll)
@@ -173,7 +173,7 @@ def test_the_wander_starts_in_its_stationary_distribution():
     assert np.std(first) == pytest.approx(0.2, rel=5 / sqrt(2 * n))
 
 
-def test_it_shifts_no_other_stream():
+def test_the_imu_changes_no_other_stream():
     with_it, without = Sensors(imu=Imu(enabled=True)), Sensors()
     states = [sensors.init(1) for sensors in (with_it, without)]
     for _ in range(20):

@@ -52,7 +52,7 @@ def test_the_slip_has_its_sigma_and_its_correlation_time(lag):
     assert slip[: n - lag] @ slip[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
 
 
-def test_wheels_that_stand_read_exactly_zero():
+def test_standing_wheels_read_exactly_zero():
     assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.02) == 0.0).all()
     assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.04) != 0.0).all()
 
@@ -65,13 +65,13 @@ def test_the_bias_of_the_gyro_walks():
     assert last.std() == pytest.approx(0.01 * sqrt(10.0), rel=5 / sqrt(2 * runs))
 
 
-def test_the_walk_moves_no_noise():
+def test_the_bias_walk_changes_no_noise():
     still, walking = (Gyro(enabled=True, bias_walk_deg_s_rt_s=walk) for walk in (0.0, 1e-9))
     assert readings(walking, 50) == pytest.approx(readings(still, 50), abs=radians(1e-7))
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_the_plants_tell_the_speed_of_their_wheels(plant):
+def test_the_plants_report_their_wheel_speed(plant):
     """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
@@ -82,7 +82,7 @@ def test_the_plants_tell_the_speed_of_their_wheels(plant):
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.8])
-def test_the_radar_tells_the_magnitude_of_the_speed(speed):
+def test_the_radar_reads_the_magnitude_of_the_speed(speed):
     n, radar = 4000, RadarSpeed(enabled=True, scale_error=0.03, ground_sigma=0.0, sigma_m_s=0.02)
     found = readings(radar, n, speed=speed)
     assert found.mean() == pytest.approx(1.03 * abs(speed), abs=5 * 0.02 / sqrt(n))
@@ -90,14 +90,14 @@ def test_the_radar_tells_the_magnitude_of_the_speed(speed):
     assert isnan(readings(RadarSpeed(), 1)[0])
 
 
-def test_the_radar_sees_no_wheel_slip_and_nothing_below_its_least_speed():
+def test_the_radar_ignores_wheel_slip_and_reads_zero_below_its_least_speed():
     radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.0, sigma_m_s=0.0)
     assert readings(radar, 3, speed=1.0, wheel_speed=2.0) == pytest.approx(1.0)
     assert (readings(radar, 3, speed=0.15) == 0.0).all()
 
 
 @pytest.mark.parametrize("lag", [0, 2, 10])
-def test_the_ground_below_the_radar_changes_slowly(lag):
+def test_the_radars_ground_error_changes_slowly(lag):
     n = 40_000
     radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.01, ground_time_s=0.25, sigma_m_s=0.0)
     error = readings(radar, n, speed=1.0) - 1.0

@@ -82,13 +82,13 @@ def test_a_new_sensor_is_a_class_and_a_field():
     assert WithCompass().report(state)[-1] == measurement.readings["compass"].yaw
 
 
-def test_a_new_sensor_shifts_no_other():
+def test_a_new_sensor_changes_no_others_noise():
     for (_, new), (_, old) in zip(drive(WithCompass()), drive(Sensors()), strict=True):
         assert {name: new.readings[name] for name in old.readings} == old.readings
 
 
 @pytest.mark.parametrize("name", Sensors().all)
-def test_every_sensor_keeps_the_protocol(name):
+def test_every_sensor_follows_the_protocol(name):
     sensor = ALL_ON.all[name]
     assert isinstance(sensor, Sensor)
     state = sensor.init(3)
@@ -100,7 +100,7 @@ def test_every_sensor_keeps_the_protocol(name):
 
 
 @pytest.mark.parametrize("name", Sensors().all)
-def test_faults_shift_no_noise(name):
+def test_faults_change_no_noise(name):
     """After a fault the readings are those of a run without it."""
     sensor, readings = ALL_ON.all[name], []
     for conditions in (NOMINAL, ILL):
@@ -118,7 +118,7 @@ EVERYTHING = {
 
 
 @pytest.mark.parametrize("name", EVERYTHING)
-def test_no_sensor_shifts_another(name):
+def test_no_sensor_changes_anothers_noise(name):
     """Each sensor that can be switched on, and the second antenna and a canopy elsewhere, against a tractor without."""
     bare, more = Sensors(), Sensors.model_validate_json(json.dumps({name: EVERYTHING[name]}))
     for (_, with_it), (_, without) in zip(drive(more), drive(bare), strict=True):
@@ -138,7 +138,7 @@ def test_columns_have_distinct_names_and_say_what_they_are():
     assert len(ALL_ON.report(state)) == len(columns)
 
 
-def test_what_is_off_has_no_column():
+def test_disabled_sensors_have_no_column():
     names = {column.name for column in Sensors().columns}
     assert names.isdisjoint({"gyro", "imu_roll", "imu_pitch"})
     assert {"gyro", "imu_roll"} <= {

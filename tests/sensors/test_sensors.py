@@ -36,7 +36,7 @@ def record(sensors, ticks, seed=1, quality=lambda k: Quality.FIX, state_of=lambd
 # --- potentiometers
 
 
-def test_weights_are_savitzky_golay_then_mean():
+def test_weights_equal_savitzky_golay_then_mean():
     pot = Potentiometer()
     assert pot.weights.shape == (100,)
     assert pot.weights.sum() == pytest.approx(1.0, abs=1e-12)
@@ -46,7 +46,7 @@ def test_weights_are_savitzky_golay_then_mean():
 
 
 @pytest.mark.parametrize(("steps", "samples"), [(25, 100), (10, 100), (100, 100), (1, 5), (50, 21), (7, 40)])
-def test_a_compiled_reading_is_interpolation_noise_rounding_and_weights(steps, samples):
+def test_a_compiled_reading_equals_its_separate_steps(steps, samples):
     pot, rng = Potentiometer(samples=samples, savgol_window=3, savgol_polyorder=1), np.random.default_rng(steps)
     history = rng.uniform(-0.5, 0.5, steps)
     given, wanted = np.arange(1, steps + 1) / steps, np.arange(1, samples + 1) / samples
@@ -62,7 +62,7 @@ def test_weights_follow_a_changed_filter():
 @pytest.mark.parametrize(
     ("samples", "window", "order"), [(100, 21, 3), (21, 21, 3), (10, 5, 2), (3, 3, 1), (60, 1, 0), (90, 41, 4)]
 )
-def test_the_filter_is_that_of_scipy_at_the_ends_too(samples: int, window: int, order: int) -> None:
+def test_the_filter_equals_scipys_at_the_ends_too(samples: int, window: int, order: int) -> None:
     theirs = savgol_filter(np.eye(samples), window, order, axis=0)
     assert savgol_matrix(samples, window, order) == pytest.approx(theirs, abs=1e-12)
 
@@ -89,7 +89,7 @@ def test_noise_dithers_a_static_angle_far_below_the_resolution(angle_deg):
 
 
 @pytest.mark.parametrize("n", [1, 2, 25, 100, 250])
-def test_any_number_of_physics_steps(n):
+def test_works_for_any_number_of_physics_steps(n):
     pot = Potentiometer(noise_sigma_deg=0.0, resolution_deg=1e-6)
     assert pot.read(np.full(n, 0.3), stream(0, "pot")) == pytest.approx(0.3, abs=1e-7)
 
@@ -102,7 +102,7 @@ def test_a_ramp_reads_as_its_mean_over_the_tick(n):
     assert pot.read(ramp, stream(0, "pot")) == pytest.approx(0.25, abs=0.1 / 100)
 
 
-def test_the_pedal_reads_in_pedal_positions():
+def test_the_pedal_reads_in_pedal_units():
     pot, generator = PedalPotentiometer(), stream(1, "pedal_pot")
     readings = [pot.read(np.full(25, -0.73), generator) for _ in range(200)]
     assert np.mean(readings) == pytest.approx(-0.73, abs=0.002)
@@ -167,7 +167,7 @@ def test_the_error_starts_in_its_stationary_distribution():
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 
-def test_it_is_the_antenna_that_is_measured():
+def test_the_antenna_is_what_is_measured():
     fix = record(Sensors(gnss=PERFECT), 1)[0].fix
     assert fix[:6] == (10.0, -5.0, 1.1, 0.4, 0.0, 2.0)
 
@@ -190,12 +190,12 @@ def test_latency_delivers_the_solution_whole_ticks_later(ticks):
             assert measurement.fix.t == pytest.approx((k - ticks) * DT)
 
 
-def test_latency_that_is_no_whole_number_of_ticks_is_refused():
+def test_refuses_latency_of_fractional_ticks():
     with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a whole number.*try 0.1"):
         Gnss(latency_s=0.12)
 
 
-def test_no_solution_gives_no_fix_and_moves_no_noise():
+def test_without_a_solution_there_is_no_fix_and_noise_is_unchanged():
     def quality(k):
         return Quality.NONE if 3 <= k < 6 else Quality.FIX
 
@@ -221,7 +221,7 @@ def test_an_enabled_gyro_has_its_noise_and_bias():
     assert readings.std() == pytest.approx(0.2, rel=5 / sqrt(2 * n))
 
 
-def test_seed_decides_everything():
+def test_the_seed_decides_everything():
     sensors = Sensors(gyro=Gyro(enabled=True))
     one, again, two = (record(sensors, 5, seed=seed) for seed in (1, 1, 2))
     assert one == again
@@ -229,7 +229,7 @@ def test_seed_decides_everything():
         assert getattr(one[4], name) != getattr(two[4], name)
 
 
-def test_no_two_channels_share_their_noise():
+def test_no_two_channels_share_noise():
     gnss, n = Gnss(correlated_fraction=0.5, correlation_time_s=DT), 2000
     log = record(Sensors(gnss=gnss, gyro=Gyro(enabled=True)), n, state_of=lambda k: truth())
     channels = np.array([[*m.fix[:4], m.steer, m.pedal, m.gyro] for m in log]).T
@@ -245,7 +245,7 @@ def test_no_two_channels_share_their_noise():
         Sensors(steering_pot=SteeringPotentiometer(samples=50)),
     ],
 )
-def test_a_changed_sensor_shifts_no_other_stream(changed):
+def test_a_changed_sensor_changes_no_other_stream(changed):
     default = Sensors()
     for before, after in zip(record(default, 20), record(changed, 20), strict=True):
         if changed.gnss == default.gnss:
@@ -266,6 +266,6 @@ def test_a_changed_sensor_shifts_no_other_stream(changed):
         ({"resolution": 1.0}, "Extra inputs"),
     ],
 )
-def test_a_potentiometer_that_cannot_be_is_refused(keys, message):
+def test_refuses_an_impossible_potentiometer(keys, message):
     with pytest.raises(ValidationError, match=message):
         Potentiometer(**keys)

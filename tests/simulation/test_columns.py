@@ -88,14 +88,14 @@ def test_every_column_shows_its_own_quantity():
     assert set(EXPECTED) | computed == {signal.column.name for signal in SIGNALS if signal.value}
 
 
-def test_what_a_stage_reports_is_left_to_the_stage():
+def test_stages_report_their_own_columns():
     found = logged()
     assert {name for name, value in found.items() if isnan(value)} == set(COLUMNS) - set(EXPECTED) - {"position_nees"}
 
 
 @pytest.mark.parametrize("heading_deg", [0, 90, 200, -35])
 @pytest.mark.parametrize(("ahead", "left"), [(1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)])
-def test_the_errors_are_in_the_frame_of_the_reference_whatever_the_tractors_heading(heading_deg, ahead, left):
+def test_errors_are_in_the_reference_frame_at_any_heading(heading_deg, ahead, left):
     forward = np.array([np.cos(radians(heading_deg)), np.sin(radians(heading_deg))])
     x, y = np.array([TRUTH.x, TRUTH.y]) + ahead * forward + left * np.array([-forward[1], forward[0]])
     reference = TICK.reference._replace(x=x, y=y, yaw=radians(heading_deg))
@@ -103,7 +103,7 @@ def test_the_errors_are_in_the_frame_of_the_reference_whatever_the_tractors_head
     assert (found["e_longitudinal"], found["e_lateral"]) == pytest.approx((ahead, left))
 
 
-def test_the_nees_is_the_squared_distance_of_r_in_units_of_its_own_uncertainty():
+def test_the_nees_is_the_normalised_squared_error_of_r():
     error = np.array([TRUTH.rear_x - ESTIMATE.rear_x, TRUTH.rear_y - ESTIMATE.rear_y])
     assert logged()["position_nees"] == pytest.approx(error @ np.linalg.solve(P[:2, :2], error))
     # without correlation: one standard deviation off on each axis is 2
@@ -111,23 +111,23 @@ def test_the_nees_is_the_squared_distance_of_r_in_units_of_its_own_uncertainty()
     assert logged(TICK._replace(estimate=ESTIMATE._replace(covariance=sure)))["position_nees"] == pytest.approx(2.0)
 
 
-def test_without_a_fix_there_is_no_solution_and_with_one_there_is():
+def test_no_fix_means_no_solution_in_the_log():
     without = logged(TICK._replace(measured=TICK.measured._replace(fix=None, quality=0)))
     assert isnan(without["gnss_x"])
     assert isnan(without["gnss_y"])
     assert without["gnss_quality"] == 0.0
 
 
-def test_a_saturated_command_counts_as_one():
+def test_a_saturated_command_is_flagged():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_a_filter_without_bias_and_a_plant_without_wheels_leave_their_columns_empty():
+def test_missing_bias_and_wheels_leave_their_columns_empty():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 
 
-def test_units_are_those_of_the_quantities():
+def test_units_match_the_quantities():
     """By their names: what is a pressure is in pascal, an angle in radians, a rate per second."""
     units = {signal.column.name: signal.column.unit for signal in SIGNALS}
     units |= {column.name: column.unit for column in WHEEL_SIGNALS}

@@ -102,27 +102,27 @@ class OneSided(Linear):
         return super().coefficients(tractor)[:1]
 
 
-def test_an_estimator_returns_state_and_estimate():
+def test_an_estimator_must_return_state_and_estimate():
     with pytest.raises(ScenarioError, match=r"the estimator \(blunt\): update must return its state and an Estimate"):
         run(scenario(estimator=Blunt()))
 
 
 @pytest.mark.parametrize("answer", ["none", "number"])
-def test_a_fault_returns_state_and_conditions(answer):
+def test_a_fault_must_return_state_and_conditions(answer):
     with pytest.raises(ScenarioError, match=r"fault\[0\] \(broken\): apply must return its state and a Conditions"):
         run(scenario(fault=(Broken(start_s=0.2, answer=answer),)))
 
 
 @pytest.mark.parametrize("start", [0.0, 0.2])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_conditions_that_are_no_numbers_are_named(start, plant):
+def test_non_numeric_conditions_are_named(start, plant):
     whole = load_scenario("straight_line", {"plant.kind": plant, "duration_s": 0.5})
     log = run(whole.model_copy(update={"fault": (Broken(start_s=start, answer="nan"),)}))
     assert log.outcome == "diverged"
     assert log.metrics["stop_reason"] == "conditions.gnss_offset is nan, made by a fault (broken)"
 
 
-def test_a_sensor_returns_state_and_reading():
+def test_a_sensor_must_return_state_and_reading():
     whole = scenario()
     blind = whole.sensors.model_copy(update={"gyro": Silent()})
     with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): measure must return its state and a reading"):
@@ -143,7 +143,7 @@ class Chatty(Gyro):
 
 
 @pytest.mark.parametrize("answer", ["short", "long", "text", "none", "complex"])
-def test_a_report_has_a_number_for_each_column(answer):
+def test_a_report_must_have_a_number_for_each_column(answer):
     whole = scenario()
     loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
     with pytest.raises(
@@ -152,44 +152,44 @@ def test_a_report_has_a_number_for_each_column(answer):
         run(whole.model_copy(update={"sensors": loud}))
 
 
-def test_an_estimate_holds_numbers():
+def test_an_estimate_must_hold_numbers():
     with pytest.raises(ScenarioError, match=r"the estimator \(vague\) returned a non-numeric estimate: Estimate\("):
         run(scenario(estimator=Vague()))
 
 
-def test_a_reference_holds_numbers():
+def test_a_reference_must_hold_numbers():
     with pytest.raises(
         ScenarioError, match=r"the path \(wordy\) returned a non-numeric reference: Reference\(x='east'"
     ):
         run(scenario(path=Wordy()))
 
 
-def test_a_path_returns_references():
+def test_a_path_must_return_references():
     with pytest.raises(ScenarioError, match=r"the path \(lost\): at must return a Reference, got \(0.0, 0.0\)"):
         run(scenario(path=Lost()))
 
 
 @pytest.mark.parametrize("number", [nan, inf, -1.0, None, "long"])
 @pytest.mark.parametrize("name", ["max_curvature", "duration_s"])
-def test_numbers_of_a_path_are_numbers(name, number):
+def test_path_properties_must_be_numbers(name, number):
     key = {"max_curvature": "bend", "duration_s": "lasts"}[name]
     with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be finite and not negative"):
         check_files(scenario(path=Lost().model_copy(update={key: number})), "mine.toml")
 
 
 @pytest.mark.parametrize("answer", ["none", "nan", "row", "one"])
-def test_a_terrain_returns_a_grid_of_heights(answer):
+def test_a_terrain_must_return_a_height_grid(answer):
     wanted = "relief must return a Ground" if answer == "none" else "relief: its heights must be finite numbers"
     with pytest.raises(ValueError, match=wanted):
         Hole(answer=answer).ground()
 
 
-def test_a_tyre_returns_the_laws_of_both_axles():
+def test_a_tyre_must_return_the_laws_of_both_axles():
     with pytest.raises(ScenarioError, match=r"the tyre \(one_sided\): coefficients must return the law of a front and"):
         tyre_set(OneSided(), TractorParameters())
 
 
-def test_what_a_base_asks_for_must_be_there():
+def test_abstract_methods_must_be_implemented():
     class Unfinished(TyreBase):
         kind: Literal["unfinished"] = "unfinished"
 
@@ -217,7 +217,7 @@ class Resigning(Blunt):
         raise SystemExit(0)
 
 
-def test_no_kind_ends_the_program():
+def test_no_plugin_can_exit_the_program():
     for begin in (
         lambda: check_files(scenario(terrain=Quitting()), "mine.toml"),
         lambda: run(scenario(estimator=Resigning())),
@@ -226,7 +226,7 @@ def test_no_kind_ends_the_program():
             begin()
 
 
-def test_answers_are_shown_shortened():
+def test_wrong_return_values_are_shown_shortened():
     with pytest.raises(ScenarioError) as refused:
         check_update([0] * 10_000, int, "the law", "mine", "update")
     assert str(refused.value).startswith("the law (mine): update must return its state and an int, got [0, 0")

@@ -30,7 +30,7 @@ def is_in_file(rows):
     return rows._values._map is not None
 
 
-def test_rows_are_kept_while_memory_is_released(small):
+def test_rows_survive_releasing_memory(small):
     store, truth = LongArray(100, (2, 7)), np.random.default_rng(1).normal(size=(100, 2, 7))
     for k, row in enumerate(truth):
         store.make_room(k + 1)
@@ -55,7 +55,7 @@ def test_a_long_run_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_a_run_of_one_piece_is_written_as_a_table(tmp_path):
+def test_a_single_piece_run_is_written_as_a_table(tmp_path):
     """The bytes of ordinary files do not depend on the way they are written."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
@@ -94,7 +94,7 @@ def full_disk(monkeypatch, tmp_path):
     long_array._TOLD.clear()
 
 
-def test_a_full_disk_costs_memory_and_no_results(small, full_disk, tmp_path, monkeypatch, capsys):
+def test_a_full_disk_uses_memory_and_loses_no_results(small, full_disk, tmp_path, monkeypatch, capsys):
     log = run(load_scenario(*SCENARIO))
     assert not is_in_file(log.rows)
     said = f"{tmp_path}: has no room for the log of a long run, which is kept in memory instead\n"
@@ -103,7 +103,7 @@ def test_a_full_disk_costs_memory_and_no_results(small, full_disk, tmp_path, mon
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_a_disk_that_takes_no_file_of_that_size_costs_memory_and_no_results(small, tmp_path, monkeypatch, capsys):
+def test_a_file_size_limit_uses_memory_and_loses_no_results(small, tmp_path, monkeypatch, capsys):
     def refused():
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
 
@@ -116,21 +116,21 @@ def test_a_disk_that_takes_no_file_of_that_size_costs_memory_and_no_results(smal
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_a_full_disk_and_a_full_memory_name_the_folder_and_the_remedy(small, full_disk, monkeypatch, tmp_path):
+def test_full_disk_and_memory_name_the_folder_and_the_fix(small, full_disk, monkeypatch, tmp_path):
     monkeypatch.setattr(long_array, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
         run(load_scenario(*SCENARIO))
     assert (told.value.filename, told.value.errno) == (str(tmp_path), errno.ENOSPC)
 
 
-def test_a_long_log_takes_no_memory_of_its_own():
+def test_a_long_log_takes_no_memory():
     """A day takes what an hour does: address space."""
     rows = logs.Rows(1_728_000, 24, 13)
     assert is_in_file(rows)
     assert rows.values.shape[0] == 1_728_000
 
 
-def test_pieces_of_an_empty_log_are_an_empty_table():
+def test_an_empty_log_gives_an_empty_table():
     rows = logs.Rows(10, 0, 1)
     log = logs.Log(SimpleNamespace(), rows, SimpleNamespace(), "aborted", 0.0)
     (piece,) = log.pieces()

@@ -44,12 +44,12 @@ def at_most(most):
         tracemalloc.stop()
 
 
-def test_the_table_is_written_with_one_piece_of_it_in_memory(log, tmp_path):
+def test_writing_the_table_holds_one_piece_in_memory(log, tmp_path):
     with at_most(1.5 * 8 * PIECE * len(log.rows.columns)):
         write_log(log, tmp_path)
 
 
-def test_what_the_end_of_a_recording_needs_of_its_log_are_single_columns(log):
+def test_finishing_a_recording_reads_only_single_columns(log):
     with at_most(6 * 8 * ROWS):
         assert log.rows.poses[:ROWS, 0, :3].shape == (ROWS, 3)
 

@@ -62,7 +62,7 @@ class Witness:
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_same_seed_gives_the_same_table_and_another_does_not(plant):
+def test_the_same_seed_gives_the_same_table(plant):
     scenario = short(plant__kind=plant)
     first, again, other = run(scenario), run(scenario), run(scenario.changed({"seed": 2}))
     assert first.signals.equals(again.signals)
@@ -72,7 +72,7 @@ def test_the_same_seed_gives_the_same_table_and_another_does_not(plant):
         assert not np.array_equal(first.column(column), other.column(column))
 
 
-def test_a_run_neither_changes_its_scenario_nor_leaves_anything_behind(tmp_path, monkeypatch):
+def test_a_run_changes_neither_its_scenario_nor_global_state(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short()
     before = scenario.to_toml()
@@ -81,14 +81,14 @@ def test_a_run_neither_changes_its_scenario_nor_leaves_anything_behind(tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_watching_changes_nothing():
+def test_watchers_do_not_change_the_run():
     assert run(short(), (Witness(),)).signals.equals(run(short()).signals)
 
 
 # --- ends of a run ------------------------------------------------------------------------------------------------
 
 
-def test_a_run_has_one_row_a_tick_from_zero():
+def test_a_run_has_one_row_per_tick_from_zero():
     log = run(short(seconds=3.0))
     assert log.outcome == "completed"
     assert log.column("t") == pytest.approx(0.05 * np.arange(60))
@@ -96,7 +96,7 @@ def test_a_run_has_one_row_a_tick_from_zero():
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_leaving_the_terrain_ends_the_run_where_it_happened(plant):
+def test_leaving_the_terrain_ends_the_run_there(plant):
     log = run(short(seconds=60.0, plant__kind=plant, terrain__half_size_m=4.0))
     assert log.outcome == log.metrics["outcome"] == "left_terrain"
     assert log.column("x")[-2] <= 4.0 < log.column("x")[-1] < 4.2
@@ -118,7 +118,7 @@ def test_a_tractor_far_from_its_reference_has_diverged():
     assert (off[:-1] < 50).all()
 
 
-def test_physics_that_blow_up_end_the_run_before_anything_senses_them(tmp_path, monkeypatch):
+def test_diverging_physics_end_the_run_before_sensing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
     advance, calls = MujocoPlant.advance, iter(range(1000))
@@ -153,7 +153,7 @@ def test_an_impossible_tractor_is_bad_input():
 # --- watchers -----------------------------------------------------------------------------------------------------
 
 
-def test_watchers_hear_every_row_once_in_chunks(monkeypatch):
+def test_watchers_get_every_row_once_in_chunks(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
     witness = Witness()
     ticks = 2 * CHUNK_TICKS + 30
@@ -167,7 +167,7 @@ def test_watchers_hear_every_row_once_in_chunks(monkeypatch):
     assert witness.heard[-1] == ("finish", "completed", True)
 
 
-def test_watchers_hear_the_rows_of_a_run_that_ends_early():
+def test_watchers_get_the_rows_of_a_run_that_ends_early():
     witness = Witness()
     log = run(short(seconds=60.0, terrain__half_size_m=4.0, plant__kind="bicycle"), (witness,))
     assert witness.seen == log.signals.num_rows
@@ -214,7 +214,7 @@ def test_every_path_can_be_driven(path):
     assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 1.0
 
 
-def test_errors_are_those_of_the_true_cg_in_the_frame_of_the_reference():
+def test_errors_use_the_true_cg_in_the_reference_frame():
     log = run(short("circle", 8.0))
     c = log.column
     for k in (20, 159):
@@ -225,7 +225,7 @@ def test_errors_are_those_of_the_true_cg_in_the_frame_of_the_reference():
     assert c("e_yaw_rate") == pytest.approx(c("yaw_rate_ref") - c("yaw_rate_hat"))
 
 
-def test_the_command_is_the_controllers_and_stays_within_the_stops():
+def test_the_command_is_the_controllers_within_the_stops():
     log = run(short("circle", 6.0))
     c, limit = log.column, log.scenario.tractor.steer_limit
     wanted = np.clip(c("tau_c") - c("tau_n"), -limit, limit)
@@ -235,7 +235,7 @@ def test_the_command_is_the_controllers_and_stays_within_the_stops():
     assert ((c("q") >= 0) & (c("q") <= 1)).all()
 
 
-def test_the_tractor_moves_as_its_speed_says():
+def test_the_position_integrates_the_speed():
     log = run(short("circle", 8.0))
     c = log.column
     travelled = np.hypot(np.diff(c("x")), np.diff(c("y")))
@@ -255,7 +255,7 @@ def test_the_estimates_follow_the_truth():
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_step_of_the_steering_comes_when_it_should(plant):
+def test_the_steering_step_comes_on_time(plant):
     changes = {"plant.kind": plant, "controller.at_s": 4.0, "duration_s": 8.0}
     log = run(load_scenario("step_steer").changed(changes))
     t, steer_ref, steer = (log.column(name) for name in ("t", "steer_ref", "steer"))
@@ -269,7 +269,7 @@ def test_the_step_of_the_steering_comes_when_it_should(plant):
 # --- the page that shows a tick -----------------------------------------------------------------------------------
 
 
-def test_a_tick_fits_its_page_without_a_guard():
+def test_the_tick_source_is_short_and_has_no_guards():
     whole, names = ast.walk(ast.parse(getsource(loop_module))), ("sense", "decide", "act", "drive")
     tick = [part for part in whole if isinstance(part, ast.FunctionDef) and part.name in names]
     statements = [part for method in tick for part in ast.walk(method) if isinstance(part, ast.stmt)]
@@ -280,7 +280,7 @@ def test_a_tick_fits_its_page_without_a_guard():
     assert "check" not in "".join(map(ast.unparse, tick))
 
 
-def test_a_run_is_ticks_in_turn():
+def test_a_run_is_a_sequence_of_ticks():
     """The page is what runs: a simulation without commands logs what `tick` and `advance` give."""
     scenario = short("circle", 2.0, plant__kind="bicycle")
     loop, drives = Loop(scenario), []
@@ -309,13 +309,13 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
     return tick.pedal_ref, tick.drive.steer_voltage, tick.drive.pedal_voltage
 
 
-def test_no_loop_looks_at_the_truth():
+def test_no_loop_reads_the_truth():
     """Whatever the truth is once the sensors have been read, the valves get the same voltages."""
     other = decided(lambda t: {name: getattr(t, name) + 0.3 for name in ("speed", "steer", "pedal", "yaw_rate", "x")})
     assert other == decided()
 
 
-def test_the_loops_answer_to_the_estimate_and_the_sensors():
+def test_the_loops_respond_to_estimate_and_sensors():
     pedal_ref, steer_voltage, pedal_voltage = decided()
     faster = decided(change_estimate=lambda e: {"speed": e.speed + 0.5})
     assert faster[0] < pedal_ref - 0.02  # believed too fast: less pedal

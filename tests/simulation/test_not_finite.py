@@ -86,7 +86,7 @@ STAGES = [
 
 
 @pytest.mark.parametrize(("owner", "method", "change", "what", "who"), STAGES)
-def test_the_stage_that_makes_it_is_named(monkeypatch, tmp_path, owner, method, change, what, who):
+def test_the_stage_that_returns_a_non_finite_value_is_named(monkeypatch, tmp_path, owner, method, change, what, who):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, owner, method, change, at=1 if method == "init" else 10)
     log = run(scenario)
@@ -99,7 +99,7 @@ def test_the_stage_that_makes_it_is_named(monkeypatch, tmp_path, owner, method, 
 
 
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_a_law_that_commands_no_number_is_named(monkeypatch, guidance):
+def test_a_law_with_a_non_finite_command_is_named(monkeypatch, guidance):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=nan))
@@ -108,7 +108,7 @@ def test_a_law_that_commands_no_number_is_named(monkeypatch, guidance):
 
 @pytest.mark.parametrize("angle", [1e9, -10.0, 1.58])
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_a_law_that_commands_an_absurd_angle_is_named(monkeypatch, guidance, angle):
+def test_a_law_with_an_absurd_angle_is_named(monkeypatch, guidance, angle):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=angle))
@@ -118,7 +118,7 @@ def test_a_law_that_commands_an_absurd_angle_is_named(monkeypatch, guidance, ang
 
 
 @pytest.mark.parametrize("angle", [0.8, 1.2, -1.57])
-def test_an_angle_beyond_the_limit_is_that_of_the_limit(monkeypatch, angle):
+def test_an_angle_beyond_the_limit_is_clipped(monkeypatch, angle):
     """For one tick: the derivative of the steering loop would remember a larger one for seconds."""
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     law, limit = type(scenario.guidance), scenario.tractor.steer_limit
@@ -132,7 +132,7 @@ def test_an_angle_beyond_the_limit_is_that_of_the_limit(monkeypatch, angle):
     assert logs[0].signals.equals(logs[1].signals)
 
 
-def test_an_absurd_angle_from_outside_is_refused():
+def test_refuses_an_absurd_angle_from_outside():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     with pytest.raises(CommandError, match="steer: is in radians and must be within a right angle, got 30"):
@@ -141,7 +141,7 @@ def test_an_absurd_angle_from_outside_is_refused():
     assert sim.log().column("steer_ref")[-1] == sim.scenario.tractor.steer_limit
 
 
-def test_a_law_may_not_write_into_the_filter(monkeypatch):
+def test_a_law_cannot_write_into_the_filter(monkeypatch):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     sim = Simulation(scenario)
     sim.reset()
@@ -150,7 +150,7 @@ def test_a_law_may_not_write_into_the_filter(monkeypatch):
             situation.estimate.covariance[:] = 0.0
 
 
-def test_a_controller_from_outside_that_commands_no_number_is_named(tmp_path):
+def test_an_external_controller_with_a_non_finite_command_is_named(tmp_path):
     """In a process of its own, since a registration lasts as long as the process."""
     (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
     sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
@@ -165,13 +165,13 @@ def test_a_controller_from_outside_that_commands_no_number_is_named(tmp_path):
     assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 
-def test_a_voltage_that_is_no_number_is_named(monkeypatch):
+def test_a_non_finite_voltage_is_named(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, type(scenario.steering.loop), "update", lambda found: (found[0], nan))
     assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
 
 
-def test_an_error_of_ones_own_in_a_law_stays_what_it_is(monkeypatch):
+def test_exceptions_of_a_users_law_pass_unchanged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
 
     def fails(found):
@@ -212,7 +212,7 @@ def test_a_bad_reading_counts_as_missing(monkeypatch, field, value, column):
     assert "rejected_readings" not in whole.metrics
 
 
-def test_an_optional_reading_that_fails_is_done_without(monkeypatch):
+def test_a_failing_optional_reading_is_done_without(monkeypatch):
     units = {f"sensors.{name}.enabled": True for name in ("gyro", "imu")}
     keys = {"estimator.yaw_rate_source": "gyro", "estimator.terrain_compensation": True}
     scenario = load_scenario("figure_eight", SHORT | units | keys)
@@ -223,7 +223,7 @@ def test_an_optional_reading_that_fails_is_done_without(monkeypatch):
     assert np.isfinite(log.column("yaw_rate_hat")).all()
 
 
-def test_a_run_that_diverges_while_it_settles_has_an_empty_row(monkeypatch, tmp_path):
+def test_a_run_that_diverges_while_settling_has_an_empty_row(monkeypatch, tmp_path):
     scenario = load_scenario("figure_eight", SHORT)
     monkeypatch.setattr(BicyclePlant, "trouble", lambda plant: "diverged")
     sim = Simulation(scenario)
@@ -236,7 +236,7 @@ def test_a_run_that_diverges_while_it_settles_has_an_empty_row(monkeypatch, tmp_
     write_log(log, tmp_path)
 
 
-def test_a_plant_that_blows_up_says_so(monkeypatch):
+def test_a_diverging_plant_reports_it(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     whole = BicyclePlant.advance
 
@@ -249,7 +249,7 @@ def test_a_plant_that_blows_up_says_so(monkeypatch):
     assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]
 
 
-def test_a_filter_that_loses_all_digits_is_named():
+def test_a_numerically_singular_filter_is_named():
     log = run(load_scenario("figure_eight", {**SHORT, "estimator.initial_velocity_sigma_m_s": 1e9}))
     assert log.outcome == "diverged"
     assert log.metrics["stop_reason"] == "the estimator (ekf) failed: matrix is not positive definite"
@@ -288,7 +288,7 @@ SOUND = Sample(1.0, "nan", np.ones(3), (1.0, 2.0))
         ({"place": (0.0, -inf)}, "sample.place is -inf"),
         ({"wanted": inf}, "sample.wanted is inf"),
         ({"inner": Inner(rate=nan)}, "sample.inner.rate is nan"),
-        ({"x": 1e308, "place": (1e308, 1e308)}, "sample is beyond the numbers that a computer has"),
+        ({"x": 1e308, "place": (1e308, 1e308)}, "sample overflows"),
     ],
 )
 def test_names_the_field_that_is_not_finite(changes, named):
@@ -297,7 +297,7 @@ def test_names_the_field_that_is_not_finite(changes, named):
         Numbers(Sample).check(SOUND._replace(**changes), "a test")
 
 
-def test_a_field_may_be_missing_where_its_default_is():
+def test_a_field_may_be_nan_where_its_default_is():
     untold = SOUND._replace(heading=nan, rates=(nan, 1.0), wanted=None)
     Numbers(Sample).check(untold, "a test")
     Numbers(Sample, but=("samples",)).check(untold._replace(samples=np.array([nan])), "a test")

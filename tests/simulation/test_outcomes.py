@@ -64,7 +64,7 @@ def test_a_tractor_that_spins_on_the_spot_is_stuck(overrides, least_x, most_x):
     ],
     ids=["0.1 m/s", "0.05 m/s", "slow start", "pedal released", "implement", "soft soil"],
 )
-def test_a_slow_a_waiting_and_a_toiling_tractor_are_not_stuck(overrides):
+def test_slow_waiting_and_struggling_tractors_are_not_stuck(overrides):
     assert ends(25.0, **overrides).outcome == "completed"
 
 
@@ -79,16 +79,16 @@ def still(pedal, x=0.0):
     return SimpleNamespace(x=x, y=0.0, pedal=pedal)
 
 
-def test_it_is_stuck_after_ten_seconds_of_trying_and_not_before():
+def test_stuck_means_ten_seconds_of_trying():
     seen = watched([still(0.3)] * 300)
     assert seen.index("stuck") == pytest.approx(STUCK_S / TICK_S, abs=1)
 
 
-def test_backwards_it_can_be_stuck_too():
+def test_stuck_is_detected_in_reverse_too():
     assert watched([still(-0.3)] * 300)[-1] == "stuck"
 
 
-def test_the_time_begins_anew_when_it_gets_away_or_lets_go_of_the_pedal():
+def test_the_timer_restarts_on_motion_or_pedal_release():
     held = [still(0.3)] * 190
     assert set(watched([*held, still(0.3, x=0.4), *[still(0.3, x=0.4)] * 190])) == {None}
     assert set(watched([*held, still(0.0), *held])) == {None}
@@ -96,7 +96,7 @@ def test_the_time_begins_anew_when_it_gets_away_or_lets_go_of_the_pedal():
 
 
 @pytest.mark.parametrize(("gained", "outcome"), [(LEFT_M - 0.1, {None}), (LEFT_M + 0.1, {None, "stuck"})])
-def test_it_is_stuck_without_a_pedal_once_its_reference_has_left_it(gained, outcome):
+def test_stuck_without_pedal_once_the_reference_has_left(gained, outcome):
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     ticks = round(1.2 * STUCK_S / TICK_S)
     seen = [watch.trouble(still(0.0), 3.0 + gained * k / ticks) for k in range(ticks + 1)]
@@ -105,12 +105,12 @@ def test_it_is_stuck_without_a_pedal_once_its_reference_has_left_it(gained, outc
     assert {watch.trouble(still(0.0), 3.0 + 0.06 * k, led=False) for k in range(300)} == {None}
 
 
-def test_who_waits_for_its_reference_is_not_stuck():
+def test_waiting_for_the_reference_is_not_stuck():
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     assert {watch.trouble(still(0.0), abs(30.0 - 0.06 * k)) for k in range(900)} == {None}
 
 
-def test_the_reference_leaves_only_from_where_it_is_followed_again():
+def test_the_reference_leaves_only_once_it_is_followed_again():
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     assert {watch.trouble(still(0.0), 0.06 * k, led=False) for k in range(300)} == {None}
     assert {watch.trouble(still(0.0), 18.0) for _ in range(300)} == {None}
@@ -145,7 +145,7 @@ COURSES = (
 @pytest.mark.parametrize("seconds", [4.5, 8.0, 11.0, 40.0])
 @pytest.mark.parametrize("source", COURSES)
 @pytest.mark.parametrize("speed", [0.0, 1e-9])
-def test_who_stands_still_is_stuck_or_unfinished(monkeypatch, source, seconds, speed):
+def test_a_standing_tractor_is_stuck_or_unfinished(monkeypatch, source, seconds, speed):
     monkeypatch.setattr(Loop, "decide", lambda loop, measured, situation: Command(0.0, speed))
     log = ends(seconds, source, **BRIEF)
     assert log.outcome == log.metrics["outcome"] == ("stuck" if seconds > STUCK_S + 0.5 else "unfinished")
@@ -154,7 +154,7 @@ def test_who_stands_still_is_stuck_or_unfinished(monkeypatch, source, seconds, s
 
 
 @pytest.mark.parametrize(("factor", "outcome"), [(0.5, "unfinished"), (0.85, "unfinished"), (1.0, "completed")])
-def test_who_drives_too_slowly_does_not_finish(monkeypatch, factor, outcome):
+def test_too_slow_a_tractor_does_not_finish(monkeypatch, factor, outcome):
     slowed(monkeypatch, factor)
     log = ends(60.0, "straight_line", guidance__saturation_m_s=1e-6, **BRIEF)
     assert log.outcome == outcome
@@ -163,7 +163,7 @@ def test_who_drives_too_slowly_does_not_finish(monkeypatch, factor, outcome):
     assert said == "" if outcome == "completed" else said.startswith("drove ")
 
 
-def test_who_steers_off_its_path_does_not_finish():
+def test_leaving_the_path_does_not_finish():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 30.0})
     sim.reset()
     while not sim.done:
@@ -172,7 +172,7 @@ def test_who_steers_off_its_path_does_not_finish():
     assert sim.log().metrics["progress"] < 0.5
 
 
-def test_who_stands_at_the_word_of_another_is_not_stuck():
+def test_standing_on_external_command_is_not_stuck():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 20.0})
     sim.reset()
     while not sim.done:
@@ -180,11 +180,11 @@ def test_who_stands_at_the_word_of_another_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
-def test_a_wheel_that_is_held_open_loop_has_no_path_to_finish():
+def test_open_loop_steering_has_no_path_to_finish():
     assert ends(30.0, controller={"kind": "open_loop", "steer_deg": 15.0, "at_s": 5.0}, **BRIEF).outcome == "completed"
 
 
-def test_a_long_stop_by_the_supervisor_is_not_stuck():
+def test_a_long_supervised_stop_is_not_stuck():
     log = run(load_scenario("gnss_gone", {"plant.kind": "bicycle", "supervisor.settle_s": 14.0}))
     assert log.outcome == "stopped"
     assert log.as_expected
@@ -195,7 +195,7 @@ def test_a_long_rest_at_a_cusp_is_not_stuck():
     assert log.outcome == "completed"
 
 
-def test_a_reason_can_be_expected():
+def test_an_expected_reason_is_checked():
     scenario = load_scenario("gnss_gone")
     assert scenario.expects("stopped", "no GNSS fix for 8.1 s")
     assert not scenario.expects("stopped", "wheels 232 deg off the steering command")
@@ -209,7 +209,7 @@ def test_a_reason_can_be_expected():
         load_scenario("circle", {"expected_reason": "no GNSS fix"})
 
 
-def test_who_breaks_off_after_the_end_changes_nothing():
+def test_an_abort_after_the_end_changes_nothing():
     sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": 0.1})
     sim.reset()
     while not sim.done:
@@ -222,7 +222,7 @@ def test_who_breaks_off_after_the_end_changes_nothing():
 
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
-def test_a_slope_of_37_degrees_turns_it_over(settle_s):
+def test_a_slope_of_37_degrees_rolls_it_over(settle_s):
     """Also while it is put there: then the run has one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
@@ -232,7 +232,7 @@ def test_a_slope_of_37_degrees_turns_it_over(settle_s):
 
 
 @pytest.mark.parametrize(("height", "outcome"), [(0.0, None), (0.3, "rolled_over")])
-def test_a_bump_below_the_upper_wheels_turns_it_over_on_a_slope_that_it_can_stand_on(height, outcome):
+def test_a_bump_under_the_upper_wheels_rolls_it_over_on_a_safe_slope(height, outcome):
     nodes = 0.1 * np.arange(-150, 151)
     x, y = np.meshgrid(nodes, nodes)
     bump = height * np.exp(-(((x - 4.0) / 0.4) ** 2)) * (y > 0.1)
@@ -248,7 +248,7 @@ def test_a_bump_below_the_upper_wheels_turns_it_over_on_a_slope_that_it_can_stan
     assert plant.warnings() == 0
 
 
-def test_it_has_diverged_when_it_is_nowhere_near_its_reference():
+def test_diverged_means_far_from_the_reference():
     plant, truth = SimpleNamespace(trouble=lambda: None), still(0.0)
     watch = Watch(plant)
     assert watch.trouble(truth, LOST_M - 1e-6) is None
@@ -256,7 +256,7 @@ def test_it_has_diverged_when_it_is_nowhere_near_its_reference():
     assert watch.trouble(truth, float("nan")) == "diverged"
 
 
-def test_a_payload_that_is_dropped_and_a_wind_that_ends_end_no_run():
+def test_dropping_a_payload_or_ending_wind_ends_no_run():
     faults = [
         {"kind": "payload", "mass_kg": 250.0, "left_m": 0.2, "end_s": 5.0},
         {"kind": "payload", "mass_kg": -30.0, "ahead_m": 1.3, "start_s": 3.0},

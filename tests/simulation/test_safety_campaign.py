@@ -32,7 +32,7 @@ def judged(fault, **more):
 
 
 @pytest.mark.parametrize("fault", QUICK, ids=lambda fault: "-".join(map(str, fault.values())))
-def test_it_stops_near_its_path_and_at_its_speed(fault):
+def test_stops_near_its_path_without_overspeed(fault):
     found = judged(fault)
     assert found["outcome"] == "stopped"
     assert found["safety"]["offset_end"] < 1.5
@@ -41,15 +41,15 @@ def test_it_stops_near_its_path_and_at_its_speed(fault):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAILURES, ids=lambda fault: "-".join(map(str, fault.values())))
-def test_every_failure_keeps_within_the_bars(fault):
+def test_every_failure_stays_within_its_bounds(fault):
     judged(fault)
 
 
-def test_the_campaign_has_every_failure_of_sensors_and_actuators():
+def test_the_campaign_covers_every_sensor_and_actuator_failure():
     kinds = {kind for kind, spec in members(Fault).items() if not spec.machine}
     assert {fault["kind"] for fault in FAILURES} == kinds
     assert len(FAILURES) >= 25
 
 
-def test_the_sound_runs_are_a_hundred():
+def test_there_are_a_hundred_healthy_runs():
     assert sum(1 for _ in SweepPlan(read_sweep("sane")).runs()) == 100

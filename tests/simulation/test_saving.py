@@ -62,7 +62,7 @@ def record(sim: Simulation) -> tuple[bytes, bytes, str, str]:
 
 @pytest.mark.parametrize("by_hand", [False, True], ids=["own guidance", "by hand"])
 @pytest.mark.parametrize("case", CASES)
-def test_a_restored_run_goes_on_to_the_last_bit(case, by_hand):
+def test_a_restored_run_continues_bit_identically(case, by_hand):
     if case == "planning":
         pytest.importorskip("casadi", reason="needs casadi; pip install agrobot-mj[nmpc]")
     name, overrides = CASES[case]
@@ -81,7 +81,7 @@ def test_a_restored_run_goes_on_to_the_last_bit(case, by_hand):
 
 
 @pytest.mark.parametrize("terrain", [spec.model_fields["kind"].default for spec in every(Terrain)])
-def test_every_terrain_can_be_left_and_come_back_to(terrain):
+def test_every_terrain_can_be_restored(terrain):
     if terrain == "heightmap":
         pytest.skip("needs a file; it becomes the same grid as the others")
     sim = Simulation("straight_line", {"terrain.kind": terrain, "plant.settle_s": 0.5})
@@ -94,7 +94,7 @@ def test_every_terrain_can_be_left_and_come_back_to(terrain):
     assert record(sim) == expected
 
 
-def test_a_payload_that_has_come_and_gone_leaves_no_trace():
+def test_a_payload_removed_again_leaves_no_trace():
     sim = Simulation("circle", {"fault": [{**FAULTS[0], "start_s": 0.2, "end_s": 0.4}]})
     sim.reset()
     before = sim.save()
@@ -109,7 +109,7 @@ def test_a_payload_that_has_come_and_gone_leaves_no_trace():
             assert record(again) == expected
 
 
-def test_a_state_survives_pickling_and_the_log_around_block_borders():
+def test_a_state_survives_pickling_and_block_borders_of_the_log():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     states = {}
@@ -127,7 +127,7 @@ def test_a_state_survives_pickling_and_the_log_around_block_borders():
             assert record(again) == expected
 
 
-def test_a_search_that_branches_from_states_finds_what_serial_runs_find():
+def test_a_branching_search_equals_serial_runs():
     def branch(sim, steer):
         for _ in range(5):
             sim.step(steer=steer, speed=1.0)
@@ -164,7 +164,7 @@ def test_the_end_of_a_run_is_part_of_the_state():
     assert sim.outcome == "completed"
 
 
-def test_a_stuck_tractor_is_found_in_the_same_tick():
+def test_a_restored_stuck_tractor_is_detected_in_the_same_tick():
     sim = Simulation("stuck_on_ice")
     sim.reset()
     drive(sim, 100)
@@ -180,7 +180,7 @@ def test_a_stuck_tractor_is_found_in_the_same_tick():
     assert record(other) == expected
 
 
-def test_the_count_of_warnings_is_part_of_the_state():
+def test_the_warning_count_is_part_of_the_state():
     sim = Simulation("circle", {"plant.settle_s": 0.0})
     sim.reset()
     sim.loop.plant.data.warning.number[2] = 5
@@ -200,7 +200,7 @@ def test_restoring_returns_the_measurement_of_that_time():
     assert sim.situation.route is sim.path
 
 
-def test_the_state_of_another_scenario_is_refused():
+def test_refuses_the_state_of_another_scenario():
     state = Simulation("circle", {"plant.kind": "bicycle"}).save()
     with pytest.raises(CommandError, match=r"another scenario than this one \(.*seed.* differ\)"):
         Simulation("circle", {"plant.kind": "bicycle", "seed": 9}).restore(state)
@@ -222,7 +222,7 @@ class Scribbler(GuidanceLaw):
         return state, Command(0.01 * float(state["sum"][0]) + 0.001 * len(state["steps"]), 1.0)
 
 
-def test_a_law_that_writes_into_its_state_is_saved_as_it_was():
+def test_a_law_that_mutates_its_state_is_saved_unchanged():
     sim = Simulation(load_scenario("circle", {"plant.kind": "bicycle"}).model_copy(update={"guidance": Scribbler()}))
     sim.reset()
     drive(sim, 10)

@@ -24,7 +24,7 @@ UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estim
         ("side_slope_10", UNIT),
     ],
 )
-def test_the_tractor_rests_beside_the_path_and_the_estimator_knows(name, keys):
+def test_the_tractor_starts_beside_the_path_and_the_estimator_knows(name, keys):
     sim = Simulation(name, {**keys, **BESIDE})
     sim.reset()
     truth, estimate, reference = sim.truth, sim.estimate, sim.reference
@@ -35,7 +35,7 @@ def test_the_tractor_rests_beside_the_path_and_the_estimator_knows(name, keys):
 
 
 @pytest.mark.parametrize("plant", ["mujoco", "bicycle"])
-def test_it_drives_to_the_path_and_the_log_tells_the_true_error(plant):
+def test_drives_to_the_path_and_the_log_has_the_true_error(plant):
     keys = {"plant.kind": plant, **BESIDE, "duration_s": 30.0, "guidance.kind": "lqr"}
     log = run(load_scenario("straight_line", keys))
     off = -log.column("e_lateral")
@@ -44,7 +44,7 @@ def test_it_drives_to_the_path_and_the_log_tells_the_true_error(plant):
     assert log.metrics["lateral_rms"] > 0.1
 
 
-def test_a_start_outside_the_ground_is_told():
+def test_a_start_outside_the_ground_is_reported():
     with pytest.raises(ScenarioError, match=r"path: starts at \(0, 15\) m, outside the terrain"):
         load_scenario("straight_line", {"path.start_offset_m": 15.0, "terrain.half_size_m": 12.0})
     with pytest.raises(ScenarioError, match=r"path\.start_offset_m: .*20"):

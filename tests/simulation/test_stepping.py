@@ -13,7 +13,7 @@ from agrobot_mj.core.errors import CommandError, ScenarioError
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
 
 
-def test_the_own_guidance_drives_as_run_does():
+def test_the_scenarios_guidance_drives_as_in_run():
     scenario = load_scenario("figure_eight", {"duration_s": 6.0})
     sim = Simulation(scenario)
     sim.reset()
@@ -31,7 +31,7 @@ def test_a_reset_starts_the_same_run_again():
     assert [m.fix for m in first] == [m.fix for m in again]
 
 
-def test_time_goes_on_by_a_tick_per_step_until_the_end():
+def test_time_advances_one_tick_per_step_until_the_end():
     sim = Simulation("circle", SHORT)
     sim.reset()
     steps = 0
@@ -55,7 +55,7 @@ def test_a_steering_angle_turns_the_tractor_on_its_circle(plant, sign):
     assert sim.truth.yaw_rate / sim.truth.speed == pytest.approx(sign * np.tan(radians(10)) / 1.4, rel=0.08)
 
 
-def test_curvature_and_yaw_rate_are_turned_into_the_angle_that_gives_them():
+def test_curvature_and_yaw_rate_convert_to_the_right_angle():
     sim = Simulation("circle", SHORT)
     sim.reset()
     sim.step(curvature=0.1, speed=1.0)
@@ -66,7 +66,7 @@ def test_curvature_and_yaw_rate_are_turned_into_the_angle_that_gives_them():
     assert sim.log().column("steer_ref")[50] == pytest.approx(wanted)
 
 
-def test_a_valve_voltage_goes_to_the_valve_within_its_range():
+def test_a_valve_voltage_reaches_the_valve_within_its_range():
     sim = Simulation("circle", SHORT)
     sim.reset()
     for volts in (7.5, 99.0):
@@ -74,7 +74,7 @@ def test_a_valve_voltage_goes_to_the_valve_within_its_range():
     assert sim.log().column("valve_voltage") == pytest.approx([7.5, 12.0])
 
 
-def test_without_a_speed_the_reference_s_is_taken():
+def test_without_a_speed_the_references_is_used():
     sim = Simulation("circle", SHORT | {"path.ramp_s": 0.0})
     sim.reset()
     for _ in range(3):
@@ -84,7 +84,7 @@ def test_without_a_speed_the_reference_s_is_taken():
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 @pytest.mark.parametrize("name", ["steer", "speed", "curvature", "yaw_rate", "steer_voltage"])
-def test_a_command_that_is_not_finite_is_refused_by_name(name, value):
+def test_a_non_finite_command_is_refused_by_name(name, value):
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match=name):
@@ -93,7 +93,7 @@ def test_a_command_that_is_not_finite_is_refused_by_name(name, value):
 
 
 @pytest.mark.parametrize("command", [{"steer": "1"}, {"speed": [1.0]}, {"curvature": {}}])
-def test_a_command_of_another_type_is_told_by_its_name(command):
+def test_a_command_of_another_type_is_refused_by_name(command):
     sim = Simulation("circle", SHORT)
     sim.reset()
     (name,) = command
@@ -102,7 +102,7 @@ def test_a_command_of_another_type_is_told_by_its_name(command):
     sim.step(steer=np.float32(0.1), speed=np.int64(1))
 
 
-def test_arguments_of_another_type_are_told_by_their_names():
+def test_arguments_of_another_type_are_refused_by_name():
     sim = Simulation("circle", SHORT)
     with pytest.raises(TypeError, match=r"^state: must be what save\(\) has returned, got None"):
         sim.restore(None)
@@ -115,35 +115,35 @@ def test_arguments_of_another_type_are_told_by_their_names():
         Simulation(3)
 
 
-def test_values_of_numpy_are_taken_as_those_of_python():
+def test_accepts_numpy_values():
     given = {"seed": np.int64(7), "path.speed_m_s": np.float32(1.5), "sensors.gyro.enabled": np.True_}
     scenario = load_scenario("straight_line", {**given, "terrain": {"kind": "flat", "half_size_m": np.float64(90)}})
     assert (scenario.seed, scenario.path.speed_m_s, scenario.sensors.gyro.enabled) == (7, 1.5, True)
     assert scenario.changed({"seed": np.int64(8)}).seed == 8
 
 
-def test_run_takes_a_name_too(tmp_path):
+def test_run_accepts_a_name_too(tmp_path):
     (tmp_path / "mine.toml").write_text('duration_s = 0.5\n[plant]\nkind = "bicycle"\n')
     assert run(tmp_path / "mine.toml").signals.equals(run(load_scenario(tmp_path / "mine.toml")).signals)
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'"):
         run("circel")
 
 
-def test_two_steering_commands_at_once_are_refused():
+def test_refuses_two_steering_commands_at_once():
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match="steer and curvature: give one of them"):
         sim.step(steer=0.1, curvature=0.1)
 
 
-def test_bad_scenarios_are_refused_as_everywhere():
+def test_refuses_bad_scenarios_as_everywhere():
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'; did you mean 'circle'"):
         Simulation("circel")
     with pytest.raises(ScenarioError, match=r"terrain\.grade_deg"):
         Simulation("side_slope", {"terrain.grade_deg": 80})
 
 
-def test_a_run_from_outside_may_leave_the_path_without_being_stopped():
+def test_an_external_run_may_leave_the_path_without_a_stop():
     sim = Simulation("straight_line", {"duration_s": 12.0, "plant.kind": "bicycle"})
     sim.reset()
     while not sim.done:
@@ -152,7 +152,7 @@ def test_a_run_from_outside_may_leave_the_path_without_being_stopped():
     assert abs(sim.log().column("e_lateral")[-1]) > 2.0
 
 
-def test_a_program_outside_drives_by_its_requests():
+def test_an_external_program_drives_by_requests():
     sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel", "duration_s": 6.0})
     sim.reset()
     while not sim.done:
@@ -161,7 +161,7 @@ def test_a_program_outside_drives_by_its_requests():
     assert set(sim.log().column("cmd_yaw_rate")) == {-0.1}
 
 
-def test_a_request_is_for_the_guidance_that_it_stands_for():
+def test_a_request_must_match_the_guidance():
     sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel"})
     sim.reset()
     with pytest.raises(TypeError, match="request: must be of type VelocityRequest, got Actuation"):

@@ -34,7 +34,7 @@ def test_nothing_appears_when_the_block_fails(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path):
+def test_the_old_file_stays_until_the_new_one_is_complete(tmp_path):
     target = tmp_path / "a.json"
     write_json(target, {"old": 1})
     with pytest.raises(ValueError, match="JSON"):

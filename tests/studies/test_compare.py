@@ -34,7 +34,7 @@ def planned(scenario, *texts, **options):
 # --- texts --------------------------------------------------------------------------------------------------------
 
 
-def test_a_text_holds_a_name_and_toml_values():
+def test_parses_a_name_and_toml_values():
     (found,) = variants(['far, wide: path.points=[[0, 0], [9, 1]], title="a, b: c", seed_x=1, tyre=soil, t={a=[1,2]}'])
     assert found.name == "far, wide"
     expected = {"path.points": [[0, 0], [9, 1]], "title": "a, b: c", "seed_x": 1, "tyre": "soil", "t": {"a": [1, 2]}}
@@ -62,13 +62,13 @@ def test_a_text_holds_a_name_and_toml_values():
         (f"{'x' * 61}: a=1", "at most 60"),
     ],
 )
-def test_a_text_that_is_no_variant_is_told(text, message):
+def test_an_invalid_variant_is_reported(text, message):
     with pytest.raises(ScenarioError, match="--variant") as caught:
         variants([text])
     assert message in str(caught.value)
 
 
-def test_a_file_counts_from_the_working_directory(tmp_path, monkeypatch):
+def test_a_file_is_relative_to_the_working_directory(tmp_path, monkeypatch):
     (tmp_path / "hills.npy").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     (found,) = variants(["hilly: terrain.kind=heightmap, terrain.file=hills.npy"])
@@ -78,7 +78,7 @@ def test_a_file_counts_from_the_working_directory(tmp_path, monkeypatch):
 # --- plan ---------------------------------------------------------------------------------------------------------
 
 
-def test_without_laws_the_paper_s_controllers_are_compared(circle):
+def test_without_laws_the_papers_controllers_are_compared(circle):
     found = planned(circle, seeds=2)
     assert [(c.law, c.seed, c.folder) for c in found.cases] == [
         ("pd", 1, "bicycle-pd-s1"),
@@ -89,7 +89,7 @@ def test_without_laws_the_paper_s_controllers_are_compared(circle):
     assert [case.scenario.seed for case in found.cases] == [1, 2, 1, 2]
 
 
-def test_guidance_laws_stand_beside_controllers(circle):
+def test_guidance_laws_are_compared_with_controllers(circle):
     assert laws(planned(circle, guidance=["lqr", "stanley"])) == ["lqr", "stanley"]
     found = planned(circle, controllers=["pd", "pi"], guidance=["lqr"])
     assert [(c.law, c.controller, c.scenario.guidance.kind) for c in found.cases] == [
@@ -99,7 +99,7 @@ def test_guidance_laws_stand_beside_controllers(circle):
     ]
 
 
-def test_controllers_go_into_the_guidance_laws_that_take_one(circle):
+def test_controllers_are_combined_with_guidance_laws_that_take_one(circle):
     found = planned(circle, controllers=["pd", "pi"], guidance=["feedforward", "lqr"])
     assert laws(found) == ["feedforward-pd", "feedforward-pi", "lqr"]
     assert [case.scenario.controller.kind for case in found.cases][:2] == ["pd", "pi"]
@@ -112,7 +112,7 @@ def test_a_law_without_a_controller_is_run_once(circle):
     assert (case.law, case.controller, case.folder) == ("stanley", None, "bicycle-stanley-s1")
 
 
-def test_a_variant_of_the_machine_is_driven_by_each_law(circle):
+def test_each_law_drives_each_machine_variant(circle):
     found = planned(circle, "worn: steering.valve.dead_band_v=0.8", "new:", controllers=["pd"], guidance=["lqr"])
     assert laws(found) == ["worn, pd", "worn, lqr", "new, pd", "new, lqr"]
     assert [case.scenario.steering.valve.dead_band_v for case in found.cases][:2] == [0.8, 0.8]
@@ -120,14 +120,14 @@ def test_a_variant_of_the_machine_is_driven_by_each_law(circle):
     assert laws(planned(circle, "worn: steering.valve.dead_band_v=0.8")) == ["worn"]
 
 
-def test_a_variant_of_the_law_stands_beside_the_others(circle):
+def test_a_law_variant_is_compared_with_the_others(circle):
     found = planned(circle, "calm: guidance.kind=stanley, guidance.gain_per_s=0.2", controllers=["pd"])
     assert laws(found) == ["pd", "calm"]
     assert found.cases[1].scenario.guidance.gain_per_s == 0.2
     assert found.cases[1].scenario.seed == circle.seed
 
 
-def test_odd_names_are_safe_and_distinct_folders(circle):
+def test_odd_names_give_safe_distinct_folders(circle):
     found = planned(circle, "a/b:", "A b:", "../..:", "Höhe 5 %:", "坡:")
     folders = [case.folder for case in found.cases]
     expected = ["bicycle-a_b-s1", "bicycle-A_b-2-s1", "bicycle-unnamed-s1", "bicycle-Hohe_5-s1", "bicycle-unnamed-2-s1"]
@@ -151,7 +151,7 @@ def test_odd_names_are_safe_and_distinct_folders(circle):
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
     ],
 )
-def test_what_cannot_be_run_is_told_before_anything_runs(circle, texts, options, message):
+def test_impossible_runs_are_reported_before_anything_runs(circle, texts, options, message):
     with pytest.raises(ScenarioError) as caught:
         planned(circle, *texts, **options)
     assert message in str(caught.value)
@@ -164,12 +164,12 @@ def test_the_limit_of_runs_can_be_raised(circle):
     assert len(planned(circle, seeds=3, most=6).cases) == 6
 
 
-def test_seeds_end_where_the_scenario_s_range_does(circle):
+def test_seeds_must_stay_in_the_scenarios_range(circle):
     with pytest.raises(ScenarioError, match="set a smaller seed"):
         planned(circle.changed({"seed": 2**63 - 2}), seeds=3)
 
 
-def test_a_law_is_left_out_on_the_plant_that_cannot_run_it():
+def test_a_law_is_skipped_on_a_plant_that_cannot_run_it():
     found = planned(load_scenario("circle"), "tilted: terrain.kind=slope", "level:", plants=None)
     assert [case.folder for case in found.cases] == ["bicycle-level-s1", "mujoco-tilted-s1", "mujoco-level-s1"]
     (line,) = found.left_out
@@ -195,7 +195,7 @@ def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
     assert (tmp_path / "comparison.rrd").stat().st_size > 1000
 
 
-def test_no_figure_of_the_yaw_rate_without_one(circle, tmp_path):
+def test_no_yaw_rate_figure_without_a_yaw_rate_law(circle, tmp_path):
     compare(planned(circle, guidance=["stanley", "pure_pursuit"]).cases, tmp_path, rrd=False, jobs=1)
     assert {path.stem for path in tmp_path.glob("*.png")} == {
         "trajectory",
@@ -205,7 +205,7 @@ def test_no_figure_of_the_yaw_rate_without_one(circle, tmp_path):
     }
 
 
-def test_only_so_many_laws_are_drawn(circle, monkeypatch):
+def test_a_limited_number_of_laws_is_drawn(circle, monkeypatch):
     monkeypatch.setattr(runs, "MOST_DRAWN", 3)
     found = planned(circle, *(f"v{k}:" for k in range(5)), seeds=2)
     assert [Path(case.folder).name for case in drawn(found.cases)] == [f"bicycle-v{k}-s1" for k in range(3)]

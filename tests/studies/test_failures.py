@@ -47,7 +47,7 @@ def compared(call, plugin, *more):
     return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
 
 
-def test_a_comparison_ranks_who_drove_before_who_stood(call, plugin, tmp_path):
+def test_a_comparison_ranks_driving_before_standing(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
     assert (status, err) == (1, "")
@@ -73,7 +73,7 @@ def test_a_comparison_ranks_who_drove_before_who_stood(call, plugin, tmp_path):
     assert not any(still in name for name in bars["y"])
 
 
-def test_a_run_that_the_supervisor_stops_is_not_the_best(call, tmp_path):
+def test_a_supervised_stop_is_not_the_best(call, tmp_path):
     """In the first metre of a lane change nothing is off the path."""
     variants = ("--variant", "free: title=free", "--variant", "tight: supervisor.max_cross_track_m=0.02")
     status, out, _ = call(
@@ -100,7 +100,7 @@ def test_a_run_that_the_supervisor_stops_is_not_the_best(call, tmp_path):
     assert page.index("<td>bicycle: free") < page.index("<td>bicycle: tight")
 
 
-def test_errors_over_different_pieces_of_path_are_kept_apart(call, tmp_path):
+def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     variants = ("--variant", "slow: path.speed_m_s=0.6", "--variant", "long: duration_s=12")
     same = ("--variant", "as it is: title=x", "--variant", "noisy: sensors.gnss.sigma_m=0.03")
     common = ("--guidance", "lqr", "--plants", "bicycle", "--no-rrd", "--out", "out")
@@ -114,7 +114,7 @@ def test_errors_over_different_pieces_of_path_are_kept_apart(call, tmp_path):
     assert page.count("<h2>Ranking over piece") == 3
 
 
-def test_a_limit_is_not_found_by_standing_still(call, plugin, tmp_path):
+def test_standing_still_finds_no_limit(call, plugin, tmp_path):
     file, still = plugin
     where = ("--key", "path.radius_m", "--range", "12:6", "--seeds", 2, "--until", "xte_rms > 0.5")
     status, out, _ = call(
@@ -127,7 +127,7 @@ def test_a_limit_is_not_found_by_standing_still(call, plugin, tmp_path):
     assert "Not every run ended as expected: 10 unfinished at 12; 2 unfinished at 10.5" in out
 
 
-def test_a_sweep_shows_no_error_of_who_stood(call, plugin, tmp_path):
+def test_a_sweep_shows_no_error_for_standing_runs(call, plugin, tmp_path):
     file, still = plugin
     (tmp_path / "mine.toml").write_text(
         f'base = "lane_change"\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n[axes]\n'
@@ -154,7 +154,7 @@ def test_a_sweep_shows_no_error_of_who_stood(call, plugin, tmp_path):
     )
 
 
-def test_tuning_prefers_any_drive_to_standing():
+def test_tuning_prefers_driving_to_standing():
     keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
     case = TuningCase("lane change", "tracking", 1, load_scenario("lane_change", keys))
     drives, stands = (

@@ -37,7 +37,7 @@ SCENARIO = load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s":
         ("outcome == rolled_over", False),
     ],
 )
-def test_a_condition_is_read_as_it_is_written(text, met):
+def test_reads_conditions_as_written(text, met):
     numbers = {"outcome": "completed", "lateral_rms": 0.25, "xte_rms": 0.05, "passes.xte_mean": -1.0}
     assert Condition(text, METRICS).met(numbers) is met
 
@@ -75,7 +75,7 @@ def test_a_metric_without_a_value_counts_as_failed(text):
         "0.3and lateral_rms > 1",
     ],
 )
-def test_anything_else_is_refused_with_an_example_and_nothing_is_executed(text, tmp_path, monkeypatch):
+def test_refuses_other_expressions_with_an_example_and_executes_nothing(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="--until") as caught:
         Condition(text, METRICS)
@@ -83,7 +83,7 @@ def test_anything_else_is_refused_with_an_example_and_nothing_is_executed(text, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_metric_is_named_with_those_there_are():
+def test_an_unknown_metric_lists_the_known_ones():
     with pytest.raises(ScenarioError, match="no metric 'latral_rms'; did you mean 'lateral_rms'") as caught:
         Condition("latral_rms > 1", metric_names(SCENARIO))
     assert "xte_abs_p95" in str(caught.value)
@@ -92,14 +92,14 @@ def test_an_unknown_metric_is_named_with_those_there_are():
 # --- the statistics -----------------------------------------------------------------------------------------------
 
 
-def test_the_interval_is_wilsons():
+def test_the_interval_equals_wilsons():
     """Newcombe (1998), Statistics in Medicine 17, table I, score method without correction: 81 of 263 at 95 %."""
     assert wilson_interval(81, 263, 0.95) == pytest.approx((0.2553, 0.3662), abs=5e-5)
     assert wilson_interval(0, 20, 0.95) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
 @pytest.mark.parametrize(("reliability", "confidence"), [(0.8, 0.8), (0.9, 0.8), (0.5, 0.95)])
-def test_runs_needed_are_just_enough(reliability, confidence):
+def test_the_number_of_runs_needed_is_minimal(reliability, confidence):
     n = runs_needed(reliability, confidence)
     assert wilson_interval(n, n, confidence)[0] >= reliability
     assert n == 1 or wilson_interval(n - 1, n - 1, confidence)[0] < reliability
@@ -129,7 +129,7 @@ def search(chance, **more):
     )
 
 
-def test_a_sharp_limit_is_found_to_the_tolerance():
+def test_a_sharp_limit_is_found_within_the_tolerance():
     found = search(lambda v: v < 2.345, tolerance=0.01)
     assert found.verdict == "limit"
     assert found.limit == pytest.approx(2.345, abs=0.01)
@@ -143,7 +143,7 @@ def test_a_sharp_limit_is_found_to_the_tolerance():
     assert max(t.runs for t in found.tried if t.value not in shown) == runs_needed(0.8, 0.8)
 
 
-def test_a_range_may_run_down():
+def test_a_range_may_descend():
     found = search(lambda v: v > 2.345, ends=(4.0, 0.0), tolerance=0.01)
     assert found.limit == pytest.approx(2.345, abs=0.01)
 
@@ -183,11 +183,11 @@ def test_a_gradual_limit_lies_in_its_interval_nearly_always():
         ("outcome != error", {"outcome": "error"}, True),
     ],
 )
-def test_a_run_that_ends_otherwise_than_expected_fails_unless_the_condition_names_outcomes(until, numbers, fails):
+def test_an_unexpected_end_fails_unless_the_condition_names_outcomes(until, numbers, fails):
     assert Condition(until, {*METRICS, "steer_share"}).fails(numbers) is fails
 
 
-def test_an_answer_says_what_ended_otherwise_than_expected():
+def test_an_answer_reports_unexpected_ends():
     """From 2 on every run rolls over, at a small error."""
 
     def do(tasks):
@@ -208,7 +208,7 @@ def test_an_answer_says_what_ended_otherwise_than_expected():
     assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "10 rolled_over"}
 
 
-def test_an_error_is_not_asked_of_a_scenario_that_expects_to_fail():
+def test_refuses_an_error_condition_for_a_scenario_expected_to_fail():
     scenario = load_scenario("rollover", {"duration_s": 1.0})
     for until, refused in (("xte_rms > 0.5", True), ("xte_rms > 0.5 or outcome != completed", False)):
         question = Question("terrain.grade_deg", 5.0, 35.0, until)
@@ -221,21 +221,21 @@ def test_an_error_is_not_asked_of_a_scenario_that_expects_to_fail():
             check(question, {"law": scenario})
 
 
-def test_a_law_that_never_or_always_fails_is_told_so():
+def test_a_law_that_never_or_always_fails_is_reported_as_such():
     assert search(lambda v: 1.0).verdict == "never_fails"
     assert search(lambda v: 0.0).verdict == "always_fails"
     assert search(lambda v: v > 3.0).verdict == "fails_at_start"
     assert all(search(lambda v, p=p: p).limit is None for p in (0.0, 1.0))
 
 
-def test_a_law_that_works_again_further_on_is_not_smoothed_over():
+def test_a_law_that_works_again_further_on_is_reported():
     found = search(lambda v: not 0.9 < v < 1.2)
     assert found.verdict == "not_monotone"
     assert found.limit == pytest.approx(0.9, abs=0.08)
     assert "works again at 2, 3, 4" in found.statement
 
 
-def test_a_rate_that_goes_up_and_down_by_chance_is_not_called_a_second_limit():
+def test_random_variation_of_the_rate_is_no_second_limit():
     found = search(lambda v: 0.75 if v > 1.0 else 1.0)
     assert found.verdict == "limit"
     found = search(lambda v: 0.75)
@@ -249,7 +249,7 @@ def test_too_few_seeds_are_not_called_certain():
     assert [t.runs for t in found.tried if t.certain and t.holds] == [SHOWN_RUNS]
 
 
-def test_the_two_values_of_the_answer_have_ten_runs_and_may_move_by_them():
+def test_the_two_values_around_the_limit_get_ten_runs_and_may_move():
     """Three runs at a value hide that one in three fails between 1.5 and 2.345; ten of them show it."""
     for first in range(1, 60, 10):
         scenario = SCENARIO.changed({"seed": first})
@@ -265,14 +265,14 @@ def test_the_two_values_of_the_answer_have_ten_runs_and_may_move_by_them():
         assert good.failed / good.runs <= 0.2 < bad.failed / bad.runs
 
 
-def test_the_end_of_a_range_that_holds_has_ten_runs_too():
+def test_the_end_of_a_range_that_holds_gets_ten_runs_too():
     found = search(lambda v: 1.0, seeds=3)
     assert found.verdict == "never_fails"
     assert [t.runs for t in found.tried] == [3, 3, 3, 3, SHOWN_RUNS]
     assert f"10 of 10 runs at {found.tried[-1].value:g}" in found.statement
 
 
-def test_an_answer_says_what_was_tried_and_what_the_scan_could_not_see():
+def test_an_answer_states_what_was_tried_and_what_the_scan_could_miss():
     found = search(lambda v: not 1.1 < v < 1.9)  # an island between two values of the scan
     assert found.verdict == "never_fails"
     assert "Held at 0, 1, 2, 3, 4; nothing was tried between, where an island of up to 1 would not be seen" in (
@@ -283,7 +283,7 @@ def test_an_answer_says_what_was_tried_and_what_the_scan_could_not_see():
     assert "Held at 0, 1, 2; failed at 2.5, 3, 4; nothing was tried between" in found.statement
 
 
-def test_runs_that_seeds_do_not_change_count_once_and_have_no_interval():
+def test_runs_independent_of_the_seed_count_once_without_interval():
     def do(tasks):
         errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
         return [Done({"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k}, {}) for k, e in enumerate(errors)]
@@ -322,7 +322,7 @@ def hard_and_sound(limits):
         ({"flat": 9.0, "rough": 2.0}, "; compare the two: one of them has no limit in the range"),
     ],
 )
-def test_a_limit_is_told_beside_that_of_its_sound_counterpart(limits, text):
+def test_a_limit_is_reported_beside_its_undisturbed_counterparts(limits, text):
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}
@@ -332,7 +332,7 @@ def test_a_limit_is_told_beside_that_of_its_sound_counterpart(limits, text):
     assert found.beside.statement.endswith(text)
 
 
-def test_a_counterpart_without_the_key_is_runs_that_say_how_much_of_the_condition_they_use():
+def test_a_counterpart_without_the_key_reports_fixed_runs():
     """On the flat there is no grade; a dead band that the counterpart sets is not varied in it."""
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "slope"}, "duration_s": 1.0})
     for key, beside in (("terrain.grade_deg", {"terrain": {"kind": "flat"}}), (KEY, {KEY: 0.4})):
@@ -345,7 +345,7 @@ def test_a_counterpart_without_the_key_is_runs_that_say_how_much_of_the_conditio
         assert "10 of 10 runs succeed, median lateral_rms 0.1" in found.beside.statement
 
 
-def test_a_run_that_raises_counts_as_failed_whatever_the_condition():
+def test_a_crashing_run_counts_as_failed_whatever_the_condition():
     question = Question(KEY, 0.0, 4.0, "outcome == stuck")
     condition = Condition(question.until, METRICS)
     found = find_limit(
@@ -375,7 +375,7 @@ def test_whole_numbers_stay_whole():
 @pytest.mark.parametrize(
     "change", [{"stop": 0.0}, {"tolerance": 0.0}, {"reliability": 1.0}, {"confidence": 0.0}, {"key": "steering.x"}]
 )
-def test_a_question_that_cannot_be_asked_is_refused(change):
+def test_refuses_an_invalid_question(change):
     question = Question(KEY, 0.0, 1.0, "lateral_rms > 0.3")._replace(**change)
     with pytest.raises(ScenarioError):
         check(question, {"law": SCENARIO})
@@ -423,7 +423,7 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
         ("--range", "1:-8", "path.speed_m_s: must be at least"),
     ],
 )
-def test_bad_input_is_told_before_anything_runs(call, option, value, text, tmp_path):
+def test_bad_input_is_reported_before_anything_runs(call, option, value, text, tmp_path):
     options = {"--key": "path.speed_m_s", "--range": "1:5", "--until": "longitudinal_rms > 1", option: value}
     status, out, err = call("straight_line", *[part for pair in options.items() for part in pair], *SHORT)
     assert (status, out) == (2, "")

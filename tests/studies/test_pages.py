@@ -89,7 +89,7 @@ def charts_of(folder):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_report_is_one_file_without_an_empty_chart(folders, kind):
+def test_a_report_is_one_file_without_empty_charts(folders, kind):
     text = page_of(folders[kind])
     assert len(text) < 15e6
     own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
@@ -103,12 +103,12 @@ def test_a_report_is_one_file_without_an_empty_chart(folders, kind):
         assert chart["layout"]["xaxis"]["title"]["text"]
 
 
-def test_texts_of_users_are_no_markup(folders):
+def test_users_texts_are_escaped(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
     assert "a &lt; b" in page_of(folders["limit"])
 
 
-def test_no_name_ends_or_begins_a_script(tmp_path):
+def test_no_name_can_close_or_open_a_script(tmp_path):
     """`<!--<script>` in a script keeps it from being closed, so that no chart appears."""
     name = "<!--<script></script>"
     page = Document(name, [name])
@@ -132,7 +132,7 @@ def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
 
 
 @pytest.mark.parametrize("number", [0, 31])
-def test_the_command_of_a_point_runs_it_again(folders, number, monkeypatch, tmp_path):
+def test_the_command_of_a_point_repeats_it(folders, number, monkeypatch, tmp_path):
     row = pq.read_table(folders["sweep"] / "sweep.parquet").to_pylist()[number]
     command = RerunCommand(folders["sweep"])(row)
     assert json.dumps(command)[1:-1] in page_of(folders["sweep"]).replace("<\\/", "</")
@@ -145,12 +145,12 @@ def test_the_command_of_a_point_runs_it_again(folders, number, monkeypatch, tmp_
     assert metrics["outcome"] == row["outcome"]
 
 
-def test_values_are_written_as_toml_reads_them():
+def test_values_are_written_as_valid_toml():
     value = [{"kind": "a b", "x": [1, 2.5], "on": True, "inner": {"k": 'quote"'}}]
     assert tomllib.loads(f"v = {toml_value(value)}")["v"] == value
 
 
-def test_a_folder_without_results_is_told(tmp_path):
+def test_a_folder_without_results_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match="holds no results"):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
@@ -165,7 +165,7 @@ def test_a_folder_without_results_is_told(tmp_path):
 
 @pytest.mark.parametrize("name", ["limit.json", "comparison.json", "validation.json"])
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
-def test_a_damaged_file_is_told(tmp_path, name, content):
+def test_a_damaged_file_is_reported(tmp_path, name, content):
     if name == "validation.json" and content in ("[]", "{}"):
         pytest.skip("a validation of nothing")
     reserve(tmp_path, [name])
@@ -189,7 +189,7 @@ PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_browser_draws_it_without_a_complaint(folders, kind):
+def test_a_browser_draws_it_without_errors(folders, kind):
     """At the widths of a desk and of a phone; AGROBOT_CHROMIUM may name a browser of one's own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     said = []
@@ -217,7 +217,7 @@ def test_laws_without_a_success_have_a_rate_and_no_box():
     assert len(left.lines) > len(right.lines) == 0
 
 
-def test_a_thinned_curve_keeps_its_spikes_and_gaps():
+def test_a_thinned_curve_keeps_spikes_and_gaps():
     t = np.arange(100_000) * 0.05
     y = np.sin(t / 50)
     y[77_777], y[12_345], y[50_000:60_000] = 9.0, -9.0, np.nan
@@ -230,7 +230,7 @@ def test_a_thinned_curve_keeps_its_spikes_and_gaps():
     assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
 
 
-def test_an_error_of_zero_is_drawn_at_zero_and_failed_runs_on_top():
+def test_zero_errors_are_drawn_at_zero_and_failed_runs_on_top():
     rows = [
         {"run": k, "seed": 1, "v": k, "outcome": outcome, "expected": outcome == "completed", "xte_rms": error}
         for k, (outcome, error) in enumerate([("completed", 0.0), ("completed", 0.02), ("stopped", 0.001)])

@@ -18,7 +18,7 @@ def interruptible():
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_does_not_come_between_the_parts_of_what_a_new_worker_is_told():
+def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
     """Workers start within `submit`; one that finds half a message prints a traceback."""
     told = []
 

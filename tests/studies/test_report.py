@@ -59,7 +59,7 @@ def curves(figure: Figure) -> list[Any]:
 
 
 @pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
-def test_each_figure_of_the_paper_is_a_picture_with_something_on_it(path: Any, tmp_path: Path) -> None:
+def test_each_figure_of_the_paper_is_a_nonempty_picture(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]
     assert sorted(tmp_path.iterdir()) == sorted(files)
@@ -71,7 +71,7 @@ def test_each_figure_of_the_paper_is_a_picture_with_something_on_it(path: Any, t
         assert (pixels[[0, -1], :, :3] == 1).all(), "something is cut off above or below"
 
 
-def test_a_path_without_turns_needs_no_legend_for_q() -> None:
+def test_a_path_without_turns_has_no_legend_for_q() -> None:
     figure = q([ReportedRun("bicycle", "pd_t2fnn", RunLog(Line(), 0.1, "pd_t2fnn"))])
     assert figure is not None
     assert curves(figure)
@@ -146,7 +146,7 @@ def test_control_signals_add_up_and_show_the_network_only() -> None:
     assert tau_n == pytest.approx(np.degrees(-0.1))
 
 
-def test_a_lost_run_does_not_hide_the_others(tmp_path: Path) -> None:
+def test_a_diverged_run_does_not_hide_the_others(tmp_path: Path) -> None:
     compared = runs(plants=("mujoco",))
     lost = RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s=12.0)
     lost.columns["e_lateral"][-20:] = np.geomspace(1, 1e30, 20)
@@ -159,7 +159,7 @@ def test_a_lost_run_does_not_hide_the_others(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end_s", [0.0, 0.04, 0.3])
-def test_a_run_of_hardly_a_tick_can_be_drawn(end_s: float, tmp_path: Path) -> None:
+def test_a_run_of_barely_a_tick_can_be_drawn(end_s: float, tmp_path: Path) -> None:
     short = [ReportedRun("mujoco", "pd_t2fnn", RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s))]
     assert write_figures(short, tmp_path)
 
@@ -184,7 +184,7 @@ def test_the_table_holds_the_numbers() -> None:
     assert third[6] == "1.00"
 
 
-def test_what_is_missing_is_a_dash() -> None:
+def test_missing_values_are_dashes() -> None:
     early = cells(table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)]))
     assert early[2][3:] == ["-", "0.0000", "-", "-", "0.123", "0.250", "-"]
     assert early[3][3:] == ["3.0e+07", "-", "-", "1.00", "0.123", "-", "-"]

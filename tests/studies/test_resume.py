@@ -76,7 +76,7 @@ STUDIES = pytest.mark.parametrize(
 
 
 @STUDIES
-def test_a_study_that_is_broken_off_goes_on_with_what_is_missing(call, driven, tmp_path, command, name, most):
+def test_an_interrupted_study_resumes(call, driven, tmp_path, command, name, most):
     driven.most = most
     assert call(*command)[0] == 130
     assert not (tmp_path / "out" / name).exists()
@@ -91,7 +91,7 @@ def test_a_study_that_is_broken_off_goes_on_with_what_is_missing(call, driven, t
     assert len(driven) == 2 * total  # nothing is driven again
 
 
-def test_a_comparison_drives_again_what_another_question_or_a_loss_has_replaced(call, driven, tmp_path):
+def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, tmp_path):
     call(*COMPARE, "--no-rrd")
     assert len(driven) == 4
     call(*COMPARE, "--no-rrd", "--set", "duration_s=1")
@@ -109,7 +109,7 @@ def test_a_comparison_drives_again_what_another_question_or_a_loss_has_replaced(
     assert (tmp_path / "out" / "comparison.rrd").stat().st_size > 1000
 
 
-def test_a_run_of_a_comparison_that_raises_is_a_row_and_the_others_go_on(call, driven, tmp_path):
+def test_a_crashing_run_of_a_comparison_is_a_row_and_the_others_go_on(call, driven, tmp_path):
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.gain=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)
@@ -124,7 +124,7 @@ def test_a_run_of_a_comparison_that_raises_is_a_row_and_the_others_go_on(call, d
     assert [law for _, law in driven] == ["lqr", "fragile", "fragile"]  # what raised is tried again
 
 
-def test_runs_of_a_limit_that_raise_count_as_failed_and_are_told(call, driven, tmp_path):
+def test_crashing_runs_of_a_limit_count_as_failed_and_are_reported(call, driven, tmp_path):
     where = ("--key", "guidance.gain", "--range", "0.1:0.9", "--until", "outcome == diverged", "--seeds", 2)
     command = ("limit", "circle", "--plugin", "laws.py", "--guidance", "fragile", *where)
     status, _, err = call(*command, "--set", "expected_outcome=completed", *BICYCLE)
@@ -134,7 +134,7 @@ def test_runs_of_a_limit_that_raise_count_as_failed_and_are_told(call, driven, t
     assert law["tried"][-1]["outcomes"] == {"error": 2}
 
 
-def test_gains_that_make_a_run_raise_cost_most(call, driven, tmp_path):
+def test_gains_that_crash_a_run_cost_most(call, driven, tmp_path):
     command = ("tune", "circle", "--plugin", "laws.py", "--guidance", "fragile", "--cases", "mine.toml", "--budget", 8)
     status, _, err = call(*command, *BICYCLE)
     assert (status, err) == (0, "a run raised an error: RuntimeError: gain too large\n")
@@ -144,7 +144,7 @@ def test_gains_that_make_a_run_raise_cost_most(call, driven, tmp_path):
 
 
 @STUDIES
-def test_the_same_is_found_with_two_processes(call, tmp_path, command, name, most):
+def test_two_processes_find_the_same(call, tmp_path, command, name, most):
     (tmp_path / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     one, two = (call(*command, "--jobs", jobs, "--out", f"jobs{jobs}") for jobs in (1, 2))
     assert (one[0], two[0]) == (0, 0)

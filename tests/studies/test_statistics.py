@@ -11,13 +11,13 @@ from agrobot_mj.studies.statistics import bootstrap_interval, student_interval, 
 VALUES = [1.0, 1.3, 0.8, 1.1, 1.6]
 
 
-def test_student_interval_is_that_of_the_t_test():
+def test_student_interval_equals_the_t_tests():
     wanted = ttest_1samp(VALUES, 0.0).confidence_interval(0.9)
     assert student_interval(VALUES, 0.9) == pytest.approx((wanted.low, wanted.high))
     assert student_interval([2.0]) == (-inf, inf)
 
 
-def test_bootstrap_interval_covers_the_mean_of_skewed_values_nineteen_times_of_twenty():
+def test_bootstrap_interval_covers_a_skewed_mean_in_95_percent():
     rng = np.random.default_rng(7)
     found = [bootstrap_interval(rng.exponential(size=60)) for _ in range(120)]
     assert 0.88 < np.mean([low < 1.0 < high for low, high in found]) <= 1.0
@@ -26,6 +26,6 @@ def test_bootstrap_interval_covers_the_mean_of_skewed_values_nineteen_times_of_t
     assert all(map(isnan, bootstrap_interval([])))
 
 
-def test_wilson_interval_of_no_success_and_of_success_alone_is_one_sided():
+def test_wilson_interval_at_zero_or_full_success_is_one_sided():
     assert wilson_interval(0, 10, 0.95) == pytest.approx((0.0, 3.8415 / 13.8415), abs=1e-4)
     assert wilson_interval(10, 10, 0.95) == pytest.approx((10 / 13.8415, 1.0), abs=1e-4)

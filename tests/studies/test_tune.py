@@ -31,7 +31,7 @@ SURFACES, GAINS = read_tuning("surfaces"), read_tuning("gains")
 
 
 @pytest.mark.parametrize("kind", [kind for kind in every(Guidance) if kind.tunable])
-def test_what_a_law_declares_as_tunable_is_within_its_limits(kind) -> None:
+def test_tunable_defaults_are_within_their_limits(kind) -> None:
     scenario = load_scenario("figure_eight", {"guidance.kind": kind().kind, "controller.kind": "pi"})
     for key, (low, high) in tunable(scenario).items():
         assert low < high
@@ -54,7 +54,7 @@ def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
     assert len(test) == 3 * 1 * 2
 
 
-def test_the_bicycle_leaves_out_what_it_does_not_have() -> None:
+def test_the_bicycle_skips_cases_it_cannot_run() -> None:
     bicycle = load_scenario("figure_eight", {"plant.kind": "bicycle"})
     assert {case.name for case in tuning_cases(bicycle, SURFACES, "training", 1)} >= {"as the scenario", "worn valve"}
     assert not {case.name for case in tuning_cases(bicycle, SURFACES, "test", 1)} & {"rough D", "side slope 10 deg"}
@@ -68,7 +68,7 @@ def tuning(tmp_path, text):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_misspelt_key_of_a_case_is_no_matter_of_the_plant(tmp_path, plant):
+def test_a_misspelt_key_in_a_case_is_an_error_on_any_plant(tmp_path, plant):
     file = read_tuning(tuning(tmp_path, 'set = { "terrain.kindd" = "slope" }'))
     with pytest.raises(ScenarioError, match=r"terrain\.kindd"):
         tuning_cases(load_scenario("figure_eight", {"plant.kind": plant}), file, "training", 1)
@@ -82,18 +82,18 @@ def test_a_misspelt_key_of_a_case_is_no_matter_of_the_plant(tmp_path, plant):
         ("seed = 3", r"training\[0\].seed: unknown key"),
     ],
 )
-def test_faults_of_a_tuning_file_are_told(tmp_path, text, told):
+def test_faults_of_a_tuning_file_are_reported(tmp_path, text, told):
     with pytest.raises(ScenarioError, match=told):
         read_tuning(tuning(tmp_path, text))
 
 
-def test_an_unknown_tuning_is_told_with_those_that_there_are():
+def test_an_unknown_tuning_lists_the_known_ones():
     with pytest.raises(ScenarioError, match=r"unknown tuning 'gain'.*gains.*surfaces"):
         read_tuning("gain")
 
 
 @pytest.mark.parametrize("part", ["training", "test"])
-def test_the_search_for_the_gains_that_ship_covers_what_a_tractor_does(part):
+def test_the_shipped_gain_search_covers_typical_work(part):
     """Speeds to 3.5 m/s and more, starts beside the path, a worn valve and a slope, in either part."""
     cases = tuning_cases(load_scenario("figure_eight", GAINS.set), GAINS, part, 1)
     assert max(case.speed for case in cases) >= 3.5
@@ -117,7 +117,7 @@ def tracking(scenario) -> TuningCase:
     return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
-def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_farther_it_came() -> None:
+def test_failed_runs_cost_more_than_any_success_and_less_the_farther_they_came() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
     early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
@@ -126,14 +126,14 @@ def test_a_run_that_fails_costs_more_than_any_that_succeeds_and_the_less_the_far
     assert early.cost > late.cost > FAILED
 
 
-def test_every_speed_covers_the_same_piece_of_the_path() -> None:
+def test_every_speed_covers_the_same_path_section() -> None:
     for scenario in (load_scenario("lane_change", {"duration_s": 9.0}), load_scenario("lane_change")):
         cases = tuning_cases(scenario, SURFACES, "training", 1) + tuning_cases(scenario, SURFACES, "test", 1)
         assert len({case.speed for case in cases}) == 3
         assert set(pieces(case.scenario for case in cases)) == {1}
 
 
-def test_a_scenario_that_expects_no_error_is_refused(tmp_path) -> None:
+def test_refuses_a_scenario_that_expects_no_error(tmp_path) -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
     with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
         tune(scenario, SURFACES, tmp_path / "out")
@@ -171,7 +171,7 @@ def test_a_real_run_costs_error_and_steering() -> None:
     assert cost(scenario, {"guidance.gain_per_s": 0.2}) != cost(scenario, {})
 
 
-def test_an_evaluation_ends_when_it_is_sure_to_be_worse(monkeypatch):
+def test_an_evaluation_stops_once_it_is_surely_worse(monkeypatch):
     asked = []
     monkeypatch.setattr(study, "judge", lambda case, row: Judgement(3.0, row))
 
@@ -192,12 +192,12 @@ def acquisition(law, **changes) -> Judgement:
     return driven(TuningCase("line", "acquisition", 1, scenario), changes)
 
 
-def test_the_way_onto_a_line_costs_time_overshoot_and_steering():
+def test_line_acquisition_costs_time_overshoot_and_steering():
     assert acquisition("lqr").cost < 2.0
     assert acquisition("lqr").cost < acquisition("lqr", **{"guidance.offset_m": 2.0}).cost
 
 
-def test_a_line_that_is_not_reached_is_a_failure_and_the_farther_off_the_worse():
+def test_an_unreached_line_is_a_failure_that_costs_more_with_distance():
     near, far = (acquisition("lqr", **{"duration_s": end}) for end in (5.0, 2.5))
     assert FAILED < near.cost < far.cost
     assert not near.row["expected"]

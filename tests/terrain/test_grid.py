@@ -60,7 +60,7 @@ def test_heights_equal_scipys_bilinear_interpolation(point):
     cell=st.tuples(st.integers(0, 7), st.integers(0, 4)),
     inside=st.tuples(st.floats(0.01, 0.99), st.floats(0.01, 0.99)),
 )
-def test_the_gradient_is_that_of_the_heights(cell, inside):
+def test_the_gradient_is_the_derivative_of_the_heights(cell, inside):
     x = ROUGH.x0 + ROUGH.spacing * (cell[0] + inside[0])
     y = ROUGH.y0 + ROUGH.spacing * (cell[1] + inside[1])
     e = 1e-4
@@ -88,14 +88,14 @@ def test_nodes_have_their_own_heights():
 
 
 @pytest.mark.parametrize(("x", "y"), [(-1e4, 3.1), (1e4, 3.1), (-1.2, -1e4), (-1.2, 1e4), (1e4, -1e4)])
-def test_outside_the_border_heights_go_on(x, y):
+def test_beyond_the_border_heights_continue(x, y):
     x_min, x_max, y_min, y_max = ROUGH.extent
     border = height_and_gradient(ROUGH, min(max(x, x_min), x_max), min(max(y, y_min), y_max))[0]
     assert height_and_gradient(ROUGH, x, y)[0] == pytest.approx(border, abs=1e-12)
     assert not ROUGH.covers(x, y)
 
 
-def test_the_extent_and_what_it_covers():
+def test_extent_and_coverage_are_correct():
     assert ROUGH.extent == pytest.approx((-3.0, 2.6, 2.0, 5.5))
     assert ROUGH.covers(-3.0, 2.0)
     assert ROUGH.covers(2.5, 5.4)
@@ -115,11 +115,11 @@ def test_level_ground_is_level():
 
 @pytest.mark.parametrize("point", [(np.nan, 1.0), (1.0, np.nan), (np.nan, np.nan)])
 @pytest.mark.parametrize("read", [height_and_gradient, getattr(height_and_gradient, "py_func", height_and_gradient)])
-def test_nowhere_has_no_height(read, point):
+def test_a_nan_position_has_a_nan_height(read, point):
     """Compiled, the index of NaN would be -2^63 and the read unchecked; plain Python would raise."""
     assert np.isnan(read(ROUGH, *point)).all()
 
 
 @pytest.mark.parametrize("far", [np.inf, -np.inf, 1e300, -1e300])
-def test_beyond_all_bounds_lies_the_border(far):
+def test_a_point_far_outside_has_the_border_height(far):
     assert np.isfinite(height_and_gradient(ROUGH, far, 1.0)).all()

@@ -30,14 +30,14 @@ def png(values, mode=None):
     return stream.getvalue()
 
 
-def test_an_array_has_its_south_edge_first(tmp_path):
+def test_an_array_starts_at_its_south_edge(tmp_path):
     np.save(tmp_path / "hill.npy", HILL[::-1])
     ground = Heightmap(file=str(tmp_path / "hill.npy"), spacing_m=2.5, offset_m=7.0, scale=2.0).ground()
     assert ground.extent == (-2.5, 2.5, -2.5, 2.5)
     assert ground.heights == pytest.approx(7.0 + 2.0 * HILL[::-1])
 
 
-def test_an_esri_grid_has_its_north_edge_first_and_is_recentred(tmp_path):
+def test_an_esri_grid_starts_at_its_north_edge_and_is_recentred(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     ground = Heightmap(file=str(tmp_path / "hill.asc")).ground()
     assert ground.extent == (-2.5, 2.5, -2.5, 2.5)
@@ -45,14 +45,14 @@ def test_an_esri_grid_has_its_north_edge_first_and_is_recentred(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(np.uint16, 1 / 20), (np.uint8, 1 / 20)])
-def test_a_picture_has_its_north_edge_first(tmp_path, kind, unit):
+def test_a_picture_starts_at_its_north_edge(tmp_path, kind, unit):
     (tmp_path / "hill.png").write_bytes(png((20 * HILL).round().astype(kind)))
     ground = Heightmap(file=str(tmp_path / "hill.png"), scale=unit).ground()
     assert ground.extent == (-1.0, 1.0, -1.0, 1.0)
     assert ground.heights == pytest.approx(HILL[::-1])
 
 
-def test_sixteen_bits_are_all_read(tmp_path):
+def test_all_sixteen_bits_are_read(tmp_path):
     (tmp_path / "fine.png").write_bytes(png(np.array([[0, 1], [65534, 65535]], dtype=np.uint16)))
     ground = Heightmap(file=str(tmp_path / "fine.png"), scale=1e-5).ground()
     assert 1e5 * ground.heights == pytest.approx(np.array([[65534, 65535], [0, 1]]))
@@ -67,14 +67,14 @@ def test_esri_grids_may_be_rectangular_wrapped_and_in_capitals(tmp_path):
     assert ground.heights == pytest.approx(values[::-1])
 
 
-def test_a_rectangular_array_is_taken_when_that_is_said(tmp_path):
+def test_a_rectangular_array_needs_the_key(tmp_path):
     np.save(tmp_path / "strip.npy", np.zeros((2, 5), dtype=np.int16))
     with pytest.raises(ValueError, match=r"^file: strip\.npy: has 2 rows and 5 columns; set rectangular = true"):
         Heightmap(file=str(tmp_path / "strip.npy")).ground()
     assert Heightmap(file=str(tmp_path / "strip.npy"), rectangular=True).ground().extent == (-2, 2, -0.5, 0.5)
 
 
-def test_a_changed_file_is_read_anew(tmp_path):
+def test_a_changed_file_is_read_again(tmp_path):
     file = tmp_path / "hill.npy"
     np.save(file, np.zeros((3, 3)))
     terrain = Heightmap(file=str(file))
@@ -83,14 +83,14 @@ def test_a_changed_file_is_read_anew(tmp_path):
     assert terrain.ground().heights == pytest.approx(np.full((4, 4), 0.5))
 
 
-def test_the_field_that_comes_with_the_scenarios_can_be_driven_on():
+def test_the_shipped_field_can_be_driven():
     ground = Heightmap().ground()
     assert ground.extent == (-100, 100, -80, 80)
     assert 5 < np.ptp(ground.heights) < 20
     assert ground.steepest < tan(radians(15))
 
 
-def test_a_heightmap_of_a_plane_is_the_slope(tmp_path):
+def test_a_heightmap_of_a_plane_equals_the_slope(tmp_path):
     """The same heights, and the same run to the digits that rounding leaves, on a height field instead of a plane."""
     slope = Slope(grade_deg=8.0, direction_deg=130.0, half_size_m=30.0)
     nodes = np.linspace(-30.0, 30.0, 61)
@@ -214,7 +214,7 @@ def lay(folder, name, content):
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_file_that_is_no_heightmap_is_told_by_name_with_the_fix(tmp_path, name, recwarn):
+def test_an_invalid_heightmap_is_reported_by_name_with_the_fix(tmp_path, name, recwarn):
     content, what = BAD[name]
     lay(tmp_path, name, content)
     (tmp_path / "field.toml").write_text(f'[terrain]\nkind = "heightmap"\nfile = "{name}"\n')
@@ -227,14 +227,14 @@ def test_a_file_that_is_no_heightmap_is_told_by_name_with_the_fix(tmp_path, name
     assert not recwarn.list
 
 
-def test_a_file_is_not_read_beyond_the_limit(tmp_path):
+def test_a_file_is_not_read_beyond_the_size_limit(tmp_path):
     with (tmp_path / "sparse.asc").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
     with pytest.raises(ValueError, match=r"^file: sparse\.asc: has 134 MB, the limit is 134; crop"):
         Heightmap(file=str(tmp_path / "sparse.asc")).ground()
 
 
-def test_heights_in_another_unit_are_told_with_a_scale_that_fits(tmp_path):
+def test_heights_in_another_unit_are_reported_with_a_scale(tmp_path):
     np.save(tmp_path / "feet.npy", 1000 * HILL)
     with pytest.raises(
         ValueError, match=r"^scale: feet\.npy climbs 500 m between nodes 1 m apart.*at most 0\.0034 fits"
@@ -243,13 +243,13 @@ def test_heights_in_another_unit_are_told_with_a_scale_that_fits(tmp_path):
     assert Heightmap(file=str(tmp_path / "feet.npy"), scale=0.0034).ground().steepest < tan(radians(60))
 
 
-def test_numbers_beyond_all_measure_are_told(tmp_path):
+def test_excessive_numbers_are_reported(tmp_path):
     np.save(tmp_path / "far.npy", np.full((3, 3), 1e300))
     with pytest.raises(ValueError, match=r"^scale: makes heights of far\.npy beyond 1000 km"):
         Heightmap(file=str(tmp_path / "far.npy"), scale=1e300).ground()
 
 
-def test_a_grid_that_states_its_cells_takes_no_other(tmp_path):
+def test_a_grid_with_its_own_cell_size_refuses_the_key(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; leave the key out"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()

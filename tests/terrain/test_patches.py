@@ -24,7 +24,7 @@ def friction(surface, x, y):
     return surface_at(surface, x, y)[0]
 
 
-def test_the_family_is_complete():
+def test_every_patch_shape_is_tested():
     assert {patch.model_fields["kind"].default for patch in every(GroundPatch)} == {
         "rectangle",
         "circle",
@@ -33,7 +33,7 @@ def test_the_family_is_complete():
     }
 
 
-def test_a_polygon_may_be_hollow_and_is_the_same_in_either_sense():
+def test_a_polygon_may_be_concave_and_run_either_way():
     for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
         surface = surface_of(PolygonPatch(points=points, friction=0.5))
         for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):
@@ -44,7 +44,7 @@ def test_a_polygon_may_be_hollow_and_is_the_same_in_either_sense():
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(-180, 180), st.floats(-10, 10), st.floats(-10, 10))
-def test_a_polygon_of_four_corners_is_the_rectangle(length, width, heading, x, y):
+def test_a_four_cornered_polygon_equals_the_rectangle(length, width, heading, x, y):
     box = RectanglePatch(x_m=x, y_m=y, length_m=length, width_m=width, heading_deg=heading)
     c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
@@ -82,7 +82,7 @@ def test_a_picture_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
     assert surface_at(surface, 5.9, 0.0) == (1.0, 0.0)
 
 
-def test_a_picture_keeps_its_shape_and_its_one_value_where_only_one_is_given(tmp_path):
+def test_a_picture_keeps_its_shape_and_a_single_value(tmp_path):
     patch = picture(tmp_path, np.array([[0, 255, 7, 9], [1, 2, 3, 4]], dtype=np.uint8), width_m=20.0, friction=0.7)
     assert patch.bounds() == (-10.0, 10.0, -5.0, 5.0)
     surface = surface_of(patch)
@@ -90,14 +90,14 @@ def test_a_picture_keeps_its_shape_and_its_one_value_where_only_one_is_given(tmp
     assert not surface.cone_index.any()
 
 
-def test_a_changed_picture_is_read_anew(tmp_path):
+def test_a_changed_picture_is_read_again(tmp_path):
     terrain = Flat(patch=(picture(tmp_path, np.zeros((4, 4), dtype=np.uint8), friction=0.4, friction_white=0.8),))
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.4)
     picture(tmp_path, np.full((5, 5), 255, dtype=np.uint8))
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.8)
 
 
-def test_of_patches_that_overlap_the_last_one_counts():
+def test_the_last_of_overlapping_patches_counts():
     wet, dry = CirclePatch(friction=0.5, cone_index_kpa=500.0), CirclePatch(radius_m=2.0, friction=0.9)
     assert surface_at(surface_of(wet, dry), 0.3, 0.3) == (0.9, 0.0)
     assert surface_at(surface_of(dry, wet), 0.3, 0.3) == (0.5, 5e5)
@@ -111,7 +111,7 @@ def test_of_patches_that_overlap_the_last_one_counts():
         RectanglePatch(length_m=900.0, width_m=300.0, cell_m=0.01),
     ],
 )
-def test_too_many_cells_are_refused_with_a_size_that_fits(patch):
+def test_too_many_cells_are_refused_with_a_cell_size(patch):
     with pytest.raises(
         ValueError, match=r"^patch: \d+ x \d+ cells are more than 4000000; make cell_m larger, e\.g\. "
     ) as e:
@@ -151,7 +151,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("table", "what"), BAD)
-def test_a_patch_that_cannot_be_laid_is_told_by_number_and_key(tmp_path, table, what):
+def test_an_impossible_patch_is_reported_by_number_and_key(tmp_path, table, what):
     (tmp_path / "text.png").write_text("hello")
     (tmp_path / "map.npy").write_text("hello")
     Image.fromarray(np.zeros((5, 5, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")

@@ -42,7 +42,7 @@ def test_furrows_have_their_depth_spacing_and_direction(profile, furrows_deg):
     assert level > 0.6 if profile == "flat" else level < 0.3
 
 
-def test_a_crest_can_be_moved():
+def test_the_crest_offset_can_be_set():
     ground = Ridges(furrow_direction_deg=90.0, spacing_m=0.8, offset_m=0.2, node_m=0.05, half_size_m=5.0).ground()
     assert height(ground, 0.2, 3.0) == pytest.approx(0.05, rel=1e-3)
     assert height(ground, -0.2, 3.0) == pytest.approx(-0.05, rel=1e-3)
@@ -59,7 +59,7 @@ def wheel_heights(terrain, seconds, speed=0.4, tyre=MagicFormula()):
     return np.array(seen)
 
 
-def test_wheels_that_cross_furrows_see_their_depth_and_spacing():
+def test_wheels_crossing_furrows_see_their_depth_and_spacing():
     depth, spacing = 0.08, 2.2
     seen = wheel_heights(Ridges(depth_m=depth, spacing_m=spacing, half_size_m=20.0, node_m=0.1), 25.0)
     for wheel in range(4):
@@ -70,7 +70,7 @@ def test_wheels_that_cross_furrows_see_their_depth_and_spacing():
         assert z[crests].mean() - z[troughs].mean() == pytest.approx(depth, rel=0.05)
 
 
-def test_a_row_of_bumps_lies_where_it_says():
+def test_a_row_of_bumps_is_where_its_keys_say():
     ground = Bumps(
         height_m=0.12, x_m=2.0, y_m=-0.5, spacing_m=2.5, count=3, stagger_m=1.0, node_m=0.05, half_size_m=10.0
     ).ground()
@@ -91,14 +91,14 @@ def test_a_row_runs_along_its_heading():
     assert height(ground, 2.2, 0.0) < 1e-12
 
 
-def test_pits_are_bumps_upside_down():
+def test_pits_are_inverted_bumps():
     bumps, pits = (Bumps(height_m=h, count=30, layout="scattered", half_size_m=10.0).ground() for h in (0.1, -0.1))
     assert np.array_equal(bumps.heights, -pits.heights)
     assert bumps.heights.max() == pytest.approx(0.1, rel=0.05)
     assert bumps.heights.min() == 0.0
 
 
-def test_a_bump_under_the_right_wheels_lifts_them_alone():
+def test_a_bump_under_the_right_wheels_lifts_only_them():
     terrain = Bumps(x_m=4.0, count=1, height_m=0.08, half_size_m=12.0)
     seen = wheel_heights(terrain, 14.0, speed=0.6)
     rise = seen[:, :, 2].max(axis=0) - np.median(seen[:, :, 2], axis=0)
@@ -118,7 +118,7 @@ def test_a_bump_under_the_right_wheels_lifts_them_alone():
     ],
     ids=["E", "E coarse", "ridges"],
 )
-def test_tyres_do_not_blow_up_on_harsh_ground(tyre, terrain, speed, ripple):
+def test_tyres_stay_stable_on_harsh_ground(tyre, terrain, speed, ripple):
     """Loads stay near the static ones, and the tractor keeps its speed."""
     plant, truth = mujoco_plant(tyre, terrain)
     trace = Driver(plant, truth, speed).go(10.0)
@@ -153,7 +153,7 @@ class Pedal:
 
 @pytest.mark.parametrize("tyre", [tyre for tyre in force_tyres() if tyre.kind != "linear"], ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("profile", STEEP)
-def test_steep_furrows_may_hold_the_tractor_but_do_not_toss_it(tyre, profile):
+def test_steep_furrows_may_stop_the_tractor_but_not_toss_it(tyre, profile):
     """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
     ground, found = STEEP[profile].ground(), []
     for x in STARTS:

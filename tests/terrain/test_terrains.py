@@ -33,7 +33,7 @@ def small(kind, **keys):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_a_grid_is_finite_square_and_about_the_origin(kind):
+def test_a_grid_is_finite_with_square_cells_about_the_origin(kind):
     ground = small(kind).ground()
     heights = ground.heights
     assert heights.dtype == np.float64
@@ -50,13 +50,13 @@ def test_a_grid_is_finite_square_and_about_the_origin(kind):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_a_terrain_is_the_same_every_time(kind):
+def test_a_terrain_is_reproducible(kind):
     first = kind().relief().heights
     assert np.array_equal(first, kind().relief().heights)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in TERRAINS if "seed" in kind.model_fields])
-def test_the_seed_makes_another_field_of_the_same_sort(kind):
+def test_another_seed_gives_another_field_of_the_same_statistics(kind):
     keys = {"layout": "scattered", "count": 40} if kind is Bumps else {}
     one, other = (small(kind, **{**keys, "seed": seed}).ground().heights for seed in (1, 2))
     assert not np.allclose(one, other, atol=1e-3)
@@ -71,7 +71,7 @@ def test_patches_lie_on_every_terrain(kind):
 
 
 @pytest.mark.parametrize("kind", TILTED)
-def test_a_tilted_relief_is_the_level_one_on_a_plane(kind):
+def test_a_tilted_relief_equals_the_level_one_plus_a_plane(kind):
     level, tilted = (small(kind, grade_deg=grade, direction_deg=30.0).ground() for grade in (0.0, 12.0))
     rows, columns = level.heights.shape
     x = level.x0 + level.spacing * np.arange(columns)
@@ -81,7 +81,7 @@ def test_a_tilted_relief_is_the_level_one_on_a_plane(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_the_run_in_is_level_and_fades(kind):
+def test_the_run_in_is_level_and_blends(kind):
     plain, faded = (
         small(kind, run_in_m=run_in, **({"x_m": 1.0} if kind is Bumps else {})).ground() for run_in in (0.0, 3.0)
     )
@@ -95,7 +95,7 @@ def test_the_run_in_is_level_and_fades(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_too_many_nodes_are_refused_with_values_that_fit(kind):
+def test_too_many_nodes_are_refused_with_fitting_values(kind):
     with pytest.raises(
         ValueError, match=r"^node_m: 3201 x 3201 nodes are more than 4200000; set node_m to .*"
     ) as error:
@@ -107,7 +107,7 @@ def test_too_many_nodes_are_refused_with_values_that_fit(kind):
     assert 48.0 < half <= 52.0
 
 
-def test_no_spacing_of_nodes_is_offered_that_misses_the_furrows():
+def test_no_node_spacing_is_suggested_that_misses_the_furrows():
     with pytest.raises(ValueError, match=r"^node_m: 6401 x 6401 nodes are more than 4200000; set half_size_m to 51$"):
         Ridges(half_size_m=160.0, node_m=0.05).ground()
 
@@ -123,7 +123,7 @@ def test_no_spacing_of_nodes_is_offered_that_misses_the_furrows():
         (Bumps(x_m=100.0), "x_m: the first bump lies at \\(100.0, -0.5\\) m, outside the field; move it"),
     ],
 )
-def test_what_makes_no_relief_is_told_by_key(terrain, key):
+def test_an_impossible_relief_is_reported_by_key(terrain, key):
     with pytest.raises(ValueError, match="^" + key):
         terrain.ground()
 
@@ -134,7 +134,7 @@ def test_what_makes_no_relief_is_told_by_key(terrain, key):
 SIZED = [kind for kind in TERRAINS if "size_m" in kind.model_fields]
 
 
-def test_every_kind_but_those_of_files_has_a_size():
+def test_every_kind_except_file_based_ones_has_a_size():
     assert {kind for kind in TERRAINS if kind is not Heightmap} == set(SIZED)
 
 
@@ -155,7 +155,7 @@ def test_a_field_may_be_a_rectangle(kind, size):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SIZED if kind is not Rough])
-def test_a_rectangle_is_a_part_of_the_square(kind):
+def test_a_rectangle_equals_its_part_of_the_square(kind):
     """Where both have ground it is the same ground (a rough field draws other phases for another size)."""
     keys = {"grade_deg": 5.0} if kind in TILTED else {}
     keys |= {"x_m": 1.0, "count": 3} if kind is Bumps else {}
@@ -191,7 +191,7 @@ def test_a_shorter_side_grows_to_whole_nodes():
         ("size_m = [30]", "terrain.size_m"),
     ],
 )
-def test_a_size_that_is_none_is_told_by_key(tmp_path, keys, message):
+def test_an_invalid_size_is_reported_by_key(tmp_path, keys, message):
     file = tmp_path / "mine.toml"
     file.write_text(f'[terrain]\nkind = "rough"\n{keys}\n')
     with pytest.raises(ScenarioError, match=message):
@@ -211,7 +211,7 @@ def test_a_resolved_scenario_keeps_its_rectangle(tmp_path):
     assert log.metrics["outcome"] == "completed"
 
 
-def test_too_many_nodes_of_a_rectangle_are_refused_with_a_size_that_fits():
+def test_a_rectangle_of_too_many_nodes_is_refused_with_a_fitting_size():
     with pytest.raises(ValueError, match=r"set node_m to 0.076 or size_m to \[190, 52\]$"):
         Rough(size_m=(300.0, 80.0), node_m=0.05).ground()
     for fits in (Rough(size_m=(300.0, 80.0), node_m=0.076), Rough(size_m=(190.0, 52.0), node_m=0.05)):
@@ -225,7 +225,7 @@ def test_too_many_nodes_of_a_rectangle_are_refused_with_a_size_that_fits():
 @pytest.mark.parametrize(
     "terrain", [Rough(half_size_m=12, iso_class="E", grade_deg=4), Heightmap(grade_deg=3), Ridges(half_size_m=8)]
 )
-def test_mujocos_height_field_is_the_grid(terrain):
+def test_mujocos_height_field_equals_the_grid(terrain):
     """Rays from above hit the ground at the height of the nodes, rows north and columns east, within its float32."""
     ground = terrain.ground()
     plant, _ = mujoco_plant(MagicFormula(), ground, settle_s=0.0)
@@ -257,7 +257,7 @@ def test_a_second_of_wild_driving_gives_no_warning(kind, tyre):
 
 @pytest.mark.parametrize("terrain", [Rough(half_size_m=20, iso_class="E"), Ridges(half_size_m=20, depth_m=0.1)])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_the_tractor_starts_on_its_wheels_wherever_it_stands(terrain, yaw):
+def test_the_tractor_starts_on_its_wheels_anywhere(terrain, yaw):
     """Placed on the plane below its wheels, it settles without a jump on whatever relief is there."""
     for x in (0.0, 0.3, 0.61, 5.2):
         plant, truth = mujoco_plant(MagicFormula(), terrain, start=Reference(x, 1.0, 0.0, 0.0, yaw, 0.0))

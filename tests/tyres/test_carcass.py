@@ -34,7 +34,7 @@ def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("load", [800.0, 2300.0, 4000.0])
 @pytest.mark.parametrize("share", [1.0, 0.5])
-def test_at_rest_it_is_a_spring_of_its_share_of_the_vertical_one(tyre, load, share):
+def test_at_rest_the_carcass_is_a_spring_proportional_to_the_vertical_one(tyre, load, share):
     """A soft tyre loses the same share in all directions."""
     pushed = forces(tyre, 0.0, 0.01, 0.0, 5, load, share)[-1, 1] / (5 * DT * 0.01)
     dragged = forces(tyre, 0.0, 0.0, 0.01, 5, load, share)[-1, 0] / (5 * DT * 0.01)
@@ -43,7 +43,7 @@ def test_at_rest_it_is_a_spring_of_its_share_of_the_vertical_one(tyre, load, sha
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_the_relaxation_length_is_slip_stiffness_over_carcass_stiffness_at_each_load(tyre):
+def test_relaxation_length_is_slip_over_carcass_stiffness_at_each_load(tyre):
     slip, v, lengths = 0.003, 1.0, []
     for load in (800.0, 2300.0, 4000.0):
         F = forces(tyre, v, slip * v, v, 1500, load)[:, 1]
@@ -53,7 +53,7 @@ def test_the_relaxation_length_is_slip_stiffness_over_carcass_stiffness_at_each_
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_the_steady_force_does_not_know_the_carcass(tyre):
+def test_the_steady_force_does_not_depend_on_the_carcass(tyre):
     plain = tyre.model_copy(update={"carcass_lateral": 0.2, "carcass_longitudinal": 0.3})
     for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
         stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
@@ -61,7 +61,7 @@ def test_the_steady_force_does_not_know_the_carcass(tyre):
 
 
 @pytest.mark.parametrize("end", [0, 1], ids=["front", "rear"])
-def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_is_the_static_load(end):
+def test_stiffness_per_area_times_tread_volume_is_the_static_load(end):
     """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
     R, b, k = np.array(
         [
@@ -82,7 +82,7 @@ def test_stiffness_per_area_times_the_volume_that_the_ground_takes_of_the_tread_
 
 
 @pytest.mark.parametrize("wheel", range(4))
-def test_on_firm_ground_a_wheel_is_carried_by_its_spring_alone(wheel):
+def test_on_firm_ground_only_the_spring_carries_a_wheel(wheel):
     tyres, sunk = tyre_set(MagicFormula(), TRACTOR), 0.02
     R = float(tyres.radius[wheel])
     motion = WheelMotion((1.0, -2.0, R - sunk), (0.0, 1.0, 0.0), (1.0, 0.2, 0.0), (0.0, 1.0 / R, 0.0))
@@ -102,7 +102,7 @@ def test_pushed_from_rest_the_carcass_is_a_spring_with_a_damper(tyre):
     assert dragged == pytest.approx(0.6 * VERTICAL * v * (DT + tau), rel=0.02)
 
 
-def test_a_relaxation_length_is_that_of_the_static_load():
+def test_a_given_relaxation_length_holds_at_the_static_load():
     """The paper's tyre gives it instead of a stiffness; its slip stiffness does not know the load."""
     tyre = Linear(relaxation_radii=1.5, bristle_damping_s=0.0)
     assert tyre_set(tyre, TRACTOR).relaxation[REAR] == pytest.approx((0.63, 0.63))

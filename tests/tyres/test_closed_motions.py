@@ -38,7 +38,7 @@ def test_no_motion_of_a_wheel_gains_energy(kind, damping_s):
 @pytest.mark.parametrize(
     "tyre", [MagicFormula(**ANISOTROPIC), Soil(**ANISOTROPIC), Ruts(**ANISOTROPIC)], ids=lambda t: t.kind
 )
-def test_nor_does_one_that_slides_more_easily_to_one_side(tyre):
+def test_no_motion_with_anisotropic_sliding_gains_energy(tyre):
     found = gains(tyre, drawn(60, 6))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
@@ -54,7 +54,7 @@ def test_a_thousand_motions_of_a_wheel_gain_no_energy(kind, damping_s):
 @pytest.mark.parametrize("kind", [MagicFormula, Soil, Ruts])
 @pytest.mark.parametrize("speed", [0.0, 0.7])
 @pytest.mark.parametrize("hertz", [0.9, 2.3])
-def test_a_load_that_swings_twice_as_fast_as_the_wheel_slides_pumps_nothing(kind, speed, hertz):
+def test_a_load_swinging_at_twice_the_sliding_frequency_adds_no_energy(kind, speed, hertz):
     """The worst phase of a spring that follows the load; 9 mm to each side, the load down to a quarter."""
     sideways = wave(0.0, 0.009 * 2 * np.pi * hertz)
     motions = [
@@ -70,7 +70,7 @@ def test_no_motion_of_a_tool_gains_energy():
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
 
-def test_a_tool_that_goes_ahead_shallow_and_back_deep_gains_nothing():
+def test_a_tool_going_ahead_shallow_and_back_deep_gains_nothing():
     law, memory, work = Tool(depth_m=0.12, suction_share=0.0).law(), np.zeros(MEMORIES), []
     for _ in range(4):
         work.append(0.0)
@@ -81,7 +81,7 @@ def test_a_tool_that_goes_ahead_shallow_and_back_deep_gains_nothing():
 
 
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 9)[:-1])
-def test_a_standing_wheel_that_is_turned_under_a_swinging_load_gains_nothing(phase):
+def test_a_wheel_turned_on_the_spot_under_a_swinging_load_gains_nothing(phase):
     tyres, dt, n = tyre_set(MagicFormula(), TractorParameters()), 0.001, 1000
     tyres.damping[:] = 0.0
     bristle, wrench, report, work = np.zeros(3), np.zeros(6), np.zeros(6), 0.0

@@ -59,14 +59,14 @@ def resisting(tyre):
 
 
 @pytest.mark.parametrize("law", [MagicFormula, Soil])
-def test_the_same_force_uses_more_of_less_friction(law):
+def test_less_friction_means_more_of_it_is_used(law):
     dry, wet = (steady(law(), on, slip_x=0.03) for on in (Flat().ground(), ground(friction=0.5)))
     assert wet[FRICTION_USE] > 1.5 * dry[FRICTION_USE]
     assert dry[FRICTION_USE] > 0.1
 
 
 @pytest.mark.parametrize("slips", [(0.1, 0.0), (0.0, -0.15), (-0.3, 0.2)])
-def test_a_patch_of_soil_is_as_a_tyre_on_that_soil(slips):
+def test_a_soil_patch_equals_a_tyre_on_that_soil(slips):
     on_patch = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips)
     own = steady(Soil(cone_index_kpa=500), Flat().ground(), *slips)
     beside = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips, x=5.0)
@@ -76,19 +76,19 @@ def test_a_patch_of_soil_is_as_a_tyre_on_that_soil(slips):
     assert np.abs(own - firm).max() > 50
 
 
-def test_a_patch_of_friction_alone_leaves_the_soil_as_it_is():
+def test_a_friction_patch_leaves_the_soil_unchanged():
     alone = steady(Soil(), ground(friction=1.0), 0.1, 0.1)
     assert alone.tobytes() == steady(Soil(), Flat().ground(), 0.1, 0.1).tobytes()
 
 
 @pytest.mark.parametrize("slips", [(0.02, 0.0), (0.3, 0.3)])
-def test_the_linear_tyre_knows_neither(slips):
+def test_the_linear_tyre_ignores_friction_and_soil(slips):
     special = steady(Linear(), ground(friction=0.2, cone_index_kpa=300.0), *slips, grip=0.5)
     assert special.tobytes() == steady(Linear(), Flat().ground(), *slips).tobytes()
 
 
 @pytest.mark.parametrize("slips", [(0.3, 0.3)])
-def test_the_magic_formula_knows_no_soil(slips):
+def test_the_magic_formula_ignores_soil(slips):
     special = steady(MagicFormula(), ground(cone_index_kpa=300.0), *slips)
     assert special.tobytes() == steady(MagicFormula(), Flat().ground(), *slips).tobytes()
 
@@ -106,7 +106,7 @@ def test_a_soft_carcass_lowers_the_stiffness_and_not_the_peak(law):
     assert steady(law(), Flat().ground(), share=0.4)[LOAD] == steady(law(), Flat().ground())[LOAD]
 
 
-def test_on_a_slope_a_wheel_has_the_friction_of_the_place_where_it_touches():
+def test_on_a_slope_friction_is_that_of_the_contact_point():
     """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
     slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
     n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)

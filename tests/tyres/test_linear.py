@@ -53,14 +53,14 @@ def test_the_force_has_no_limit_and_the_directions_do_not_mix():
     assert big[:2] == pytest.approx(tuple(1e6 * f for f in small[:2]))
 
 
-def test_the_four_tyres_are_the_bicycles_two_axles():
+def test_four_linear_tyres_equal_the_bicycles_two_axles():
     front, rear = Linear().coefficients(TRACTOR)
     bicycle = Bicycle()
     assert 2 * front.C_alpha == pytest.approx(bicycle.front_cornering_stiffness_n_rad)
     assert 2 * rear.C_alpha == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
 
 
-def test_tyres_have_the_tractors_sizes():
+def test_tyres_have_the_tractors_dimensions():
     tyres = tyre_set(Linear(relaxation_radii=2.0), TRACTOR)
     assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
     assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))

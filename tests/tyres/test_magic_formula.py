@@ -63,13 +63,13 @@ def published(tmp_path_factory):
 @pytest.mark.parametrize(
     ("angle_deg", "newtons"), [(1, -1463.47), (2, -2602.80), (4, -3765.52), (8, -4193.33), (12, -4149.55)]
 )
-def test_the_published_lateral_curve(published, angle_deg, newtons):
+def test_reproduces_the_published_lateral_curve(published, angle_deg, newtons):
     rig = Rig(published, TRACTOR)
     assert rig.steady(Setting(2.0, radians(angle_deg), 0.0, 4000.0)).fy == pytest.approx(newtons, abs=0.5)
     assert rig.steady(Setting(2.0, -radians(angle_deg), 0.0, 4000.0)).fy == pytest.approx(-newtons, abs=0.5)
 
 
-def test_the_set_from_a_file_is_the_set_in_code(published):
+def test_a_set_from_a_file_equals_the_set_in_code(published):
     lateral = Curve(
         mu=1.0489, mu_load=0, stiffness_per_load=21.92, stiffness_load=0, shape=1.3507, curvature=-0.0074722
     )
@@ -84,7 +84,7 @@ def test_a_file_changes_only_what_it_names(tmp_path):
     assert (tyre.front, tyre.rear.lateral) == (DEFAULT.front, DEFAULT.rear.lateral)
 
 
-def test_a_bad_set_is_refused_with_every_fault(tmp_path):
+def test_a_bad_set_is_refused_listing_every_fault(tmp_path):
     (tmp_path / "t.toml").write_text('kind = "magic_formula"\n[front.lateral]\nshape = 3\nmuu = 1\n')
     with pytest.raises(ScenarioError, match=r"front\.lateral\.shape: must be at most 1\.9[^$]*did you mean 'mu'"):
         load_specimen(str(tmp_path / "t.toml"))
@@ -93,7 +93,7 @@ def test_a_bad_set_is_refused_with_every_fault(tmp_path):
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
 @pytest.mark.parametrize("load", [300.0, 1400.0, 2300.0, 5000.0])
 @pytest.mark.parametrize("slip", [-0.6, -0.05, 0.01, 0.2, 1.2])
-def test_pure_slip_is_the_formula_written_out(wheel, load, slip):
+def test_pure_slip_equals_the_written_out_formula(wheel, load, slip):
     axle, static = (DEFAULT.front, STATIC[0]) if wheel == FRONT else (DEFAULT.rear, STATIC[1])
     across, along = axle.lateral, axle.longitudinal
     for curve, found in (
@@ -116,7 +116,7 @@ def test_the_front_and_rear_tyres_have_the_bicycles_stiffness_at_the_static_load
         assert -force(1e-6, 0.0, axle_load / 2, wheel=wheel)[1] / 1e-6 == pytest.approx(stiffness, rel=0.02)
 
 
-def test_on_a_thousand_points_the_force_is_bounded_odd_and_takes_power():
+def test_the_force_is_bounded_odd_and_dissipative_at_a_thousand_points():
     """Through the kernel that the tractor drives on: friction ellipse, oddness, dissipation."""
     rig, axle, v = Rig(DEFAULT, TRACTOR), DEFAULT.front, 1.0
     for alpha, kappa, load in product(ANGLES, RATIOS, LOADS):
@@ -145,12 +145,12 @@ def test_the_force_is_continuous(alpha, kappa, load, way):
     assert hypot(far[0] - near[0], far[1] - near[1]) <= 2 * stiffest * h
 
 
-def test_no_slip_no_force():
+def test_no_slip_gives_no_force():
     assert force(0.0, 0.0, 1400.0) == (0.0, 0.0)
     assert DEFAULT.coefficients(TRACTOR)[0].force(Slip(0.0, 0.0, 1400.0, 0.01, 0.0, DRY)).held == 1.0
 
 
-def test_driving_takes_from_the_lateral_force():
+def test_driving_reduces_the_lateral_force():
     free = force(radians(4), 0.0, 1400.0)[1]
     driven = [force(radians(4), kappa, 1400.0)[1] for kappa in (0.02, 0.05, 0.1, 0.3, 1.0)]
     assert all(np.diff([free, *driven]) > 0)
@@ -167,7 +167,7 @@ def test_grip_and_stiffness_per_load_fall_with_the_load_but_never_vanish():
 
 
 @pytest.mark.parametrize("direction_deg", [0, 40, 90, 200])
-def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
+def test_a_dragged_standing_wheel_slides_at_its_grip(direction_deg):
     """The bristles break away at the peak: the force rises to the ellipse and stays there."""
     tyres, penetration = tyre_set(DEFAULT, TRACTOR), 0.012
     way = radians(direction_deg)
@@ -187,7 +187,7 @@ def test_a_standing_wheel_that_is_dragged_slides_at_its_grip(direction_deg):
 
 @pytest.mark.parametrize("mass", [400.0, 3600.0, 12_000.0])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
-def test_on_a_machine_of_any_mass_the_static_load_has_the_grip_and_stiffness_that_are_given(mass, wheel):
+def test_given_grip_and_stiffness_hold_at_the_static_load_of_any_mass(mass, wheel):
     tractor = TractorParameters(mass_kg=mass, front_load_fraction=0.41)
     load = mass * 9.81 * (0.41 if wheel == FRONT else 0.59) / 2
     law = DEFAULT.coefficients(tractor)[wheel // 2]
@@ -197,7 +197,7 @@ def test_on_a_machine_of_any_mass_the_static_load_has_the_grip_and_stiffness_tha
     assert stiffness == pytest.approx(5.3 if wheel == FRONT else 6.6)
 
 
-def test_a_given_reference_is_that_of_the_tractor_and_not_of_its_trailer():
+def test_a_given_reference_load_applies_to_the_tractor_only():
     tyre = MagicFormula(rear=AxleTyre(reference_load_n=9000.0))
     assert tyre.coefficients(TRACTOR)[1].F_z0 == 9000.0
     assert tyre.of_implement().coefficients(TRACTOR)[1].F_z0 == TRACTOR.rear_wheel.load

@@ -59,7 +59,7 @@ def test_the_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("slip", [-0.2, 0.03])
-def test_a_wheel_that_rolls_straight_has_the_aligning_moment_and_no_other(way, slip):
+def test_a_straight_rolling_wheel_has_only_the_aligning_moment(way, slip):
     """Its side force times the trail, behind the patch as it travels."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
     motion = WheelMotion((0, 0, 0.268), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / 0.276, 0.0))
@@ -99,7 +99,7 @@ def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, 
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_on_half_the_grip_a_wheel_scrubs_against_half_the_moment(tyre):
+def test_half_the_grip_halves_the_scrubbing_moment(tyre):
     dry, wet = Turning(tyre), Turning(tyre)
     wet.tyres.grip[:] = 0.5
     assert wet.moments([1.0] * 1000)[-1] == pytest.approx(0.5 * dry.moments([1.0] * 1000)[-1])
@@ -120,7 +120,7 @@ def test_a_standing_wheel_holds_its_twist(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_rolling_wipes_the_twist_out_over_the_length_of_the_patch(tyre):
+def test_rolling_relaxes_the_twist_over_the_patch_length(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
     length = 2 * HALF_M
@@ -131,7 +131,7 @@ def test_rolling_wipes_the_twist_out_over_the_length_of_the_patch(tyre):
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("v", [0.0, 0.3, -0.3])
-def test_scrubbing_to_and_fro_only_takes_work(tyre, v):
+def test_scrubbing_to_and_fro_only_dissipates(tyre, v):
     t = DT * np.arange(5000)
     turns = 0.6 * np.sin(2 * np.pi * 0.5 * t)
     moments = Turning(tyre).moments(turns, v)

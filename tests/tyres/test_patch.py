@@ -68,7 +68,7 @@ def r_e(penetration):
 # --- kinematics ---------------------------------------------------------------------------------------------------
 
 
-def test_an_upright_wheel_at_rest():
+def test_contact_of_an_upright_wheel_at_rest():
     patch = find_patch(FLAT, R, WheelMotion((3.0, -2.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL))
     assert patch.penetration == pytest.approx(0.02)
     assert patch.n == pytest.approx(UP)
@@ -120,7 +120,7 @@ def test_a_leaning_wheel_touches_at_its_lowest_point():
     assert patch.arm[1] == pytest.approx((R - patch.penetration) * sin(camber))
 
 
-def test_rotation_of_the_carrier_moves_the_patch_but_spin_does_not():
+def test_carrier_rotation_moves_the_patch_but_spin_does_not():
     axle = (0.0, 1.0, 0.0)
     rolling = find_patch(FLAT, R, WheelMotion((0.0, 0.0, 0.40), axle, STILL, (0.5, 4.0, 0.7)))
     assert rolling.spin == pytest.approx(4.0)
@@ -146,7 +146,7 @@ def test_the_bristle_follows_its_differential_equation(z, slide, roll, sigma, dt
 
 @unhurried
 @given(z=st.floats(-0.1, 0.1), slide=st.floats(-2, 2), roll=st.floats(1e-3, 20), sigma=st.floats(0.01, 1.0))
-def test_two_half_steps_of_the_bristle_make_a_whole_one(z, slide, roll, sigma):
+def test_two_half_steps_of_the_bristle_equal_a_whole_one(z, slide, roll, sigma):
     half = relax(relax(z, slide, roll, sigma, 0.005), slide, roll, sigma, 0.005)
     assert relax(z, slide, roll, sigma, 0.01) == pytest.approx(half, abs=1e-7)
 
@@ -187,7 +187,7 @@ def test_a_wheel_at_rest_holds_like_a_spring():
 # --- wrench -------------------------------------------------------------------------------------------------------
 
 
-def test_free_rolling_at_the_effective_radius_gives_no_force_but_the_load():
+def test_free_rolling_gives_no_force_but_the_load():
     wheel = Wheel()
     report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
     assert report == pytest.approx(np.array([1.6e5 * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
@@ -196,7 +196,7 @@ def test_free_rolling_at_the_effective_radius_gives_no_force_but_the_load():
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("height", [0.43, 0.4200001, 5.0])
-def test_a_wheel_in_the_air_makes_no_force_and_forgets(law, height):
+def test_an_airborne_wheel_has_no_force_and_forgets(law, height):
     wheel = Wheel(law())
     wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 0.0, 0.2), 100)
     assert wheel.bristle[:2].all()
@@ -246,7 +246,7 @@ def test_the_wrench_acts_at_the_patch():
     spin=st.floats(-10, 10),
     turn=st.floats(-1, 1),
 )
-def test_a_steadily_sliding_tyre_only_takes_power(tyre, yaw, camber, velocity, spin, turn):
+def test_a_steadily_sliding_tyre_only_dissipates(tyre, yaw, camber, velocity, spin, turn):
     """Force times velocity plus torque times rotation; on level ground the load does no work."""
     _, axle = turned(yaw, camber)
     rotation = np.array(times(spin, axle)) + (0.0, 0.0, turn)
@@ -259,7 +259,7 @@ def test_a_steadily_sliding_tyre_only_takes_power(tyre, yaw, camber, velocity, s
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("slip", [-0.02, -0.005, 0.005, 0.02])
-def test_driving_and_braking_cost_power_at_small_slips_too(law, slip):
+def test_driving_and_braking_dissipate_at_small_slips_too(law, slip):
     """With another lever than the effective radius a wheel could drive for free."""
     wheel, spin = Wheel(law(), rolling_resistance=0.0), 1.2 * (1 + slip) / r_e(0.02)
     f_x = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)[FORCE_X]
@@ -280,5 +280,5 @@ def test_rolling_resistance_brakes_a_freely_rolling_wheel():
 
 
 @pytest.mark.parametrize("v", [-5.0, -0.05, -0.01, 0.0, 0.003, 0.03, 0.5])
-def test_the_soft_sign_is_the_hyperbolic_tangent(v):
+def test_the_soft_sign_equals_the_hyperbolic_tangent(v):
     assert soft_sign(v, 0.02) == pytest.approx(np.tanh(v / 0.02), abs=1e-15)

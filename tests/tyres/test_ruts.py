@@ -48,13 +48,13 @@ def test_the_walls_of_a_rut_hold_a_wheel():
     assert abs(press(SOIL, REAR, field(), (0.5, 0.0, 0.0), LEVEL, 0.05, 0.0).edge) < 60.0
 
 
-def test_a_wheel_in_the_rut_of_a_deeper_pass_hangs_in_the_air():
+def test_a_wheel_over_a_deeper_rut_hangs_in_the_air():
     memory = field()
     rolled(memory, 0.06)
     assert press(SOIL, REAR, memory, (0.5, 0.0, 0.0), LEVEL, 0.02, 0.0).load == 0.0
 
 
-def test_slip_digs_as_lyasko_has_it():
+def test_slip_sinkage_follows_lyasko():
     """At one pressure a plate sinks by (1 + i) / (1 - i / 2) times as much."""
     k = SOIL.k_phi
     depths = []
@@ -67,7 +67,7 @@ def test_slip_digs_as_lyasko_has_it():
     assert depths[1] / depths[0] == pytest.approx(1.3 / 0.85, rel=1e-3)
 
 
-def test_pressing_never_gives_back_more_than_it_took():
+def test_pressing_returns_no_more_work_than_it_took():
     """Over any history of depths a cell takes work in every closed loop, and its sinkage never shrinks."""
     rng = np.random.default_rng(3)
     E, cell, before, work = 1e7, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
@@ -80,7 +80,7 @@ def test_pressing_never_gives_back_more_than_it_took():
             assert work - cell.pressure**2 / (2 * E) >= -1e-3 * max(work, 1.0)
 
 
-def test_the_shear_strength_is_that_of_mohr_and_coulomb():
+def test_the_shear_strength_follows_mohr_coulomb():
     law = Ruts(cohesion_kpa=10.0, friction_deg=30.0).coefficients(TractorParameters())[1]
     slip = Slip(-0.5, 0.0, 2000.0, 0.01, 1.0, Footing(1.0, 0.0), 1.0, 0.04, 0.3)
     strength = 0.04 * 10e3 + 2000.0 * np.tan(np.radians(30.0))
@@ -110,7 +110,7 @@ def test_ground_beyond_the_store_is_not_remembered():
     assert press(SOIL, REAR, small, (-3.0, -3.0, 0.0), LEVEL, 0.04, 0.0).load > 1000.0
 
 
-def test_too_fine_a_grid_names_its_key():
+def test_too_fine_a_grid_is_refused_by_key():
     with pytest.raises(ValueError, match=r"plant\.tyre\.cell_m: 0\.02 m is too fine for this field; set at least"):
         mujoco_plant(Ruts(cell_m=0.02), Flat(half_size_m=5000.0))
     assert untouched_soil((0.0, 100.0, 0.0, 50.0), 0.05).tiles.shape == (32, 63)

@@ -97,7 +97,7 @@ def test_beyond_80_percent_of_slip_the_force_opposes_the_sliding(tyre, speed):
     [(0.0, 0.0, 4.0), (0.0, 0.1, 4.0), (0.0, 0.5, 0.0), (-1.0, 0.4, -8.0), (-1.0, -2.0, 0.0), (1.0, 0.2, -1.0)],
     ids=["on the spot", "drifting", "broadside", "in reverse", "locked in reverse", "plugging"],
 )
-def test_a_wheel_spinning_on_the_spot_or_dragged_broadside_opposes_its_sliding(tyre, v_x, v_y, rim):
+def test_a_wheel_spinning_or_dragged_broadside_opposes_its_sliding(tyre, v_x, v_y, rim):
     wheel = Wheel(tyre)
     report = wheel.steady(v_x, v_y, rim)
     assert lean(report, v_x, v_y, rim) < 5.0
@@ -122,7 +122,7 @@ def brixius(cone_index, s, W=LOAD[REAR], b=0.24, d=0.84, k=1.6e5):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("cone_index_kpa", [300, 450, 1200, 2000])
-def test_traction_is_that_of_brixius_up_to_95_percent_of_slip(cone_index_kpa, way):
+def test_traction_follows_brixius_up_to_95_percent_slip(cone_index_kpa, way):
     wheel = Wheel(Soil(cone_index_kpa=cone_index_kpa))
     for s, speed in product((0.02, 0.1, 0.3, 0.5, 0.55, 0.7, 0.83, 0.9, 0.95), (0.2, 1.0)):
         pull = way * wheel.steady(way * speed, 0.0, way * speed / (1 - s))[FORCE_X] / LOAD[REAR]
@@ -131,14 +131,14 @@ def test_traction_is_that_of_brixius_up_to_95_percent_of_slip(cone_index_kpa, wa
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("kappa", [-1.0, -0.4, 0.5, 1.0, 3.0, 9.0])
-def test_the_reported_slip_ratio_is_the_true_one_positive_driving_in_both_directions(kappa, way):
+def test_the_reported_slip_ratio_is_true_and_positive_driving(kappa, way):
     found = Wheel(MagicFormula()).steady(way * 1.0, 0.0, way * (1.0 + kappa))
     assert found[SLIP_RATIO] == pytest.approx(kappa, rel=2e-3)
     assert found[FORCE_X] * way * kappa > 0
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_the_reported_slip_ratio_of_a_wheel_on_the_spot_is_finite_and_that_of_a_parked_one_nothing(way):
+def test_the_reported_slip_ratio_is_finite_on_the_spot_and_zero_when_parked(way):
     assert Wheel(Soil()).steady(0.0, 0.0, way * 4.0)[SLIP_RATIO] == pytest.approx(20.0, rel=0.01)
     assert Wheel(Soil()).step(0.0, 0.0, 0.0, 100)[SLIP_RATIO] == 0.0
 
@@ -149,7 +149,7 @@ motions = st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-6, 6))
 @pytest.mark.parametrize("tyre", GRIPPING.values(), ids=list(GRIPPING))
 @settings(deadline=None, max_examples=60)
 @given(motion=motions, scale=st.sampled_from([1.0, 0.01, 1e-6]))
-def test_no_motion_leaves_the_ellipse_gives_power_or_breaks_the_numbers(tyre, motion, scale):
+def test_no_motion_leaves_the_ellipse_gives_power_or_yields_nan(tyre, motion, scale):
     """Through the kernel; the power of force and torque together, once the bristles are in balance."""
     v_x, v_y, rim = (scale * v for v in motion)
     wheel = Wheel(tyre)
@@ -166,7 +166,7 @@ def test_no_motion_leaves_the_ellipse_gives_power_or_breaks_the_numbers(tyre, mo
 @example(x=0.0, y=9.6e-12, grip=0.0625, a=0.0, travel=1.0)
 @example(x=-3e-13, y=0.0, grip=0.05, a=1.0, travel=1.0)
 @given(x=st.floats(-2, 2), y=st.floats(-6, 6), grip=st.floats(0.05, 2), a=st.floats(0, 1), travel=st.floats(-1, 1))
-def test_the_laws_keep_inside_their_ellipse_and_take_power_for_any_anisotropy(x, y, grip, a, travel):
+def test_the_laws_stay_in_their_ellipse_and_dissipate_at_any_anisotropy(x, y, grip, a, travel):
     for tyre in (MagicFormula(sliding_anisotropy=a), Soil(sliding_anisotropy=a)):
         _, law = tyre.coefficients(TRACTOR)
         F = law.force(Slip(x, y, LOAD[REAR], 0.0144, 1.0, Footing(grip, 1.2e6), travel))
@@ -181,7 +181,7 @@ def test_the_laws_keep_inside_their_ellipse_and_take_power_for_any_anisotropy(x,
         assert hypot(F.x / D_x, F.y / D_y) == pytest.approx(F.used, abs=1e-9)
 
 
-def test_the_anisotropy_turns_a_sliding_force_towards_the_direction_of_more_grip():
+def test_anisotropy_turns_a_sliding_force_towards_more_grip():
     """On soil the tyre holds more along than across; at 1 the sliding direction is the normal of the ellipse."""
     angle = radians(45)
     leans = []
@@ -196,7 +196,7 @@ def test_the_anisotropy_turns_a_sliding_force_towards_the_direction_of_more_grip
 
 
 @pytest.mark.parametrize("ply", ["bias", "radial"])
-def test_soil_without_strength_holds_nothing_sideways(ply):
+def test_soil_without_strength_has_no_side_force(ply):
     """The lateral fit by itself would grow without bound where there is no traction left."""
     peaks = []
     for cone_index_kpa in (50, 80, 120, 200, 400):
@@ -214,6 +214,6 @@ def test_soil_without_strength_holds_nothing_sideways(ply):
         ({"terrain": {"patch": [{"kind": "circle", "cone_index_kpa": 40}]}}, r"terrain.patch\[0\].cone_index_kpa"),
     ],
 )
-def test_soil_far_outside_the_fits_is_refused_by_key_value_and_limit(table, key):
+def test_refuses_soil_far_outside_the_fits_with_key_value_and_limit(table, key):
     with pytest.raises(ScenarioError, match=key + r".*from 50 to 5000 kPa.*got 40"):
         resolve(table, "field.toml")

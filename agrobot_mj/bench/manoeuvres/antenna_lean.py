@@ -54,7 +54,7 @@ GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
 """Largest difference of measured and predicted errors [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
-"""Duration of a drive, and of its end that counts [s]."""
+"""Duration of a drive, and of the part at its end that is evaluated [s]."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},

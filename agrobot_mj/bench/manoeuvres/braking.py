@@ -66,7 +66,7 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """How far a tractor of this mass moves in ten seconds on the slope, for its mass' tyres [mm]."""
+    """Drift in ten seconds of a parked tractor of this mass, on tyres for it [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)

@@ -28,9 +28,9 @@ DT_S, PERIODS = 0.001, 3
 """Step, and periods of which the last is judged [s, -]."""
 HARMONICS, SEED = 2, 20
 MOTIONS, BRIEFLY = 1000, 60
-"""Motions of each tyre, in full and in brief [-]."""
+"""Number of motions of each tyre in the full and in the quick suite [-]."""
 ROUNDING = 1e-6
-"""Largest gain over the work that goes to and fro [-]."""
+"""Energy gain that counts as rounding, over the energy exchanged in a period [-]."""
 
 
 class Cycle(NamedTuple):
@@ -113,7 +113,7 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Work of the soil on a tool, likewise, whose depth swings as the load of a wheel; shape (motions, 2) [J]."""
+    """Work of the soil on a tool over one period, and its magnitude to and fro, shape (motions, 2) [J]."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300

@@ -150,7 +150,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """All of it; the quick version waits less for the steady states."""
+    """All checks of implements; the quick version waits less for the steady states."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

@@ -151,7 +151,7 @@ def leaving(seen: Array, stop: float) -> float:
 
 
 def rigid_leaving(side: int) -> float:
-    """Time to leave the stop with a rigid cylinder under the valve's law, by formula [s]."""
+    """Analytic time until the steering has left its stop, cylinder rigid, under the valve's law [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0

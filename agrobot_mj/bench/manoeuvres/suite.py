@@ -61,7 +61,7 @@ MANOEUVRES: dict[str, Run] = {
 """Manoeuvres by the name in their checks, in the order of the page."""
 
 FILES = ("validation.json", "validation.md", "images")
-"""What is written, of which the last is a folder."""
+"""Files of a validation; the last is a folder."""
 
 
 def validate(

@@ -21,7 +21,7 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""Trial to its figure and what that shows."""
+"""Name of a manoeuvre to its figure and the caption."""
 NEGLIGIBLE = 1e-3
 """Magnitude below which a number is shown as less than this."""
 

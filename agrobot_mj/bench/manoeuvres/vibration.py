@@ -30,12 +30,12 @@ FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)
 """Amplitudes of the load over its mean [-]."""
 DEEPER_MM, SAME_MM = 1.0, 0.1
-"""Rut beyond that without a swing, and beyond that of the highest load [mm]."""
+"""Largest rut depth beyond that without a swing, and beyond that of the highest load alone [mm]."""
 COUNT = 5
 """Whole loadings."""
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6
-"""Stiffness by which the depth follows the load [N/m]."""
+"""Stiffness that converts a change of load to a change of depth [N/m]."""
 
 
 class Loading(NamedTuple):

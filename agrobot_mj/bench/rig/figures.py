@@ -116,7 +116,7 @@ def hopping(table: pa.Table) -> Figure | None:
 
 FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
 FIGURES += [step, speed, hopping]
-"""Each draws one figure, a PNG of its name."""
+"""Functions that draw one figure each; the PNG has the name of its function."""
 
 
 def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) -> Figure:

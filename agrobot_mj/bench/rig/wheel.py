@@ -23,9 +23,9 @@ DT_S = 0.002
 SETTLE_LENGTHS = 25.0
 """Relaxation lengths travelled before a steady force is read; exp(-25) is 1e-11 [-]."""
 MOST_RADII = 10.0
-"""Longest relaxation length over free radius: a reading takes a time that goes with it [-]. As a scenario has it."""
+"""Longest relaxation length over free radius, as in a scenario: longer ones take too long to settle [-]."""
 FRONT, REAR = 0, 2
-"""Which of the tractor's tyres is on the rig."""
+"""Index of the tractor's tyre that is on the rig."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 

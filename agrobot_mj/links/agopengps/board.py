@@ -69,34 +69,34 @@ class BoardState(NamedTuple):
     asked: SteerData | None = None
     """Last steering message."""
     heard_at: float = -inf
-    """When it came, by the board's time [s]."""
+    """Arrival time of that message, by the board's clock [s]."""
     latched: bool = True
-    """No steering before a message without the engaged bit."""
+    """Whether the board is latched: no steering before a message without the engaged bit."""
     silent: bool = True
-    """The watchdog has run out."""
+    """Whether the watchdog has run out."""
     engaged: bool = False
-    """Steering as of the last tick."""
+    """Whether it steered in the last tick."""
     steer: float = 0.0
     """Measured steering angle, true scale, left positive [rad]."""
     pwm: int = 0
     """Drive of the board's own law, left positive [PWM counts]."""
     reported_at: float = -inf
-    """When the last report went out [s]."""
+    """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
     """Last datagram and its wall time [s]."""
     tally: Tally = Tally()
 
 
 class Board(NamedTuple):
-    """A steer module of certain keys."""
+    """A steer module with the keys of a scenario."""
 
     spec: AgOpenGps
     limit: float
     """Largest steering angle, either way [rad]."""
     inertial_unit: bool = False
-    """Answers to the host's hello, too."""
+    """Whether an inertial unit answers the host's hello, too."""
     address: tuple[int, int, int, int] = LOOPBACK
-    """Told to a host that scans."""
+    """Address that a scanning host is given."""
 
     def init(self) -> BoardState:
         """Power-up."""

@@ -23,7 +23,7 @@ ANSWER_S = 0.5
 
 
 class Channel(Protocol):
-    """Where datagrams come from and go to."""
+    """A source and destination of datagrams."""
 
     @property
     def pace(self) -> Pace | None:

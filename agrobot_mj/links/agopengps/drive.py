@@ -15,7 +15,7 @@ from agrobot_mj.links.agopengps.messages import SteerConfig, SteerSettings
 FULL_PWM = 255
 """Full output of the motor driver [PWM counts]."""
 SOFT_ZONE_DEG = 3.0
-"""Below this error the limit of the PWM falls with it [deg]. As AgOpenGPS boards."""
+"""Error below which the limit of the PWM falls in proportion [deg]. As AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
 """Limit at zero error over the least PWM [-]. As AgOpenGPS boards."""
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}

@@ -35,7 +35,7 @@ class GuideState(NamedTuple):
     t: float = nan
     """Time of the last position [s]."""
     ready_since: float = nan
-    """When the heading was first known [s]."""
+    """Time at which the heading was first known [s]."""
     trail: tuple[tuple[float, float], ...] = ()
     """Antenna at the last fixes, oldest first, as many as the next heading needs: east and north [m]."""
     yaw: float = nan
@@ -43,14 +43,14 @@ class GuideState(NamedTuple):
     offset: float = nan
     """Heading from fix to fix less the inertial unit's [rad]."""
     hello_at: float = nan
-    """When the last hello went out [s]."""
+    """Time of the last hello [s]."""
     engaged: bool = False
     worst: float = 0.0
     """Largest distance from the line while engaged [m]."""
 
 
 class Guide(NamedTuple):
-    """A host with certain settings."""
+    """A small guidance host with its settings."""
 
     settings: HostSettings
 

@@ -26,7 +26,7 @@ class AbLine(NamedTuple):
     yaw: float
     """Direction of travel, from east, counter-clockwise [rad]."""
 
-    def beside(self, x: float, y: float) -> tuple[float, float]:
+    def project(self, x: float, y: float) -> tuple[float, float]:
         """Distance along the line and to its left [m] of a point."""
         return to_heading(self.yaw, x - self.x, y - self.y)
 
@@ -100,7 +100,7 @@ INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
 def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
     """Next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
     line = settings.line
-    _, off = line.beside(pose.x, pose.y)
+    _, off = line.project(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
     rate = state.rate + 0.3 * (raw - state.rate)
     integral = state.integral
@@ -127,7 +127,7 @@ def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: flo
 
 def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
     """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
-    _, front = line.beside(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
+    _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
     angle = correction + HEADING_GAIN * wrap(line.yaw - pose.yaw)

@@ -20,7 +20,7 @@ SETTLED_M = 0.1
 LATE_S = 20.0
 """Time from the first engagement after which a drive counts as late [s]."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Below these shares a link is not well: of real time, and of the positions that were answered [-]."""
+"""Least share of real time, and of answered positions, of a healthy link [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:

@@ -33,11 +33,11 @@ class ReceiverState(NamedTuple):
     fresh: bool = False
     """The last measurement brought a solution."""
     attitude: BoardAttitude = BoardAttitude()
-    """BoardAttitude of the last measurement."""
+    """Attitude in the last measurement."""
 
 
 class Receiver(NamedTuple):
-    """A GNSS and IMU board of certain keys."""
+    """A GNSS and IMU board with the keys of a scenario."""
 
     spec: AgOpenGps
 

@@ -22,7 +22,7 @@ from agrobot_mj.simulation.stepping import Simulation
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
 """What sends hellos, and what sends the steering, by dialect."""
 PATIENCE_S = 5.0
-"""Wait after which a person is told what is missing [s]."""
+"""Waiting time after which the user is shown what is missing [s]."""
 
 
 class NoHostError(NotBegunError):
@@ -45,15 +45,15 @@ class LinkOptions(NamedTuple):
     wait_s: float = 60.0
     """Longest wait for the start [s]."""
     nmea: tuple[str, int] | None = None
-    """Where GGA, RMC and VTG go, besides the host's position."""
+    """Address for GGA, RMC and VTG, besides the host's position."""
     pace: Literal["real_time", "answered"] = "real_time"
     """The wall clock paces the run, or the host by its answers."""
     live: bool = False
-    """Watchers are told as the run goes."""
+    """Whether watchers get the rows during the run instead of at its end."""
     recorded: bool = True
     """Whether a watcher writes the recording."""
     notify: Callable[[str], None] = lambda text: None
-    """Told in a line what happens."""
+    """Called with one line of text on each event."""
 
 
 class Session:

@@ -17,7 +17,7 @@ from typing import NamedTuple, Self
 from agrobot_mj.core.errors import ScenarioError
 
 BOARD_PORT, HOST_PORT = 8888, 9999
-"""Where boards and hosts of the AgOpenGPS family listen."""
+"""Ports on which boards and hosts of the AgOpenGPS family listen."""
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
 """Bytes read of a datagram; longer ones are cut and rejected [bytes]."""

@@ -170,7 +170,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return self._camera.picture(sim.loop.plant.configuration(), np.array(path))
 
     def close(self) -> None:
-        """Free what drawing takes."""
+        """Release the renderer."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None

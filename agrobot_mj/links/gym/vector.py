@@ -20,7 +20,7 @@ from agrobot_mj.links.gym.env import FollowPath
 
 
 class Begun(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose next `step` or `reset` has been begun on a thread; it then only hands over the result."""
+    """An environment whose `step` or `reset` runs on a thread; the next call returns the result."""
 
     future: Future[Any] | None = None
 
@@ -33,11 +33,11 @@ class Begun(gymnasium.Wrapper[Any, Any, Any, Any]):
         return future.result() if future else None
 
     def step(self, action: Any) -> Any:
-        """The result of the step that was begun, or one now."""
+        """Result of the step under way, or of one done now."""
         return self._result() or self.env.step(action)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """The result of the reset that was begun, or one now."""
+        """Result of the reset under way, or of one done now."""
         return self._result() or self.env.reset(seed=seed, options=options)
 
 

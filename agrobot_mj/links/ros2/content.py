@@ -37,10 +37,10 @@ NOT_MEASURED = [-1.0, *[0.0] * 8]
 
 
 class Site(NamedTuple):
-    """What the messages need of a scenario."""
+    """Data of a scenario that the messages need."""
 
     origin: Origin
-    """Where x = y = 0 lies."""
+    """Geographic position of x = y = 0."""
     antenna_up: float
     """Height of the antenna above the CG, level [m]."""
     cg_height: float

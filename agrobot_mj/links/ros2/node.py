@@ -27,7 +27,7 @@ class VelocityMessage(NamedTuple):
     yaw_rate: float
     """Left positive [rad/s]."""
     wall: float
-    """When it came, of `time.perf_counter` [s]."""
+    """Arrival time, of `time.perf_counter` [s]."""
 
 
 class RosNode:

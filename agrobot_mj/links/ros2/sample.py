@@ -25,7 +25,7 @@ TickSample = namedtuple(
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """The present tick of a simulation, which is sensed now where it has not been."""
+    """The present tick of a simulation; the sensors are read if they have not been."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance

@@ -40,15 +40,15 @@ PATH_TURNS = 100
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors that a tractor on ROS has unless its scenario is told otherwise."""
+"""Sensors that are enabled on ROS unless the scenario sets them."""
 
 
 class NoProgramError(NotBegunError):
-    """Nothing was asked for on /cmd_vel in time."""
+    """No request came on /cmd_vel in time."""
 
 
 class Port(Protocol):
-    """Where messages go and requests come from: a node, or a double of one."""
+    """Interface to messages and requests: a ROS node, or a test double."""
 
     heard: int
     """Number of requests."""
@@ -82,11 +82,11 @@ class RosOptions(NamedTuple):
     stamped: bool = False
     """/cmd_vel is a TwistStamped."""
     live: bool = False
-    """Watchers are told as the run goes."""
+    """Whether watchers get the rows during the run instead of at its end."""
     recorded: bool = True
     """Whether a watcher writes the recording."""
     notify: Callable[[str], None] = lambda text: None
-    """Told in a line what happens."""
+    """Called with one line of text on each event."""
 
 
 class RosSession:
@@ -190,7 +190,7 @@ class RosSession:
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """How the link went: requests, latency [s], late turns."""
+        """Metrics of the link: requests, latency [s], late turns."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,

@@ -113,7 +113,7 @@ class ImplementBase(Spec):
     """Whether the GNSS antenna stands on the implement, above the point that does the work, instead of the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """What hangs at the hitch of this tractor; None for nothing. Raises ValueError where it cannot be."""
+        """The implement at this tractor's hitch; None without one. Raises ValueError where it cannot be mounted."""
         raise NotImplementedError
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
@@ -165,5 +165,5 @@ class NoImplement(ImplementBase):
     kind: Literal["none"] = "none"
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Nothing."""
+        """Always None: no implement."""
         return None

@@ -80,7 +80,7 @@ class ToolLaw(NamedTuple):
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Depth over the intended one, as far as it counts [-]."""
+    """Depth over the intended depth, limited to `DEEPEST` [-]."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 

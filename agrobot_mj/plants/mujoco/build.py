@@ -31,12 +31,12 @@ from agrobot_mj.tyres.patch import TyreSet
 
 
 class Built(NamedTuple):
-    """A tractor, ready to run."""
+    """Sets of masses that the chassis will carry, each with the index of the fault that adds it."""
 
     model: mujoco.MjModel
-    """What moves and touches."""
+    """Model for the physics."""
     scene: Scene
-    """What is drawn."""
+    """Scene for the recordings."""
     tyres: TyreSet
     hitched: HitchedBody | None
     """Body of its implement, if there is one."""
@@ -86,13 +86,11 @@ class Mujoco(Spec):
         """Physics step of `physics = "fast"` [s]."""
         return self.tyre.fast_step_s
 
-    def doubts(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Lines, each from its key, on what does not fit the machine's weight at the path's `speed` [m/s].
-
-        Raises ValueError or ScenarioError for a machine or a tyre of which there is none.
-        """
+    def hints(self, machine: Machine, speed: float) -> Iterator[str]:
+        """Lines, each beginning with its key, on values that do not fit the machine's weight at the path's `speed`
+        [m/s]. Raises ValueError or ScenarioError for an impossible machine or tyre."""
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)
         loads = wheel_loads(machine.tractor, machine.implement.hitched(machine.tractor))
-        yield from (f"plant.tyre.{line}" for line in tyre.doubts(machine.tractor, loads))
+        yield from (f"plant.tyre.{line}" for line in tyre.hints(machine.tractor, loads))

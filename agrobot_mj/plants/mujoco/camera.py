@@ -23,7 +23,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
 """Half width and colour of the drawn path."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
-"""Where the camera is seen from the tractor."""
+"""Distance, elevation and azimuth of the camera from the tractor."""
 
 
 class NoDisplayError(RuntimeError):

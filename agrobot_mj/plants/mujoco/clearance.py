@@ -21,7 +21,7 @@ SPARE_M = 0.01
 
 
 class Clearance(NamedTuple):
-    """Where the parts that can touch are, and where the ground is."""
+    """Height and extent of the parts that can touch the ground, and the ground below them."""
 
     lowest: float
     """Least height of a part in the chassis frame [m]."""

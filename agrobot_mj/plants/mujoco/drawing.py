@@ -1,4 +1,4 @@
-"""From a compiled model to a `Scene`, and where its bodies are.
+"""A compiled model as a `Scene`, and the poses of its bodies.
 
 `Ghost` poses the tractor for a plant that has no bodies of its own.
 """

@@ -133,7 +133,7 @@ class RunningImplement:
         self.fold = fold_joint(hitched, model)
 
     def finish_tick(self) -> None:
-        """Compute what a tick leaves open: the force at the hitch, and the bodies' velocities after the last step."""
+        """Compute the force at the hitch, and the bodies' velocities after the last step of a tick."""
         mujoco.mj_rnePostConstraint(self.model, self.data)
         self.pull[:] = self.data.cfrc_int[self.body, 3:]
         mujoco.mj_comPos(self.model, self.data)
@@ -170,7 +170,7 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Clear all forces and the way worked, as where it is placed."""
+        """Clear all forces and the worked distance, as after placement."""
         for array in self.arrays:
             array[:] = 0.0
 

@@ -1,4 +1,4 @@
-"""Where a tractor stands: on both rear wheels, and in front on the middle of its pivoting axle."""
+"""Initial pose of a tractor: on both rear wheels, and in front on the middle of its pivoting axle."""
 
 from math import hypot
 

@@ -1,4 +1,4 @@
-"""When a tractor rests before its run starts, and what keeps it from that, in words that name the key to change."""
+"""Settling of a tractor before its run starts, and messages on why it does not come to rest, with the key to change."""
 
 from math import atan, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
@@ -17,12 +17,12 @@ than the period of its modes on the tyres."""
 AT_THE_LIMIT = 0.99
 """Share of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
-"""Mean velocity over the greatest speed from which a tractor moves off and does not rock, and rim speed of the rear
-wheels over that velocity from which it rolls and does not slide [-]."""
+"""Mean over greatest velocity above which a tractor moves off rather than rocks, and rim speed of the rear wheels over
+that velocity above which it rolls rather than slides [-]."""
 GONE_M = 5.0
-"""Distance at which a tractor that moves off is left to itself [m]. Estimate."""
+"""Distance from which a tractor that moves off is no longer watched [m]. Estimate."""
 SLIDING = 0.02
-"""Mean velocity from which a tractor with wheels held slides and does not creep [m/s]. Estimate."""
+"""Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Estimate."""
 
 
 class RecentMotion:
@@ -45,12 +45,12 @@ class RecentMotion:
 
     @property
     def greatest(self) -> float:
-        """Greatest speed, of the CG or of a point a metre off; NaN where the motion is no number [m/s]."""
+        """Largest speed, of the CG or of a point a metre off; NaN where the motion is not finite [m/s]."""
         return float(self.speeds.max())
 
     @property
     def gone(self) -> bool:
-        """Whether it is so far from where it was placed that it will not come to rest, or its motion is no number."""
+        """Whether the tractor is too far from its placement to come to rest, or its motion is not finite."""
         return not float(np.abs(self.place - self.begin).max()) < GONE_M
 
     @property
@@ -80,7 +80,8 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 
 
 def rest_warning(found: Unsettled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Line that says why it did not rest in `settled_s` [s], and which keys to change; empty if it diverged."""
+    """Line that says why the tractor did not rest in `settled_s` [s], and which keys to change; empty if it
+    diverged."""
     speed = found.recent.greatest
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"

@@ -22,11 +22,11 @@ from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
-"""Stable below, see above [-]."""
+"""Bound of 2 c dt + k dt^2 over m, see above [-]."""
 FASTEST_M_S = 3.0
 """Speed at which the draught of the check is taken [m/s]: that of field work."""
 AT_LEAST = ("relaxation_radii", "relaxation_m")
-"""Ends of keys of which a larger value is softer."""
+"""Endings of keys that soften when their value grows."""
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 

@@ -48,7 +48,7 @@ class TractorMotion(NamedTuple):
 
 
 class Oil(NamedTuple):
-    """How flow becomes motion, and how far the oil columns wind up before their relief valves open."""
+    """Conversion of oil flow to motion, and the relief limits of the oil columns."""
 
     displacement: float
     """Displacement of the steering cylinder [m3/rad]."""

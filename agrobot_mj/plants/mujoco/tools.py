@@ -73,7 +73,7 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Deflection `z` of a spring after its stiffness has changed: what is new of it is not deflected yet."""
+    """Deflection `z` of a spring after its stiffness has changed; the added part starts undeflected."""
     return z * before / now if now > before else z
 
 
@@ -119,7 +119,7 @@ def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
 
 
 @kernel
-def work(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     """Add the soil's force on the tool to the wrench of the body."""
     R = v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, a.tip)
@@ -153,6 +153,6 @@ def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
     """Write the wrench of tool and depth wheel on the implement's body into `xfrc_applied`."""
     v.xfrc[a.body, :] = 0.0
     if a.working:
-        work(v, a, ground, dt)
+        apply_soil(v, a, ground, dt)
     if a.depth_wheel.stiffness > 0.0:
         roll_on(v, a, ground)

@@ -1,4 +1,4 @@
-"""Where the compiled loop finds things: numpy views of one MjModel and MjData, and indices into them."""
+"""Memory layout for the compiled loop: numpy views of one MjModel and MjData, and indices into them."""
 
 from typing import NamedTuple
 

@@ -15,15 +15,15 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 MOST_STEPS = 42.0
-"""Steps between numbers one above the other that have room on a tab 1080 pixels high; plots share them."""
+"""Largest number of steps between axis numbers on a tab 1080 pixels high; plots share them."""
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [share of the range]."""
 ROOM = 1.02
-"""Time axis over the run."""
+"""Length of the time axis over that of the run [-]."""
 EDGE = 0.045
 """Share of the time axis at its end where a number would be cut."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""A plot that may be cut ends at CUT_AT times this quantile if its largest value is over CUT_ABOVE times that end."""
+"""A plot that may be cut ends at CUT_AT times this quantile, if its largest value is above CUT_ABOVE times that end."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
@@ -120,7 +120,8 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Where the time axis of a run of `run_s` [s] ends, with room for its last number and a share for a legend [s]."""
+    """End of the time axis of a run of `run_s` [s], with room for its last number and a share `room` for a legend
+    [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

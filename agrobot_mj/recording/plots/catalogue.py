@@ -151,9 +151,9 @@ NEGATED = ("e_lateral", "tau_n")
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Unit of a plot by unit of the log, where nothing else is said."""
+"""Unit of a plot by unit of the log, unless the plot states one."""
 REPORTED = "reported/"
-"""Beginning of the paths of plots that no catalogue names."""
+"""Prefix of the paths of plots that the catalogue does not name."""
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:

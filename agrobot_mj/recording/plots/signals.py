@@ -31,7 +31,7 @@ MEAN_S = 2.0
 MEAN_TICKS = 5
 """Ticks from one point of the mean to the next: it moves slowly."""
 MEAN = "mean"
-"""Name of their entity below that of the plot."""
+"""Name of the entity of means below that of the plot."""
 WINDOWS = 100
 """Windows into which a run is cut to see how dense it is: each is 6 pixels wide, within which strokes touch."""
 MOST_COVERED = 0.2

@@ -65,11 +65,11 @@ LANES = (
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Lane with one state until the end says how the run went."""
+"""Lane with one state until the end, which shows the outcome."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Faults of the same subject share a lane."""
+    """Faults grouped by subject: a group shares a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
@@ -111,7 +111,7 @@ class States:
                 _send(stream, lane, times[changed], [lane.label(v) for v in values[changed + min(first, 1)].tolist()])
 
     def finish(self, stream: rr.RecordingStream, outcome: str) -> None:
-        """How the run ended."""
+        """Send the outcome of the run."""
         if self.rows.filled:
             _send(stream, RUN, nanoseconds(self.rows.column("t")[-1:]), [outcome])
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""What is among the last bytes of a whole file, and how many those are."""
+"""Marker of a complete file's footer, and number of last bytes in which it lies."""
 
 
 def ends_well(path: Path) -> bool:
-    """Whether a recording has its footer; of one that rerun could not write it says nothing."""
+    """Whether a recording has its footer, by which a complete file is recognised."""
     with path.open("rb") as file:
         file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()

@@ -26,11 +26,11 @@ except ImportError:  # pragma: no cover - Windows has no such limits
 PATIENCE_S = 5.0
 """How long a flush may take [s]; it needs a thousandth of that."""
 LAST_WORDS_S = 0.5
-"""After it failed rerun's writer tries once more, which must not come after the cut [s]."""
+"""Delay after a failed flush in which rerun's writer retries; the file is cut back after it [s]."""
 FULL_BYTES = 200_000
-"""A disk with less room than this is full: rerun leaves the rest of a chunk unwritten."""
+"""Free space below which a disk counts as full [bytes]: rerun leaves the rest of a chunk unwritten."""
 LEAST_BYTES = 10_000
-"""A file size limit (`ulimit -f`) below this leaves no room for what does not move: rerun waits for ever then."""
+"""Least file size limit (`ulimit -f`) for what does not move [bytes]: below it rerun waits for ever."""
 
 
 class Sink:

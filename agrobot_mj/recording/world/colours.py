@@ -9,13 +9,13 @@ from agrobot_mj.core.signals import Array
 Colours = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 LEVEL = np.array([100.0, 116.0, 70.0])
 LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
-"""Field green, and what it turns to at the lowest and the highest place."""
+"""Colours of the lowest and of the highest place; between them is field green."""
 FULL_COLOUR_M = 0.4
 """Relief of this height or more has the whole ramp of colours [m]."""
 SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
 """Colours of soil and their cone indices [Pa]."""
 WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
-"""Where there is less or more friction than elsewhere."""
+"""Colours of ground with less and with more friction than elsewhere."""
 
 
 def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:

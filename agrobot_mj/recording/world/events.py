@@ -17,12 +17,12 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
-"""Light, since labels have the colour of their point on a dark ground."""
+"""Bright colours, since labels have the colour of their point on a dark ground."""
 LIFT_M, RADIUS = 0.1, rr.Radius.ui_points(5.0)
 MOST_EVENTS = 40
-"""Further ones are left out, the outcome excepted."""
+"""Largest number of markers besides the outcome."""
 QUIET_TICKS = 40
-"""The steering's limit counts again after this long without it."""
+"""Ticks without the steering at its limit after which it is marked again."""
 
 
 class Events:
@@ -33,14 +33,14 @@ class Events:
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """What happened in the rows from `first` on, at `times` (n,)."""
+        """Mark the events in the rows from `first` on, at `times` (n,)."""
         found = self._faults(first, len(times)) + self._saturations(first, len(times))
         found = sorted(found)[: MOST_EVENTS - self.count]
         self.count += len(found)
         self._send(stream, found)
 
     def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
-        """How the run ended, at row `last`."""
+        """Mark the outcome at row `last`."""
         self._send(stream, [(last, outcome.replace("_", " "), GOOD if outcome == "completed" else BAD)])
 
     def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:

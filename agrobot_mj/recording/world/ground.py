@@ -31,7 +31,7 @@ MOST_VERTICES = 60_000
 FINEST_M = 0.1
 """Distance between vertices on relief, 7 per furrow of 0.75 m [m]."""
 SMOOTH_M = 0.004
-"""Relief that differs from a straight line along a tile by less needs no vertices in that direction [m]."""
+"""Deviation of relief from a straight line along a tile below which that direction needs no vertices [m]."""
 BORDER_M = 0.25
 """Distance between vertices along the borders of patches [m]."""
 BLEND_M = 0.35
@@ -41,7 +41,7 @@ CORRIDOR_M = 4.0
 DIVIDED_M = 25.0
 """Distance from the path beyond which relief is not drawn: it would flicker from afar [m]."""
 ROUGH_LIFT_M = 0.02
-"""The mesh cuts the corners of relief by less than this [m]."""
+"""Largest distance by which the mesh cuts the corners of relief [m]."""
 SHADES = 0.96, 1.04
 """Brightness of the two kinds of squares [-]."""
 SUN = np.array([-0.45, 0.45, 0.77])

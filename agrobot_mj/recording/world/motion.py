@@ -24,7 +24,7 @@ PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descri
 
 
 class BodyMotion:
-    """Sends all of it, as far as the tractor is anywhere."""
+    """Sends everything that moves, while the tractor has a valid pose."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
@@ -57,7 +57,7 @@ class BodyMotion:
         self.last = first + len(times) - 1
 
     def finish(self, stream: rr.RecordingStream, log: Log) -> None:
-        """What only the end of the run tells."""
+        """Send what is known only at the end of the run."""
         if self.last < 0:
             return
         if self.trail:
@@ -74,7 +74,7 @@ class BodyMotion:
 
 
 def sound_rows(poses: Array, *more: Array) -> int:
-    """How many rows of `poses` (n, bodies, 7) and `more` (n,) come before the first without a place to be drawn."""
+    """Number of rows of `poses` (n, bodies, 7) and `more` (n,) before the first that cannot be drawn."""
     table = np.column_stack([poses.reshape(len(poses), -1), *more])
     there = (np.abs(table) < FARTHEST_M).all(axis=1)  # false for NaN
     return len(table) if there.all() else int(there.argmin())

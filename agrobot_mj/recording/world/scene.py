@@ -21,11 +21,12 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
-"""Lines are lifted above the ground, each to its own height, so that none hides in it or in another [m]."""
+"""Colour of the reference path, and its height above the ground [m]; lines differ in height, so that none hides
+another."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
-"""Widths are those on the screen, so that lines are visible from near and far."""
+"""Width of the reference path on the screen, visible from near and far."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Between points of the reference on a plane, and where the line must follow the relief [m]; how many there may be."""
+"""Distance between points of the reference on a plane and on relief [m], and their largest number."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:

@@ -22,7 +22,7 @@ PIECE_TICKS = 5
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN)], dtype=np.uint32)
 """Colours by quality: none, float, fix."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of the fixes, below the tracks, and their radius: the sigma of the paper's receiver [m]."""
+"""Height of the fixes, below the tracks, and their radius, which is the sigma of the paper's receiver [m]."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 
@@ -89,7 +89,7 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Where the pieces of `count` new rows end, as slices do: 5, 10, ... and the last."""
+    """Ends of the pieces of `count` new rows, as in slices: 5, 10, ... and the last."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 

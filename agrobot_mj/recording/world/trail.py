@@ -44,7 +44,7 @@ class Trail:
         self._send_pieces(stream, times[ends - first], ends)
 
     def finish(self, stream: rr.RecordingStream, last: int) -> None:
-        """What is left up to row `last`."""
+        """Send the marks left up to row `last`."""
         if last > self.sent:
             self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
 

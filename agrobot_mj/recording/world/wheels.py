@@ -40,7 +40,7 @@ class Wheels:
         """Half widths of the tyres [m]."""
 
     def contacts(self, at: Index) -> WheelContacts:
-        """At the rows `at` (n,)."""
+        """Contacts at the rows `at` (n,)."""
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
@@ -51,7 +51,7 @@ class Wheels:
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> WheelContacts:
-    """From the wheels' poses (n, 4, 7) and radii (4,) [m], as `tyres.patch.find_patch` does it."""
+    """Contacts from the wheels' poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)

@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
-"""Pieces of work handed out per worker: one is done, one waits, so that no worker idles and memory stays bounded."""
+"""Pieces of work handed out per worker: one running, one waiting, so that no worker idles and memory stays bounded."""
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
@@ -92,7 +92,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Each piece of work with its result, as `Pool.spread`, by so many processes of its own."""
+    """Results of all pieces of work, as `Pool.spread`, over so many processes of its own."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 

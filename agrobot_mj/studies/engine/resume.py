@@ -21,11 +21,11 @@ from agrobot_mj.studies.engine.workers import Perform, performing
 ROWS = "rows"
 """Folder of the rows."""
 RunTasks = Callable[[Sequence[Task]], list[Done]]
-"""Does runs, some at a time; results in the order of the tasks."""
+"""Function that does tasks, some at a time; results in the order of the tasks."""
 
 
 Failed = Callable[[str], object]
-"""Hears of the errors that runs raise."""
+"""Function that is called with the error of a run."""
 _HALF = re.compile(r"\..+\.(json|npy)\.[0-9a-f]{8}\.part")
 """Names of files in `ROWS` that were being written when a study was killed."""
 

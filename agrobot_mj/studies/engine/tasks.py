@@ -30,7 +30,7 @@ ERROR = "error"
 WALL = ("wall_s", "real_time_factor")
 """Metrics that differ when a run is repeated."""
 LAST = "metrics.json"
-"""File of a run that is there only if all are."""
+"""File of a run that is written last: it exists only if all do."""
 POSES = "poses.npy"
 """File with the poses of a run, shape (ticks, bodies, 7)."""
 
@@ -49,11 +49,11 @@ class Task(NamedTuple):
     keep: str = "table"
     """What to keep of the run, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
     measure: Callable[[Log], Mapping[str, float]] | None = None
-    """Numbers to be had beside its metrics, by a function that workers can import."""
+    """Function, importable by workers, for numbers beyond the run's metrics."""
 
 
 class Done(NamedTuple):
-    """What came out of a run."""
+    """Result of a run."""
 
     numbers: dict[str, Any]
     """`outcome`, `expected`, `error`, metrics as in metrics.json, and `version`; ready for JSON."""
@@ -117,7 +117,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def origin() -> dict[str, str]:
-    """What the numbers of every run depend on, part by part."""
+    """Digests of all that the numbers of every run depend on, by part."""
     plugins = digest(*(path.read_bytes() for path in loaded_files()))
     return {"plugins": plugins, "version": __version__, "program": source_digest()}
 

@@ -1,4 +1,4 @@
-"""Where tasks are done: in this process, in a pool of them, or by the workers of a Dask scheduler."""
+"""Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -9,12 +9,13 @@ from agrobot_mj.studies.engine.tasks import Done, Task, failure, perform
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]
-"""Does tasks; each with its result, in the order in which they end."""
+"""Function that does tasks and yields each with its result, in the order in which they end."""
 
 
 @contextmanager
 def performing(jobs: int | None, scheduler: str | None = None, most: int | None = None) -> Iterator[Perform]:
-    """What does tasks within the block: processes, by default one per core for at most `most` tasks, or Dask."""
+    """Yield a function that does tasks: over processes, by default one per core for at most `most` tasks, or over
+    Dask."""
     if scheduler:
         with dask_cluster(scheduler) as over_dask:
             yield over_dask

@@ -10,9 +10,9 @@ from agrobot_mj.studies.statistics import runs_needed
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """The verdict on what was tried, from the start of the range on, with what it does not show."""
+    """Verdict on the values that were tried, from the start of the range on, with what they do not show."""
     found = _verdict(name, q, tried)
-    parts = [found.statement, *_coverage(tried), *_doubts(q, tried)]
+    parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
         parts.append(f"Not every run ended as expected: {'; '.join(unexpected)}")
     return found._replace(statement=". ".join(parts))
@@ -70,7 +70,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
     return [f"{text}, where an island of up to {max(gaps):g} would not be seen" if gaps else text]
 
 
-def _doubts(q: Question, tried: Sequence[Tried]) -> list[str]:
+def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
     """What limits the intervals: seeds that change nothing, and few runs at values on the way."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)

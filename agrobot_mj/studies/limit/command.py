@@ -18,7 +18,7 @@ from agrobot_mj.studies.limit.search import find_limit
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 
 FILES = ("limit.json", "limit.png")
-"""What a search leaves."""
+"""Files of a search for a limit."""
 
 
 def limit(

@@ -30,7 +30,7 @@ OUTCOMES = (*get_args(Outcome), ERROR)
 """Words that `outcome` is compared with."""
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
-"""Characters of a condition; a longer one is no question that a person asks."""
+"""Largest number of characters of a condition."""
 Numbers = Mapping[str, Any]
 
 
@@ -52,17 +52,17 @@ class Condition:
 
     @property
     def names_outcome(self) -> bool:
-        """Whether it says itself which outcomes fail."""
+        """Whether the condition itself names the outcomes that fail."""
         return "outcome" in self._names
 
     @property
     def names_error(self) -> bool:
-        """Whether it compares a tracking error."""
+        """Whether the condition compares a tracking error."""
         return any(is_error(name) for name in self._names)
 
     @property
     def compared(self) -> list[str]:
-        """Names of the metrics that it compares."""
+        """Names of the metrics in the condition."""
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:

@@ -14,13 +14,13 @@ from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.limit.condition import Condition
 
 MOST_CONFIDENT = 0.999999
-"""Largest confidence: beyond it the interval of a rate is that of rounding [-]."""
+"""Largest confidence [-]: beyond it the interval of a rate is dominated by rounding."""
 TRIAL_S = 1.0
-"""Simulated time of the run that shows which metrics there are [s]."""
+"""Duration of the trial run that shows which metrics exist [s]."""
 
 
 class Question(NamedTuple):
-    """What is to be found."""
+    """The search that is asked for."""
 
     key: str
     """Dotted key that is varied."""
@@ -31,7 +31,7 @@ class Question(NamedTuple):
     until: str
     """Condition at which a run counts as failed."""
     seeds: int = 10
-    """Most runs at a value on the way; the values that the answer is about have ten or more [-]."""
+    """Largest number of runs per value during the search; the two values around the limit have at least ten [-]."""
     reliability: float = 0.8
     """Share of runs that must succeed for a law to hold [-]."""
     confidence: float = 0.8
@@ -51,9 +51,9 @@ class Tried(NamedTuple):
     value: float
     """Value of the key."""
     runs: int
-    """How many independent ones there are: one where seeds change nothing."""
+    """Number of independent runs: one where seeds change nothing."""
     failed: int
-    """How many of them met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
+    """Number of runs that met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
     low: float
     """Lower end of the interval of the success rate [-]; the rate itself where seeds change nothing."""
     high: float
@@ -61,11 +61,11 @@ class Tried(NamedTuple):
     holds: bool
     """Whether the law holds here."""
     certain: bool
-    """Whether the interval says so, not only the rate."""
+    """Whether the interval, and not only the rate, is on one side of the reliability."""
     outcomes: dict[str, int]
     """Number of runs by outcome."""
     unexpected: int
-    """How many ended otherwise than their scenario expects."""
+    """Number of runs that ended otherwise than their scenario expects."""
     independent: bool = True
     """Whether seeds change a run; if not, one run is all that there is, and no interval."""
     medians: Mapping[str, float] = MappingProxyType({})
@@ -73,17 +73,17 @@ class Tried(NamedTuple):
 
     @property
     def share(self) -> str:
-        """How many of how many runs succeed."""
+        """Successes and runs as text, as in `8 of 10 runs`."""
         return f"{self.runs - self.failed} of {self.runs} runs"
 
     @property
     def written(self) -> dict[str, Any]:
-        """These runs as plain data."""
+        """The runs as plain data."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
     def ends(self) -> str:
-        """How many runs ended how."""
+        """Number of runs by outcome as text."""
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
@@ -91,9 +91,10 @@ class Counterpart(NamedTuple):
     """Answer to the same question without the hardship."""
 
     overrides: dict[str, Any]
-    """What makes the counterpart, by dotted key."""
+    """Overrides of the counterpart, by dotted key."""
     verdict: str
-    """As of `Found`; `fixed` where the counterpart has no such key, or sets it: then it is runs, not a search."""
+    """Verdict as in `Found`; `fixed` where the counterpart lacks the key or sets it, so that it is runs and no
+    search."""
     limit: float | None
     """Value at which it stops holding without the hardship, if there is one."""
     statement: str
@@ -136,7 +137,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
     q = question
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two different numbers, first where laws should hold")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two numbers, the first where laws should hold")
     if not isfinite(q.stop - q.start):
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):

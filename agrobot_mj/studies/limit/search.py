@@ -64,7 +64,7 @@ def _beside(
 
 
 def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
-    """Whether the key may be varied in the counterpart: it is there, and not what makes the counterpart."""
+    """Whether the counterpart has the key and does not set it itself."""
     if q.key in overrides:
         return False
     try:
@@ -141,7 +141,7 @@ def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: in
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
-    """What runs at one value say; copies of one run count once."""
+    """Judge the runs at one value; identical runs count once."""
     independent = not _copies(runs)
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)

@@ -82,13 +82,13 @@ class Document:
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """A table; numbers and what looks like them stand to the right."""
+        """A table; columns of numbers are aligned to the right."""
         body = "".join(f"<tr>{''.join(_cell('td', value) for value in row)}</tr>" for row in rows)
         top = "".join(f"<th>{escape(name)}</th>" for name in head)
         self.parts.append(f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """A text as it is, folded."""
+        """Preformatted text, folded."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:

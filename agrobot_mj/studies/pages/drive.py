@@ -110,7 +110,7 @@ def run_page(folder: Path) -> Document:
 
 
 def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
-    """What identifies the runs of a scenario."""
+    """Facts that identify the runs of a scenario, as text."""
     plant, guidance = scenario.get("plant", {}), scenario.get("guidance", {})
     found = [f"scenario {scenario.get('name', '?')}", *more, f"seed {scenario.get('seed', '?')}"]
     found += [f"plant {plant['kind']}"] if "kind" in plant else []

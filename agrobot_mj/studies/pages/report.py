@@ -5,11 +5,11 @@ from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.studies.pages.answers import limit_page, validation_page
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.print import sweep_figures
 from agrobot_mj.studies.pages.sweep import sweep_page
+from agrobot_mj.studies.pages.verdicts import limit_page, validation_page
 from agrobot_mj.studies.results_io import reporting_damage
 
 PAGES: dict[str, Callable[[Path], Document]] = {
@@ -19,10 +19,10 @@ PAGES: dict[str, Callable[[Path], Document]] = {
     "validation.json": validation_page,
     "signals.parquet": run_page,
 }
-"""Maker of a page by the file that shows what a folder holds."""
+"""Function that makes the page, by the file that identifies a folder's content."""
 
 FILES = ("report.html", "ranking.png", "curves.png")
-"""What reports leave."""
+"""Files of a report."""
 
 
 def write_report(folder: Path) -> list[Path]:

@@ -33,9 +33,9 @@ CONFIDENCE = 0.8
 SUCCESS = 0.8
 """Success rate at the boundary that maps draw [-]."""
 MOST_VALUES = 40
-"""Different values of a parameter up to which they count as an axis."""
+"""Number of different values up to which a parameter becomes an axis."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
-"""Most charts of each kind, and how many of the worst runs are shown."""
+"""Largest number of maps and of curves, and number of worst runs shown."""
 MOST_PIECES = 50
 """Runs whose pieces of path are compared."""
 MOST_RUNS_DRAWN = 4000
@@ -61,12 +61,12 @@ class Group(NamedTuple):
 
     @property
     def values(self) -> Array:
-        """The metric of those runs [cm]."""
+        """Error of the group's successful runs [cm]."""
         return centimetres(self.rows)
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """The error of those rows that have one [cm]."""
+    """Error of the rows that have one [cm]."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
@@ -114,7 +114,7 @@ class RerunCommand:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """What the run has beside the base scenario; data files by their names in the folder."""
+        """Overrides of the run over the base scenario; data files by their names in the folder."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 

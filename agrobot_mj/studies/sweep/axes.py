@@ -43,7 +43,7 @@ Limits = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class ValueList(Spec):
-    """Values of an axis: `len` of them, `at(k)` is one."""
+    """Values of an axis: a sequence of known length."""
 
     def __len__(self) -> int:
         raise NotImplementedError

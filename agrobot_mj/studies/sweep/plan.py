@@ -23,13 +23,13 @@ from agrobot_mj.studies.sweep.portable import portable
 from agrobot_mj.studies.sweep.schema import Sweep
 
 MAX_RUNS = 100_000
-"""Most runs of a sweep unless the command allows more: what a laptop does in a day."""
+"""Default limit of the number of runs of a sweep: a day of a laptop."""
 MOST_GROUNDS = 300
-"""Most different fields that are built when a plan is checked; further ones are checked by their runs."""
+"""Largest number of different fields built while a plan is checked; further ones are checked by their runs."""
 MOST_KEPT = 1000
-"""Most tractors whose check is remembered; with random draws each run has its own."""
+"""Largest number of tractors whose check is remembered; with random draws each run has its own."""
 MOST_LINES = 1000
-"""Most combinations that a message lists."""
+"""Largest number of combinations that a message lists."""
 
 
 class RunPlan(NamedTuple):
@@ -48,7 +48,7 @@ class RunPlan(NamedTuple):
 
     @property
     def place(self) -> str:
-        """The combination, as a person would name it."""
+        """The combination as a person would name it."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
@@ -85,7 +85,7 @@ class SweepPlan:
 
     @property
     def parts(self) -> str:
-        """How the number of runs comes about."""
+        """How the number of runs comes about, as text."""
         counts = [(len(self.file.variant), "variants")] if self.file.variant else []
         counts += list(zip(self.sizes, self.axes, strict=True))
         counts += [(self.samples, "samples")] if self.samples > 1 else []

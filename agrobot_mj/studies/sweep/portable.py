@@ -10,7 +10,7 @@ from agrobot_mj.studies.sweep.schema import Sweep, changed_values, last, resolve
 
 
 class PortableSweep(NamedTuple):
-    """What `sweep.toml` and `base.toml` say, and the files that lie beside them."""
+    """Content of `sweep.toml` and `base.toml`, and the files that lie beside them."""
 
     sweep: dict[str, Any]
     """The sweep, as `schema.resolved`."""

@@ -17,9 +17,9 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, merge
 
 MOST_HEARD = 100
-"""Scenarios, evenly over the plan, of which doubts are told."""
+"""Largest number of scenarios, evenly over the plan, that are checked for hints."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Hears of scenarios before they are driven."""
+"""Function that is called with scenarios before they are driven."""
 Shard = tuple[int, int]
 """Number of this part, from 1, and how many parts there are."""
 
@@ -32,7 +32,7 @@ class SweepOptions(NamedTuple):
     scheduler: str | None = None
     """Address of a Dask scheduler that does the work instead."""
     shard: Shard = (1, 1)
-    """Which part of the runs."""
+    """Part of the runs to do."""
     fresh: bool = False
     """Whether to discard what is there."""
     max_runs: int = MAX_RUNS
@@ -45,7 +45,7 @@ DEFAULTS = SweepOptions()
 
 
 class SweepSummary(NamedTuple):
-    """What is in the folder after a sweep."""
+    """Result of a sweep."""
 
     folder: Path
     """Folder of the results."""

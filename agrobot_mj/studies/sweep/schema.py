@@ -37,7 +37,7 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 POINTS_PER_DRAW = 3
 """Fewest points of a screening for each of its draws: a regression on fewer says nothing of its own errors."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
-"""Parts of pydantic's places that no file shows."""
+"""Parts of pydantic's error locations that do not occur in files."""
 
 
 class SweepVariant(Spec):
@@ -81,7 +81,8 @@ class SweepFile(Spec):
     variant: tuple[SweepVariant, ...] = ()
     """Named sets of overrides, `[[variant]]`, instead of axes or beside them."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """What stays of a run beside its row: nothing, its signals, its recording too, or that of runs that fail only."""
+    """Files kept of a run beside its row: none, its signals, also its recording, or the recording of failed runs
+    only."""
 
     @property
     def common(self) -> bool:

@@ -37,7 +37,7 @@ IN_A_PIECE = 2000
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """What the rows of a sweep depend on, part by part; the same for the same files in another place."""
+    """Digests of what the rows of a sweep depend on, by part; equal for equal files in another place."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
@@ -224,7 +224,7 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
             raise ScenarioError(f"{folder}: is of another sweep than the rest: different {', '.join(different)}")
     named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
     if target.begun is None and (lost := [name for name in named if not _is_file(stores[0].folder / name)]):
-        raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing; a sweep's folder has it")
+        raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing from the results; run the sweep there again")
     reserve(target.folder, (*named, TABLE, ROWS, RUNS))
     for store in stores:
         if store.folder.resolve() != target.folder.resolve():

@@ -36,7 +36,7 @@ def test_a_check_passes_inside_its_band(check, passed):
     assert check.passed is passed
 
 
-def test_a_check_tells_itself_in_a_line():
+def test_a_check_prints_as_one_line():
     assert ABOUT.near(1.2, 1.0, 0.05).line == "parking, linear: drift: 1.2 mm, theory 1, band ±5 %"
     assert ABOUT._replace(unit="").none(2).line == "parking, linear: drift: 2, band none"
 
@@ -63,7 +63,7 @@ def written(tmp_path_factory):
     return out, checks, told
 
 
-def test_all_files_are_there(written):
+def test_validation_writes_all_its_files(written):
     out, checks, told = written
     assert sorted(str(path.relative_to(out)) for path in out.rglob("*.*")) == [
         MARK,
@@ -78,7 +78,7 @@ def test_all_files_are_there(written):
     assert sum(count for _, count in told) == len(checks) - 1
 
 
-def test_failures_are_told(written):
+def test_failed_checks_are_listed(written):
     out, checks, _ = written
     failed = [(check.manoeuvre, check.measured) for check in checks if not check.passed]
     assert failed == [("parking", 5.0), ("MuJoCo", 2.0)]
@@ -90,7 +90,7 @@ def test_failures_are_told(written):
     assert "warnings in all manoeuvres: 2." in text
 
 
-def test_the_page_has_a_section_a_manoeuvre(written):
+def test_the_page_has_a_section_per_manoeuvre(written):
     out, _, _ = written
     text = (out / "validation.md").read_text()
     assert text.count("\n## ") == 4
@@ -99,7 +99,7 @@ def test_the_page_has_a_section_a_manoeuvre(written):
     assert "| understeer gradient [mrad s2/m] | 3.757 | 3.757 |" in text
 
 
-def test_a_table_has_one_column_a_subject():
+def test_a_table_has_one_column_per_subject():
     checks = [
         About("loads", "front", "contact", "N").reported(10.0, 12.0),
         About("loads", "front", "bicycle", "N").near(11.0, 12.0, 0.01),
@@ -114,11 +114,11 @@ def test_a_table_has_one_column_a_subject():
     ]
 
 
-def test_the_page_counts_judged_numbers_alone():
+def test_the_page_counts_only_judged_numbers():
     checks = [ABOUT.below(0.1, 1.0), ABOUT.reported(7.0), ABOUT.below(3.0, 1.0)]
     assert "1 of 2 judged numbers" in page(checks, {"parking": "Parking\n\nWords."})
 
 
-def test_numbers_and_paragraphs():
+def test_formats_numbers_and_paragraphs():
     assert [number(v) for v in (0.0, 80581.4, 3.75675, -0.42, 4e-9)] == ["0", "80581", "3.757", "-0.42", "< 0.001"]
     assert paragraphs("Words\nwrap.\n\n    a = b\n\nMore.") == "Words\nwrap.\n\n```\na = b\n```\n\nMore."

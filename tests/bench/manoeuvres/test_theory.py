@@ -15,7 +15,7 @@ T = TractorParameters()
 STIFF = TractorParameters(front_tyre_stiffness_n_m=1e9, rear_tyre_stiffness_n_m=1e9)
 
 
-def test_both_parts_together_are_the_tractor():
+def test_body_and_front_assembly_add_up_to_the_tractor():
     b = parts(T)
     assert b.body_kg + b.front_kg == pytest.approx(T.mass_kg)
     assert b.body_kg * b.body_x + b.front_kg * T.wheelbase_m == pytest.approx(T.mass_kg * T.cg_to_rear_axle)
@@ -49,7 +49,7 @@ def test_a_linear_tyre_without_resistance_understeers_as_the_paper_says():
 
 
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
-def test_the_forces_of_a_balance_hold_the_slope(tyre):
+def test_balance_forces_hold_the_tractor_on_the_slope(tyre):
     tractor = Tractor(T, tyre)
     state = tractor.side_slope(5.0)
     slips = (state.front_slip, state.front_slip, state.rear_slip, state.rear_slip)
@@ -58,7 +58,7 @@ def test_the_forces_of_a_balance_hold_the_slope(tyre):
     assert state.front_slip > state.rear_slip > 0
 
 
-def test_beyond_its_grip_there_is_no_balance():
+def test_no_balance_beyond_the_grip():
     with pytest.raises(ValueError, match="sign"):
         Tractor(T, MagicFormula()).side_slope(44.0)
 
@@ -71,5 +71,5 @@ def test_rolling_resistance_shifts_the_crab_to_the_front_axle():
     assert braked.rear_slip < 0.97 * smooth.rear_slip
 
 
-def test_every_tyre_with_a_law_is_among_them():
+def test_every_tyre_with_a_force_law_is_covered():
     assert {tyre.kind for tyre in force_tyres()} == set(members(Tyre)) - {"contact", "ruts"}

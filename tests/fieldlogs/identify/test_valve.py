@@ -67,19 +67,19 @@ def fitted(calm):
     return identify(calm.signals)
 
 
-def test_a_noisy_figure_eight_gives_the_valve_back(calm, fitted):
+def test_a_noisy_figure_eight_identifies_the_valve(calm, fitted):
     check(fitted, calm.scenario, "bicycle")
 
 
 @pytest.mark.parametrize(("plant", "valve"), [("bicycle", OTHER_VALVE), ("mujoco", None), ("mujoco", OTHER_VALVE)])
-def test_so_does_that_of_another_valve_and_plant(plant, valve):
+def test_another_valve_and_plant_are_identified_too(plant, valve):
     log = log_of("figure_eight", plant, valve, **CALM)
     check(identify(log.signals), log.scenario, plant)
 
 
 @pytest.mark.parametrize("valve", [None, OTHER_VALVE], ids=["default", "other"])
 @pytest.mark.parametrize("plant", PLANTS)
-def test_a_run_that_shakes_the_valve_gives_the_rate_limit_too(plant, valve):
+def test_a_run_that_excites_the_valve_identifies_the_rate_limit(plant, valve):
     log = log_of("valve_identification", plant, valve)
     found = identify(log.signals)
     check(found, log.scenario, plant)
@@ -87,7 +87,7 @@ def test_a_run_that_shakes_the_valve_gives_the_rate_limit_too(plant, valve):
     assert found.rate_reached_deg_s == pytest.approx(found.rate_limit_deg_s, rel=0.01)
 
 
-def test_a_rate_limit_that_the_run_does_not_reach_is_not_told(calm, fitted):
+def test_an_unreached_rate_limit_is_not_reported(calm, fitted):
     found = fitted
     assert found.rate_limit_deg_s is None
     assert "rate_limit_deg_s" not in found.errors
@@ -95,7 +95,7 @@ def test_a_rate_limit_that_the_run_does_not_reach_is_not_told(calm, fitted):
     assert fastest < found.rate_reached_deg_s < rate_limit(calm.scenario)
 
 
-def test_the_standard_errors_are_of_the_size_of_the_errors(calm, fitted):
+def test_standard_errors_match_the_actual_errors(calm, fitted):
     found, valve = fitted, calm.scenario.steering.valve
     for name in ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"):
         off = abs(getattr(found, name) - getattr(valve, name))
@@ -109,12 +109,12 @@ def test_the_delay_need_not_be_whole_ticks_nor_whole_steps():
     assert found == pytest.approx(delays, abs=0.004)
 
 
-def test_the_first_seconds_do_not_matter(calm):
+def test_results_do_not_depend_on_the_first_seconds(calm):
     late = calm.signals.slice(400)
     check(identify(late), calm.scenario, "bicycle")
 
 
-def test_a_window_at_the_stops_is_left_out(calm):
+def test_windows_at_the_stops_are_left_out(calm):
     """There the angle stays behind the flow; here it is bent by hand."""
 
     def with_angle(angle):
@@ -155,35 +155,35 @@ def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
     assert identify(log.signals).gain_left_l_min_v > 3.5
 
 
-def test_signals_alone_are_enough(calm, tmp_path):
+def test_needs_only_the_signals(calm, tmp_path):
     pq.write_table(calm.signals.select(["t", "valve_voltage", "steer_measured"]), tmp_path / "signals.parquet")
     text = identify_command(tmp_path)
     assert "dead_band_v" in text
     assert (tmp_path / "identified.json").is_file()
 
 
-def test_a_folder_that_is_no_run_is_refused(calm, tmp_path):
-    def told(match):
+def test_refuses_a_folder_without_a_run(calm, tmp_path):
+    def refuses(match):
         with pytest.raises(ScenarioError, match=match):
             identify_command(tmp_path)
         assert not (tmp_path / "identified.json").exists()
 
     with pytest.raises(ScenarioError, match="no such folder"):
         identify_command(tmp_path / "nowhere")
-    told(r"has no signals\.parquet")
+    refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
     file.write_text("no table")
-    told("no Parquet file")
+    refuses("no Parquet file")
     pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
-    told("has no column 'valve_voltage'")
+    refuses("has no column 'valve_voltage'")
     pq.write_table(calm.signals.slice(0, 150), file)
-    told("too short")
+    refuses("too short")
     n = 600
     still = {"t": 0.05 * np.arange(n), "valve_voltage": np.full(n, 6.0), "steer_measured": np.zeros(n)}
     pq.write_table(pa.table(still), file)
-    told("hardly steers")
+    refuses("hardly steers")
     pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
-    told("'valve_voltage' is empty in every row")
+    refuses("'valve_voltage' is empty in every row")
 
 
 # --- signals of other origin --------------------------------------------------------------------------------------
@@ -212,7 +212,7 @@ T = np.arange(1000) * 0.05
         ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),
     ],
 )
-def test_odd_columns_are_named(calm, tmp_path, name, values, said):
+def test_unusable_columns_are_named(calm, tmp_path, name, values, said):
     pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
     with pytest.raises(ScenarioError) as refused:
         identify_command(tmp_path)
@@ -221,12 +221,12 @@ def test_odd_columns_are_named(calm, tmp_path, name, values, said):
     assert not (tmp_path / "identified.json").exists()
 
 
-def test_time_stamps_are_times(calm, fitted):
+def test_time_stamps_are_read_as_times(calm, fitted):
     stamps = pa.array((1e9 * calm.signals["t"].to_numpy()).round().astype("datetime64[ns]"))
     assert identify(changed(calm.signals, "t", stamps)).dead_band_v == pytest.approx(fitted.dead_band_v)
 
 
-def test_a_column_that_is_there_twice_and_too_many_rows_are_told(calm, tmp_path, monkeypatch):
+def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkeypatch):
     twice = calm.signals.append_column("t", calm.signals["t"])
     with pytest.raises(ScenarioError, match="has more than one column 't'"):
         identify(twice)

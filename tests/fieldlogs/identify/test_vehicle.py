@@ -81,7 +81,7 @@ def test_slow_driving_identifies_no_stiffness():
 
 
 @pytest.mark.parametrize("spoil", ["sign", "noise"])
-def test_a_fit_that_explains_nothing_is_no_result(hidden, spoil):
+def test_a_fit_without_explanatory_power_gives_no_result(hidden, spoil):
     steer = np.asarray(hidden.signals["steer_measured"])
     other = -steer if spoil == "sign" else np.random.default_rng(1).permutation(steer)
     at = hidden.signals.column_names.index("steer_measured")
@@ -89,7 +89,7 @@ def test_a_fit_that_explains_nothing_is_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
-def test_a_wrong_column_is_no_result(hidden):
+def test_a_wrong_column_gives_no_result(hidden):
     """The yaw rate in the place of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
@@ -98,7 +98,7 @@ def test_a_wrong_column_is_no_result(hidden):
 
 
 @pytest.mark.parametrize(("stiffness", "identified", "refused"), [(4540, True, True), (87e3, True, False), (4e3, 0, 0)])
-def test_stiffness_that_no_tyre_has_under_its_load_is_no_result(stiffness, identified, refused):
+def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identified, refused):
     """A tractor of 5.2 t; what is not identified is judged by nobody."""
     sound = FoundQuantity(120e3, 1e5, 1.4e5, True)
     rear = FoundQuantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
@@ -111,7 +111,7 @@ def test_stiffness_that_no_tyre_has_under_its_load_is_no_result(stiffness, ident
         check_stiffness("log", found, chassis)
 
 
-def test_logs_that_cannot_tell_are_refused(hidden):
+def test_refuses_logs_that_cannot_identify_the_vehicle(hidden):
     with pytest.raises(FieldLogError, match="whole windows of 5 s"):
         identify_vehicle(hidden.signals.slice(0, 500), None, BICYCLE)
     at = hidden.signals.column_names.index("steer_measured")
@@ -122,7 +122,7 @@ def test_logs_that_cannot_tell_are_refused(hidden):
         identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
 
 
-def test_the_command_writes_a_file_and_ends_by_its_result(hidden, tmp_path, call):
+def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp_path, call):
     write_log(hidden, tmp_path / "run")
     status, out, _ = call("identify", "run", "--vehicle", "--fit", "front,rear,delay")
     assert status == 0

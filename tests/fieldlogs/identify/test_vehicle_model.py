@@ -73,7 +73,7 @@ def test_short_relaxation_and_standstill_stay_finite():
     assert abs(found.yaw_rate[-1]) < 1e-3
 
 
-def test_wheels_follow_when_the_play_is_taken_up():
+def test_wheels_follow_once_the_play_is_taken_up():
     steer = np.array([0.0, 1.0, 2.0, 1.5, 1.2, 0.9, 0.0])
     assert wheel_angle(steer, 0.01, 1.0, 0.0) == pytest.approx([0.0, 0.5, 1.5, 1.5, 1.5, 1.4, 0.5])
 

@@ -12,20 +12,20 @@ def values(axis):
     return [axis.at(k) for k in range(len(axis))]
 
 
-def test_linspace_has_both_ends_and_keeps_whole_numbers_whole():
+def test_linspace_includes_both_ends_and_keeps_integers():
     assert values(Linspace(**{"from": 0, "to": 15, "count": 4})) == [0, 5, 10, 15]
     assert all(type(v) is int for v in values(Linspace(**{"from": 0, "to": 15, "count": 4})))
     assert values(Linspace(**{"from": 0.0, "to": 1.0, "count": 3})) == [0.0, 0.5, 1.0]
     assert values(Linspace(**{"from": 7, "to": 9, "count": 1})) == [7]
 
 
-def test_steps_reach_an_end_that_they_divide_whatever_the_rounding():
+def test_steps_reach_an_end_they_divide_despite_rounding():
     assert values(Steps(**{"from": 0, "to": 1, "step": 0.1})) == [0, *(k / 10 for k in range(1, 11))]
     assert values(Steps(**{"from": 5, "to": 0, "step": -2})) == [5, 3, 1]
 
 
 @given(low=st.floats(-1e6, 1e6), span=st.floats(1e-3, 1e6), count=st.integers(2, 50))
-def test_linspace_is_numpys(low, span, count):
+def test_linspace_equals_numpys(low, span, count):
     found = values(Linspace(**{"from": low, "to": low + span, "count": count}))
     assert found == pytest.approx(np.linspace(low, low + span, count), rel=1e-9, abs=1e-9)
 
@@ -53,7 +53,7 @@ def test_draws_have_the_moments_of_their_distribution(draw, mean, deviation):
     assert found.std() == pytest.approx(deviation, rel=5e-3)
 
 
-def test_a_normal_draw_stays_within_its_limits_and_is_not_piled_up_there():
+def test_a_truncated_normal_stays_within_limits_without_piling_up():
     found = np.array(Normal(normal=(0.0, 1.0), within=(-0.5, 2.0)).values(QUANTILES))
     assert found.min() > -0.5
     assert found.max() < 2.0

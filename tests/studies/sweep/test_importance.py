@@ -79,7 +79,7 @@ def written(plan, folder, left_out=0):
     return folder
 
 
-def test_the_design_takes_one_coordinate_after_the_other_from_a_second_point(plan):
+def test_the_design_changes_one_coordinate_at_a_time(plan):
     found = plan(4, seeds=2)
     assert found.total == 2 * 4 * 5 * 2
     table = np.array([[run.parameters[key] for key in KEYS] for run in found.runs()]).reshape(2, 4, 5, 2, 3)
@@ -90,7 +90,7 @@ def test_the_design_takes_one_coordinate_after_the_other_from_a_second_point(pla
             assert point[k] == b[k]
 
 
-def test_known_indices_are_found_within_their_intervals(plan, tmp_path):
+def test_known_indices_lie_within_their_intervals(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(512, seeds=2), tmp_path / "out"))
     wanted = dict(zip(KEYS, zip(ISHIGAMI_FIRST, ISHIGAMI_TOTAL, strict=True), strict=True))
@@ -109,7 +109,7 @@ def test_known_indices_are_found_within_their_intervals(plan, tmp_path):
     assert importance_table(found).count("\n") == 4
 
 
-def test_what_cannot_be_judged_is_told(plan, tmp_path, monkeypatch):
+def test_unusable_results_are_reported(plan, tmp_path, monkeypatch):
     import sys
 
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
@@ -129,7 +129,7 @@ def test_what_cannot_be_judged_is_told(plan, tmp_path, monkeypatch):
         importance(whole)
 
 
-def test_errors_of_runs_that_failed_are_no_data(plan, tmp_path):
+def test_errors_of_failed_runs_are_ignored(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     folder = written(plan(64), tmp_path / "out")
     rows = pq.read_table(folder / "sweep.parquet").to_pylist()
@@ -149,7 +149,7 @@ def test_errors_of_runs_that_failed_are_no_data(plan, tmp_path):
     assert found.shares[0].effect > 0.8
 
 
-def test_a_design_of_another_kind_and_an_odd_number_of_samples_are_refused(plan, tmp_path):
+def test_refuses_other_designs_and_an_odd_number_of_samples(plan, tmp_path):
     with pytest.raises(ScenarioError, match="samples: must be a power of two with saltelli, got 6"):
         plan(6)
     folder = written(plan(4), tmp_path / "out")
@@ -187,7 +187,7 @@ def claims(found):
 
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
-def test_the_ranking_of_the_designs_that_ship_holds(name, function):
+def test_the_ranking_of_shipped_designs_holds(name, function):
     """The plan's own points and seeds, 20 times; a fifth of the standard deviation of a run is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)
@@ -207,7 +207,7 @@ def test_the_ranking_of_the_designs_that_ship_holds(name, function):
         resolved_file = {"method": file.method, "samples": file.samples, "draws": file.draws}
         found = influence("all", resolved_file, draws, values[:, None] + noise, "xte_rms")
         wrong += any(truth[a] <= truth[b] for a, b in claims(found))
-        told += found.told
+        told += found.ordered_pairs
         flawed += bool(found.flaws)
     assert wrong <= 1
     assert flawed <= 2  # an index of 0 may be missed by chance; then nothing is claimed
@@ -218,14 +218,14 @@ def test_the_ranking_of_the_designs_that_ship_holds(name, function):
         assert told > 20 * 2
 
 
-def test_a_straight_line_ranks_no_number_above_one_that_may_bend():
+def test_linear_effects_are_not_ranked_above_nonlinear_ones():
     """x1 has a slope and x2 of Ishigami has none, but x2 carries two fifths of the variance by a bend."""
     for seed in range(20):
         x = np.random.default_rng(seed).uniform(-pi, pi, (200, 3))
         found = influence(
             "all", {"method": "screening", "draws": dict.fromkeys("abc")}, x, ishigami(*x.T)[:, None], "m"
         )
-        assert found.told == 0
+        assert found.ordered_pairs == 0
         assert next(share.low for share in found.shares if share.key == "a") > 0.0
         assert found.unexplained > 0.6
 
@@ -236,7 +236,7 @@ def quantiles(values, ends, logarithmic):
     return (values - low) / (high - low)
 
 
-def test_indices_of_few_samples_and_impossible_ones_are_ranked_no_more(plan, tmp_path):
+def test_indices_from_few_samples_or_impossible_ones_are_not_ranked(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(16), tmp_path / "out"))
     assert all(share.rank == "1-3" for each in found for share in each.shares)
@@ -251,7 +251,7 @@ def test_indices_of_few_samples_and_impossible_ones_are_ranked_no_more(plan, tmp
     assert sobol_flaws([below._replace(effect=-0.3)], 256) == ()
 
 
-def test_numbers_are_ranked_apart_only_where_their_intervals_are():
+def test_numbers_rank_apart_only_if_their_intervals_do():
     shares = [Share(key, (low + high) / 2, low, high, 0.0, 0.0) for key, low, high in INTERVALS]
     assert [(share.key, share.rank) for share in ranked(shares, True)] == [
         ("a", "1"), ("d", "2-3"), ("b", "2-4"), ("c", "3-4"),
@@ -262,7 +262,7 @@ def test_numbers_are_ranked_apart_only_where_their_intervals_are():
 INTERVALS = [("b", 0.1, 0.3), ("c", 0.0, 0.15), ("d", 0.2, 0.4), ("a", 0.5, 0.9)]
 
 
-def test_a_screening_has_the_same_points_under_every_seed_and_tells_their_noise(plan, tmp_path):
+def test_a_screening_has_the_same_points_for_every_seed_and_reports_noise(plan, tmp_path):
     made = plan(30, seeds=2, method="screening")
     table = np.array([[run.parameters[key] for key in KEYS] for run in made.runs()]).reshape(2, 30, 2, 3)
     assert np.all(table == table[:1, :, :1])
@@ -275,7 +275,7 @@ def test_a_screening_has_the_same_points_under_every_seed_and_tells_their_noise(
     assert importance_table(found).startswith(head)
 
 
-def test_noise_is_what_seeds_do_not_have_in_common():
+def test_noise_is_the_variance_between_seeds():
     generator = np.random.default_rng(5)
     points, offsets = generator.normal(0.0, 1.0, (4000, 1)), np.array([0.0, 3.0, -1.0])
     values = points + offsets + generator.normal(0.0, 0.5, (4000, 3))
@@ -292,7 +292,7 @@ def test_noise_is_what_seeds_do_not_have_in_common():
         ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "path.kind: screening needs numbers"),
     ],
 )
-def test_a_screening_that_cannot_be_analysed_is_refused(plan, tmp_path, old, new, message):
+def test_refuses_a_screening_that_cannot_be_analysed(plan, tmp_path, old, new, message):
     plan(9, method="screening")
     (tmp_path / "mine.toml").write_text((tmp_path / "mine.toml").read_text().replace(old, new))
     with pytest.raises(ScenarioError, match=message):

@@ -71,7 +71,7 @@ def test_every_combination_is_a_run(plan):
     assert last == load_scenario("side_slope", {"duration_s": 60, **runs[-1].overrides})
 
 
-def test_draws_are_of_each_run_unless_they_are_paired(plan):
+def test_draws_differ_per_run_unless_paired(plan):
     masses = [run.parameters["tractor.mass_kg"] for run in plan(EXAMPLE).runs()]
     assert len(set(masses)) == 160
     assert 650 <= min(masses) < 670 < 830 < max(masses) <= 850
@@ -83,14 +83,14 @@ def test_draws_are_of_each_run_unless_they_are_paired(plan):
     assert len(set.union(*by_seed.values())) == 10
 
 
-def test_the_same_file_draws_the_same_and_another_draw_seed_draws_other_values(plan):
+def test_draws_depend_only_on_the_file_and_draw_seed(plan):
     first, again = (list(plan(EXAMPLE).runs()) for _ in range(2))
     assert first == again
     assert first != list(plan("draw_seed = 2\n" + EXAMPLE).runs())
 
 
 @pytest.mark.parametrize("method", ["latin_hypercube", "sobol"])
-def test_samples_that_fill_their_space_have_one_value_in_each_slice(plan, method):
+def test_space_filling_samples_have_one_value_per_slice(plan, method):
     found = plan(f"""
 base = "side_slope"
 samples = 16
@@ -103,7 +103,7 @@ method = "{method}"
         assert sorted(np.floor([run.parameters[key] for run in found.runs()])) == list(range(16))
 
 
-def test_a_kind_counts_before_the_keys_that_it_has(plan):
+def test_a_kind_is_applied_before_its_keys(plan):
     found = plan("""
 base = "figure_eight"
 [axes]
@@ -114,7 +114,7 @@ base = "figure_eight"
     assert found.sweep.base.changed(found.run(0).overrides).guidance.gain_per_s == 0.7
 
 
-def test_every_fault_of_the_file_is_told_at_once(plan):
+def test_every_fault_of_the_file_is_reported_at_once(plan):
     text = """
 base = "side_slope"
 seeds = 0
@@ -144,12 +144,12 @@ z = { log_uniform = [0, 1] }
     assert any(line.startswith("draws.z.log_uniform: must be above 0") for line in found)
 
 
-def test_a_key_that_no_scenario_has_is_told_once_with_those_it_has(plan):
+def test_an_unknown_key_is_reported_once_with_known_ones(plan):
     (line,) = faults(plan, 'base = "side_slope"\nseeds = 3\n[axes]\n"terrain.grade" = [1, 2, 3]\n')
     assert line.startswith("terrain.grade: unknown key; did you mean 'grade_deg'?")
 
 
-def test_all_combinations_that_cannot_be_run_are_listed_and_no_others(plan):
+def test_lists_exactly_the_combinations_that_cannot_run(plan):
     text = """
 base = "side_slope"
 seeds = 5
@@ -166,7 +166,7 @@ seeds = 5
     assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
 
 
-def test_a_key_in_two_places_is_refused(plan):
+def test_refuses_a_key_in_two_places(plan):
     text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
     found = faults(plan, text)
     assert found == [
@@ -184,13 +184,13 @@ def test_a_key_in_two_places_is_refused(plan):
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; write seeds"),
     ],
 )
-def test_copies_of_a_run_are_refused(plan, text, message):
+def test_refuses_duplicate_runs(plan, text, message):
     with pytest.raises(ScenarioError) as caught:
         plan(f'base = "circle"\n{text}')
     assert message in str(caught.value)
 
 
-def test_a_thousand_million_runs_are_counted_and_refused(plan):
+def test_counts_and_refuses_a_billion_runs(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
@@ -200,7 +200,7 @@ def test_a_thousand_million_runs_are_counted_and_refused(plan):
     plan(text).check_size(10**9)
 
 
-def test_a_single_axis_of_a_thousand_million_values_takes_no_memory(plan):
+def test_an_axis_of_a_billion_values_takes_no_memory(plan):
     found = plan('base = "side_slope"\n[axes]\n"path.speed_m_s" = { from = 1.0, to = 2.0, count = 1000000001 }')
     assert found.run(500_000_000).parameters == {"path.speed_m_s": 1.5}
 
@@ -211,7 +211,7 @@ def test_ten_thousand_combinations_are_checked(plan):
     found.check()
 
 
-def test_a_base_that_is_invalid_or_unknown_is_named(plan):
+def test_an_invalid_or_unknown_base_is_named(plan):
     assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: name a scenario")
     (line,) = faults(plan, 'base = "side_slop"')
     assert line.startswith("base: unknown scenario 'side_slop'; did you mean 'side_slope")
@@ -219,21 +219,21 @@ def test_a_base_that_is_invalid_or_unknown_is_named(plan):
     assert "terrain.grade_deg: must be below 45, got 80" in line
 
 
-def test_data_files_count_from_the_folder_of_the_sweep(plan, tmp_path):
+def test_data_files_are_relative_to_the_sweeps_folder(plan, tmp_path):
     np.save(tmp_path / "field.npy", np.zeros((50, 50)))
     found = plan('base = "hills"\n[axes]\n"terrain.file" = ["field.npy", "hills.asc"]')
     assert [run.parameters["terrain.file"] for run in found.runs()] == [str(tmp_path / "field.npy"), "hills.asc"]
 
 
 @pytest.mark.parametrize("name", sweep_files())
-def test_every_sweep_that_comes_with_the_package_can_be_run(name):
+def test_every_shipped_sweep_can_run(name):
     found = SweepPlan(read_sweep(name))
     found.check_size()
     found.check()
     assert found.file.title
 
 
-def test_every_impossible_tractor_is_found_before_anything_runs(plan):
+def test_impossible_tractors_are_found_before_anything_runs(plan):
     """A chassis without inertia, a tyre too stiff for the step, a payload that leaves nothing: not the plan's keys say
     so, but the tractor that is built of them."""
     inertia = faults(
@@ -255,7 +255,7 @@ def test_every_impossible_tractor_is_found_before_anything_runs(plan):
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
-def test_a_number_of_thousands_of_digits_is_told(plan, number):
+def test_a_number_of_thousands_of_digits_is_reported(plan, number):
     with pytest.raises(ScenarioError) as told:
         plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
     assert str(told.value).startswith("mine.toml: ")

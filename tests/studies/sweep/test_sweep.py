@@ -137,7 +137,7 @@ def test_dask_with_two_workers_gives_the_same_table(serial, file, tmp_path):
     assert table(tmp_path / "out").equals(table(serial))
 
 
-def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
+def test_an_unreachable_scheduler_is_reported_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE_S", 2)
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
@@ -147,7 +147,7 @@ def test_a_scheduler_that_cannot_be_reached_is_told_and_nothing_is_lost(file, tm
     assert len(list((tmp_path / "out" / "rows").rglob("*.json"))) == TOTAL // 4
 
 
-def test_a_scheduler_that_is_lost_is_told_and_what_is_done_is_kept(file, tmp_path, call, monkeypatch):
+def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path, call, monkeypatch):
     """As the executor of Dask does it: work under way is cancelled once the scheduler is gone."""
 
     class Lost:
@@ -176,7 +176,7 @@ def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypa
     assert (status, err) == (2, "--scheduler: needs Dask; install it with: pip install 'agrobot-mj[cluster]'\n")
 
 
-def test_a_broken_sweep_goes_on_with_what_is_missing(serial, file, tmp_path, monkeypatch):
+def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
     driven, real = [], tasks._driven
 
     def stops_after(most):
@@ -202,7 +202,7 @@ def test_a_broken_sweep_goes_on_with_what_is_missing(serial, file, tmp_path, mon
     assert table(folder).equals(table(serial))
 
 
-def test_changed_input_is_refused_until_it_is_to_be_discarded(file, tmp_path, call, monkeypatch):
+def test_refuses_changed_input_unless_discarded(file, tmp_path, call, monkeypatch):
     folder = tmp_path / "out"
     assert call(file, "--jobs", 1, "--shard", "1/4", "--out", folder)[0] == 0
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
@@ -263,7 +263,7 @@ expected_outcome = "completed"
 """
 
 
-def test_a_run_that_raises_or_takes_its_process_along_is_a_row_and_workers_know_plugins(tmp_path):
+def test_a_crashing_run_is_a_row_and_workers_know_plugins(tmp_path):
     """In processes of their own, since one of the runs ends its process."""
     (tmp_path / "nasty.py").write_text(PLUGIN)
     (tmp_path / "mine.toml").write_text(NASTY)
@@ -282,7 +282,7 @@ def test_a_run_that_raises_or_takes_its_process_along_is_a_row_and_workers_know_
     assert "(plugins changed)" in again.communicate()[1]
 
 
-def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path, call, monkeypatch):
+def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path, call, monkeypatch):
     folder, real, room = tmp_path / "out", resume.write_json, [7]
 
     def write(path, content):
@@ -302,7 +302,7 @@ def test_a_full_disk_is_told_and_the_same_command_goes_on(serial, file, tmp_path
     assert table(folder).equals(table(serial))
 
 
-def test_what_is_kept_of_runs_is_what_the_file_says(tmp_path):
+def test_keeps_of_runs_what_the_file_says(tmp_path):
     text = 'base = "figure_eight"\nkeep = "KEEP"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text += '[[variant]]\nname = "a"\n[[variant]]\nname = "b"\nset = { expected_outcome = "stuck" }\n'
     files = {"signals.parquet", "metrics.json", "scenario.toml"}
@@ -320,12 +320,12 @@ def test_what_is_kept_of_runs_is_what_the_file_says(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
-def test_a_shard_that_makes_no_sense_is_told(call, file, text):
+def test_an_invalid_shard_is_reported(call, file, text):
     status, _, err = call(file, "--shard", text)
     assert (status, err) == (2, f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4\n")
 
 
-def test_folders_that_do_not_belong_together_are_not_merged(serial, file, tmp_path, call):
+def test_refuses_to_merge_unrelated_folders(serial, file, tmp_path, call):
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
     call(file, "--shard", "1/8", "--jobs", 1, "--out", "other")
     status, _, err = call("--merge", serial, "other", "--out", "all")
@@ -389,7 +389,7 @@ def killed_and_resumed(folder, text, kill_after_rows, serial_table):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
-def test_a_sweep_killed_twice_completes_and_leaves_no_process(serial, tmp_path):
+def test_a_twice_killed_sweep_completes_and_leaves_no_process(serial, tmp_path):
     text = TEXT.replace("duration_s = 1\n", "duration_s = 20\n")
     run_sweep(_written(tmp_path / "serial.toml", text), tmp_path / "serial", SweepOptions(jobs=1, quiet=True))
     killed_and_resumed(tmp_path, text, (3, 8), table(tmp_path / "serial"))
@@ -407,7 +407,7 @@ def _written(path, text):
     return path
 
 
-def test_ten_thousand_finished_runs_are_found(tmp_path, call):
+def test_ten_thousand_finished_runs_are_recognised(tmp_path, call):
     short = '[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = 10000 }}\n'
     (tmp_path / "mine.toml").write_text(text)
@@ -428,7 +428,7 @@ def test_the_help_names_every_option():
     assert names >= {"--out", "--jobs", "--scheduler", "--shard", "--merge", "--fresh", "--max-runs", "--plugin"}
 
 
-def test_a_folder_of_results_says_no_path_and_can_be_moved(tmp_path):
+def test_a_results_folder_contains_no_paths_and_can_be_moved(tmp_path):
     """Data files lie beside the sweep, so that neither its files nor its table say where they came from."""
     private = tmp_path / "private"
     private.mkdir()
@@ -454,7 +454,7 @@ def test_a_folder_of_results_says_no_path_and_can_be_moved(tmp_path):
         run_sweep(moved / "sweep.toml", moved, options)
 
 
-def test_swaths_that_are_cut_short_have_a_table(tmp_path):
+def test_a_field_cut_short_still_has_a_table(tmp_path):
     """Their passes have no value in any run, in records within a list."""
     file = tmp_path / "short.toml"
     file.write_text('base = "clothoid_swaths"\nseeds = 2\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')

@@ -30,9 +30,9 @@ from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
 DESIGNS = ("screening", "saltelli")
-"""Methods of a sweep whose importance can be told."""
+"""Sampling methods for which importance can be computed."""
 OF_EVERY_RUN = ("expected", "progress")
-"""Columns that mean the same for runs that failed."""
+"""Columns that are valid for failed runs, too."""
 Rows = Sequence[dict[str, Any]]
 
 

@@ -1,4 +1,4 @@
-"""Shares of a variance with their intervals, and the ranks that these can tell: `Share`, `Influence`."""
+"""Shares of a variance with their intervals, and the ranks that follow from them: `Share`, `Influence`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,7 +8,7 @@ CONFIDENCE = 0.95
 
 
 class Share(NamedTuple):
-    """What one draw has of the variance of a metric, interactions with others included."""
+    """Share of one draw in the variance of a metric, interactions included."""
 
     key: str
     share: float
@@ -30,7 +30,7 @@ class Share(NamedTuple):
 
     @property
     def rank(self) -> str:
-        """Its rank, as a range where the samples do not tell it from others."""
+        """Rank as text, a range where the intervals overlap."""
         return str(self.best) if self.best == self.worst else f"{self.best}-{self.worst}"
 
 
@@ -43,17 +43,17 @@ class Influence(NamedTuple):
     deviation: float
     """Its standard deviation over the points of the design, each averaged over its seeds."""
     noise: float | None
-    """Share of that variance that the seeds leave after averaging [-]; None with one seed, which cannot tell."""
+    """Share of that variance that seeds still cause after averaging [-]; None with one seed."""
     unexplained: float | None
     """Share of the variance that the regression leaves, without noise, upper limit [-]; None of Sobol indices."""
     flaws: tuple[str, ...]
     """Why the intervals cannot be trusted, and there is no ranking; empty if they can."""
     shares: tuple[Share, ...]
-    """Draws by rank; those that are not told apart in the order of the file."""
+    """Shares by rank; tied ones in the order of the file."""
 
     @property
-    def told(self) -> int:
-        """Number of pairs of draws of which the samples tell which matters more."""
+    def ordered_pairs(self) -> int:
+        """Number of pairs of draws whose order the samples determine."""
         return sum(share.best - 1 for share in self.shares)
 
     @property

@@ -1,4 +1,4 @@
-"""Importance for readers: table, sentences that say what the samples tell, and figure."""
+"""Importance for readers: a table, sentences on what the samples show, and a figure."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Sentences on each group: what the samples tell, and what they do not."""
+    """Sentences on what the samples of each group show and do not show."""
     return "\n".join(_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
@@ -55,9 +55,9 @@ def _text(each: Influence, metric: str, group: str) -> str:
         )
     if each.flaws:
         return "\n".join([*lines, *(f"{flaw}." for flaw in each.flaws), "So there is no ranking."])
-    if not each.told:
+    if not each.ordered_pairs:
         return "\n".join([*lines, "These samples tell no two numbers apart: there is no ranking."])
-    lines.append(f"{each.told} of {each.pairs} pairs are told apart; numbers whose ranks overlap are tied.")
+    lines.append(f"{each.ordered_pairs} of {each.pairs} pairs are told apart; numbers whose ranks overlap are tied.")
     if small := [share.key for share in each.shares if share.high < NEGLIGIBLE]:
         lines.append(f"Less than {NEGLIGIBLE:.0%} each: {', '.join(small)}.")
     return "\n".join(lines)

@@ -1,11 +1,11 @@
-"""What a scenario says that does not fit the size of its machine is told by key; the library is free of doubts."""
+"""What a scenario says that does not fit the size of its machine is reported by key; the library has no hints."""
 
 import sys
 
 import pytest
 
 from agrobot_mj.core.resources import SCENARIOS
-from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 
 LARGE = {
@@ -24,18 +24,18 @@ LARGE = {
 }
 
 
-def told(changes, **more):
-    return [line.split(": ")[0] for line in doubts(load_scenario("side_slope", LARGE | changes | more))]
+def hinted_keys(changes, **more):
+    return [line.split(": ")[0] for line in hints(load_scenario("side_slope", LARGE | changes | more))]
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in SCENARIOS.glob("*.toml")))
-def test_no_scenario_of_the_library_is_doubted(name):
-    assert doubts(load_scenario(name)) == []
+def test_the_library_scenarios_have_no_hints(name):
+    assert hints(load_scenario(name)) == []
 
 
 @pytest.mark.parametrize("kind", ["magic_formula", "soil", "ruts"])
-def test_a_large_machine_of_which_sizes_and_drive_are_given_is_not_doubted(kind):
-    assert told({"plant.tyre.kind": kind}) == []
+def test_a_large_machine_with_given_sizes_has_no_hints(kind):
+    assert hinted_keys({"plant.tyre.kind": kind}) == []
 
 
 @pytest.mark.parametrize(
@@ -55,28 +55,28 @@ def test_a_large_machine_of_which_sizes_and_drive_are_given_is_not_doubted(kind)
         ({"plant.tyre.kind": "ruts", "plant.tyre.k_phi_kn": 100.0, "plant.tyre.k_c_kn": 0.0}, "plant.tyre.k_phi_kn"),
     ],
 )
-def test_what_does_not_fit_its_size_is_told_by_key(changes, key):
-    assert key in told(changes)
+def test_values_that_do_not_fit_the_size_are_reported_by_key(changes, key):
+    assert key in hinted_keys(changes)
 
 
 @pytest.mark.parametrize("table", ["plant.tyre", "plant"])
-def test_stiffnesses_of_another_machine_are_told(table):
+def test_stiffnesses_of_another_machine_are_reported(table):
     kind = {"plant.tyre.kind": "linear"} if table == "plant.tyre" else {"plant.kind": "bicycle", "terrain.kind": "flat"}
     keys = [f"{table}.{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")]
-    assert told(kind) == keys
+    assert hinted_keys(kind) == keys
     measured = dict(zip(keys, (40e3, 70e3) if table == "plant.tyre" else (80e3, 140e3), strict=True))
-    assert told(kind, **measured) == []
+    assert hinted_keys(kind, **measured) == []
 
 
-def test_a_clamp_is_told_with_what_it_holds():
+def test_a_clamped_coefficient_is_reported_with_its_value():
     """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
-    (line,) = doubts(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
+    (line,) = hints(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
     assert "carries 10948 N, 4.8 times the reference of 2300 N" in line
     assert line.endswith("beyond it stiffness over load is held at 0.2 of its value")
 
 
 @pytest.mark.parametrize("ends", [False, True])
-def test_a_tyre_of_somebody_elses_that_makes_no_sense_is_no_doubt(monkeypatch, ends):
+def test_errors_in_hints_of_plugin_tyres_are_ignored(monkeypatch, ends):
     """Whoever builds the tractor tells it."""
     monkeypatch.setattr("agrobot_mj.tyres.Linear.structure", lambda self: sys.exit(3) if ends else None)
-    assert doubts(load_scenario("side_slope", {"plant.tyre.kind": "linear"})) == []
+    assert hints(load_scenario("side_slope", {"plant.tyre.kind": "linear"})) == []

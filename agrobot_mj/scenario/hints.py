@@ -1,4 +1,4 @@
-"""What a scenario says that is legal, but hardly meant: told before a run, which goes on."""
+"""Hints on a scenario: keys that are legal, but have no effect or hardly the intended one; the run goes on."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -8,7 +8,7 @@ from agrobot_mj.core.signals import ROUNDING_S, TICK_S
 from agrobot_mj.scenario.schema import Scenario
 
 
-def doubts(scenario: Scenario) -> list[str]:
+def hints(scenario: Scenario) -> list[str]:
     """One line for each key that has no effect, or that does not fit the machine's size, beginning with it."""
     return [*_faults(scenario), *_machine(scenario)]
 
@@ -27,6 +27,6 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 def _machine(scenario: Scenario) -> list[str]:
     try:
         with without_exit():
-            return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
+            return list(scenario.plant.hints(scenario.machine, scenario.path.speed_m_s))
     except ValueError:
         return []  # no such machine can be: whoever builds it says so

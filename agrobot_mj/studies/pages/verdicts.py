@@ -1,4 +1,4 @@
-"""Pages of answers: a validation against theory, and the limits of guidance laws."""
+"""Pages with verdicts: a validation against theory, and the limits of guidance laws."""
 
 import json
 from pathlib import Path
