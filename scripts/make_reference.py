@@ -1,4 +1,4 @@
-"""References that the code has: columns and metrics in docs/columns.md, tables of numbers in docs/models.md."""
+"""What follows from the code: docs/columns.md, tables of numbers in docs/models.md, and models/drawn/."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from blocks import put
+from drawn_models import files
 
 from agrobot_mj.control import Controller, Guidance
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -135,3 +136,5 @@ if __name__ == "__main__":
     (DOCS / "columns.md").write_text(reference(), encoding="utf-8")
     models = DOCS / "models.md"
     models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

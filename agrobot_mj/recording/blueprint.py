@@ -38,7 +38,7 @@ TABS = {
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 """What a tab shows besides, which alone is no reason for it."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Where the following camera starts, seen from the tractor: forward, left, up [m]."""
+"""Where the following camera starts, seen from the default tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which it looks, from the same origin and in the same directions, until it follows [m]."""
 VIEWED = (2.2, 0.85)
@@ -67,10 +67,11 @@ class Shown(NamedTuple):
     """Outcome of the run, once it is known."""
 
 
-def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
+def blueprint(shown: Shown, places: Array, yaw: float, end_s: float, size: float = 1.0) -> rrb.Blueprint:
     """The layout until `end_s` [s].
 
-    `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
+    `places` (n, 3) [m] are those to see from above; the tractor, of this size over the default one's, starts at the
+    first, towards `yaw` [rad].
     """
 
     def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
@@ -84,7 +85,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
     beside = _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s)
     return layout(
-        scenes(places, yaw), beside, *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts))
+        scenes(places, yaw, size), beside, *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts))
     )
 
 
@@ -120,15 +121,17 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
 
-def scenes(places: Array, yaw: float, followed: str = FOLLOWED, growing: Sequence[str] = GROWING) -> rrb.Vertical:
+def scenes(
+    places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
+) -> rrb.Vertical:
     """The scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
 
-    `growing` are the entities that stay from their time on.
+    `size` is the tractor's over the default one's; `growing` are the entities that stay from their time on.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
-        position=places[0] + np.array([east, north, FOLLOW_FROM[2]]),
-        look_target=places[0] + LOOK_AT,
+        position=places[0] + size * np.array([east, north, FOLLOW_FROM[2]]),
+        look_target=places[0] + size * np.array(LOOK_AT),
         tracking_entity=followed,
     )
     low, high = places.min(axis=0), places.max(axis=0)

@@ -168,7 +168,13 @@ def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
     yaw = longest.column("yaw")[:1]
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.entity}" for run in runs]
-    left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
+    left = scenes(
+        reference,
+        heading,
+        max(run.log.scenario.tractor.size for run in runs),
+        f"{runs[-1].place}/chassis/boxes",
+        growing,
+    )
     plots = [each for plot in COMPARED for each in _shared(plot, runs, t)]
     beside, tab = (
         [plot_view(plot, end_s, frame_, BESIDE) for plot, frame_ in some] for some in (plots[:BESIDE], plots)

@@ -96,4 +96,6 @@ class Recording:
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
         shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome)
-        self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))
+        self.stream.send_blueprint(
+            blueprint(shown, places, self.rows.column("yaw")[0], end_s, self.scenario.tractor.size)
+        )

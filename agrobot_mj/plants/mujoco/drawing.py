@@ -12,16 +12,11 @@ from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.bodywork import KINDS
 from agrobot_mj.plants.mujoco.model import ackermann_coefficients, tractor_spec
 from agrobot_mj.plants.scene import Geom, Scene
 
-_SHAPES = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-}
+_SHAPES = {kind: name for name, kind in KINDS.items()}
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:

@@ -6,8 +6,6 @@ tractor, and the chassis takes what is left, so that the whole has the mass, the
 `TractorParameters` exactly.
 """
 
-from math import pi
-
 import mujoco
 import numpy as np
 
@@ -18,6 +16,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import OilColumn
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import COMPACT, AxleWheel, TractorParameters
+from agrobot_mj.plants.mujoco.bodywork import dress
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
@@ -60,6 +59,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
     spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
     _complete_chassis(spec, chassis, tractor)
+    dress(spec, tractor)
     return spec
 
 
@@ -93,8 +93,6 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         else:
             body.pos = [0, side * half, rear.radius - rear.deflection]
         spec.geom(f"tyre_{name}").size = [wheel.radius, wheel.width / 2, 0]
-        spec.geom(f"rim_{name}").size = [0.6 * wheel.radius, wheel.width / 2 + 0.003, 0]
-        add_lugs(body, name, wheel.radius, wheel.width)
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
@@ -103,25 +101,6 @@ def wheel_inertia(wheel: AxleWheel) -> Array:
         wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
     )
     return inertia
-
-
-def add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
-    """Bars across the tread, alternately left and right, so that one sees the wheel spin."""
-    count = 18 if wheel[0] == "r" else 14
-    for k in range(count):
-        angle = 2 * pi * k / count
-        body.add_geom(
-            name=f"lug_{wheel}_{k}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.012, 0.3 * width, 0.018],
-            pos=[r * np.sin(angle), (0.22 if k % 2 else -0.22) * width, r * np.cos(angle)],
-            quat=[np.cos(angle / 2), 0, np.sin(angle / 2), 0],
-            contype=0,
-            conaffinity=0,
-            group=1,
-            mass=0,
-            material="lug",
-        )
 
 
 def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
