@@ -1,4 +1,4 @@
-"""The drawing of the default tractor as MJCF for MuJoCo's own viewer: models/drawn/, which models/tractor.xml includes."""
+"""The drawing of the default tractor as MJCF for MuJoCo's own viewer: models/drawn/, included by tractor.xml."""
 
 from collections.abc import Iterable
 from pathlib import Path

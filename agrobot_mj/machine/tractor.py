@@ -7,9 +7,9 @@
 from math import radians, sqrt
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill
+from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
@@ -138,6 +138,8 @@ class TractorParameters(Spec):
     body: Body | None = None
     """Body that is drawn; by the mass when left out. It changes nothing but the picture, and what touches the ground
     when the tractor has fallen."""
+    mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
+    """MuJoCo model of the machine's own body, which gives sizes and masses; docs/bodies.md says what it must have."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -165,7 +167,7 @@ class TractorParameters(Spec):
     @property
     def style(self) -> Body:
         """Body that is drawn, as given or by the mass."""
-        light = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
+        light: Body = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
         return self.body or ("cab" if self.mass_kg >= WITH_CAB_KG else light)
 
     @property

@@ -65,13 +65,16 @@ class Shown(NamedTuple):
     """Frames of plots, by path; the viewer chooses the others."""
     outcome: str = ""
     """Outcome of the run, once it is known."""
+    size: float = 1.0
+    """Size of the tractor over the default one's [-]."""
+    followed: str = FOLLOWED
+    """Entity that the camera follows."""
 
 
-def blueprint(shown: Shown, places: Array, yaw: float, end_s: float, size: float = 1.0) -> rrb.Blueprint:
+def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
     """The layout until `end_s` [s].
 
-    `places` (n, 3) [m] are those to see from above; the tractor, of this size over the default one's, starts at the
-    first, towards `yaw` [rad].
+    `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
 
     def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
@@ -85,7 +88,9 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float, size: float
 
     beside = _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s)
     return layout(
-        scenes(places, yaw, size), beside, *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts))
+        scenes(places, yaw, shown.size, shown.followed),
+        beside,
+        *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
     )
 
 

@@ -37,6 +37,7 @@ from agrobot_mj.machine.sizes import ratios_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
+from agrobot_mj.scenario.bodies import embody
 from agrobot_mj.scenario.contradictions import LONGEST_S, ground_errors, misfits, path_errors, prefixed
 from agrobot_mj.scenario.machines import COMPACT, machine_file, machine_tables
 from agrobot_mj.scenario.overrides import (
@@ -262,15 +263,18 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
 
 
 def _validated(data: dict[str, Any], source: str) -> Scenario:
+    added = embody(data, source)
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
         text = json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # UnicodeEncodeError among them
         raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
     try:
-        return Scenario.model_validate_json(text)
+        scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
+    scenario.tractor.model_fields_set.difference_update(added)
+    return scenario
 
 
 def _as_plain(value: Any) -> Any:

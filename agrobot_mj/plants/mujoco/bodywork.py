@@ -21,10 +21,12 @@ ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
 """Quaternion of a cylinder with its axis to the left."""
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
 """A seat behind the dashboard and above the floor, and a roll bar above the floor [m]."""
-HEADROOM, OVER_TYRE = 1.65, 0.75
-"""Roof of a cab above its floor and above the rear tyres, at least [m]."""
+HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
+"""Roof of a cab above its floor at most, unless the antenna is lower, and at least; and above the rear tyres [m]."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}
 """A geom that is only drawn."""
+HIDDEN = 3
+"""Group from which on geoms are not drawn."""
 KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -34,6 +36,9 @@ KINDS = {
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
 """Discs of a wheel: radius over the tyre's [-], how far they stand out at either side [m], material."""
+HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
+BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
+"""Half sizes and centre of the default bonnet, ends and radius of its roll bar, as they touch the ground [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
 """Half as many lugs on a tyre of 1 m radius, and how far they lean from straight across."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
@@ -94,12 +99,23 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
                 spec.delete(geom)
         for part in drawn:
             draw(body, part)
+    for part in touching(t):
+        geom = spec.geom(part.name)
+        geom.size, geom.pos = [*part.size, 0.0, 0.0][:3], part.pos
+        if part.ends:
+            geom.fromto = part.ends
+    _size_axle(spec, t, outline(t).low)
+
+
+def touching(t: TractorParameters) -> tuple[Part, Part]:
+    """What touches the ground when the tractor has fallen: those of the default one, in proportion."""
     o, default = outline(t), outline(COMPACT)
-    hood, bar = spec.geom("hood_contact"), spec.geom("rollbar_contact")
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
-    hood.size, hood.pos = shares * hood.size, shares * hood.pos
-    bar.fromto = np.tile(np.array(o.bar) / default.bar, 2) * bar.fromto
-    _size_axle(spec, t, o.low)
+    size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
+    return (
+        Part("hood_contact", "box", tuple(size), tuple(pos)),
+        Part("rollbar_contact", "capsule", (BAR_RADIUS,), ends=tuple(ends)),
+    )
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Part]]:
@@ -135,11 +151,11 @@ def wheel(name: str, radius: float, width: float) -> Iterator[Part]:
         yield Part(f"lug_{name}_{k}", "box", half, at, "lug", turn)
 
 
-def draw(body: mujoco.MjsBody, part: Part) -> None:
-    """Add a part to a body."""
+def draw(body: mujoco.MjsBody, part: Part, **other: int) -> None:
+    """Add a part to a body, with `other` than what only is drawn has."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
-    body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK)
+    body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK | other)
 
 
 def outline(t: TractorParameters) -> Outline:
@@ -156,7 +172,11 @@ def outline(t: TractorParameters) -> Outline:
     bar = {
         "open": (seat - 0.19, min(0.19, inside), floor + SEATED + 0.35),
         "roll_bar": (seat - 0.22, inside - 0.03, floor + STANDING),
-        "cab": (0.1 * L, min(T / 2, 0.8), max(floor + HEADROOM, 2 * rr + OVER_TYRE)),
+        "cab": (
+            0.1 * L,
+            min(T / 2, 0.8),
+            max(min(floor + HEADROOM, t.antenna_height_m - 0.25), floor + LOW_ROOF, 2 * rr + OVER_TYRE),
+        ),
         "robot": (0.5 * L, 0.35 * T, high),
     }[t.style]
     return Outline(

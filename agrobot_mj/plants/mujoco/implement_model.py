@@ -1,13 +1,12 @@
 """The implement's part of the MuJoCo model: a body at the hitch, its hinges, its wheels and what is drawn of it."""
 
-from math import degrees
-
 import mujoco
 
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, Shape
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.bodywork import ACROSS, Part, draw
 from agrobot_mj.plants.mujoco.bodywork import wheel as drawn_wheel
+from agrobot_mj.plants.mujoco.mechanism import LIMITED, in_unit_of
 from agrobot_mj.plants.mujoco.model import wheel_inertia
 from agrobot_mj.plants.mujoco.views import IMPLEMENT
 
@@ -22,9 +21,9 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = hitched.mass, list(hitched.centre), list(hitched.inertia)
     for joint in hitched.joints:
-        limit = degrees(joint.limit)  # the file's own unit
-        kind = mujoco.mjtJoint.mjJNT_HINGE
-        body.add_joint(name=joint.name, type=kind, axis=list(joint.axis), pos=list(joint.at), range=[-limit, limit])
+        limit, kind = in_unit_of(body, joint.limit), mujoco.mjtJoint.mjJNT_HINGE
+        place = {"axis": list(joint.axis), "pos": list(joint.at)}
+        body.add_joint(name=joint.name, type=kind, range=[-limit, limit], limited=LIMITED, **place)
     for shape in (*hitched.shapes, *_antenna(hitched)):
         draw(body, Part(f"implement_{shape.name}", "box", shape.half, shape.at, shape.paint))
     if hitched.axle is not None:

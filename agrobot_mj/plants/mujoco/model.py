@@ -6,6 +6,8 @@ tractor, and the chassis takes what is left, so that the whole has the mass, the
 `TractorParameters` exactly.
 """
 
+from math import degrees
+
 import mujoco
 import numpy as np
 
@@ -17,6 +19,9 @@ from agrobot_mj.machine.hydraulics import OilColumn
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import COMPACT, AxleWheel, TractorParameters
 from agrobot_mj.plants.mujoco.bodywork import dress
+from agrobot_mj.plants.mujoco.mechanism import in_unit_of
+from agrobot_mj.plants.mujoco.own_body import own_spec
+from agrobot_mj.plants.mujoco.own_contract import STEERS
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
@@ -47,19 +52,46 @@ BRAKED = ("rl", "rr")
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """The tractor without its implement, with every parameter written in."""
+    """The tractor without its implement, with every parameter written in. Raises ValueError where it cannot be."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
-    spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
+    spec = _sized(machine) if tractor.mjcf is None else _own(machine)
+    _couple_knuckles(spec, tractor)
+    _set_actuators(spec, tractor, oil, machine.driveline)
+    steer = spec.joint("steer")
+    steer.frictionloss = machine.linkage.friction_n_m
+    if machine.linkage.friction_n_m > 0:
+        steer.solimp_friction = STICKING
+    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
+    return spec
+
+
+def _sized(machine: Machine) -> mujoco.MjSpec:
+    """The tractor of `models/tractor.xml` with other sizes and masses."""
+    spec, tractor = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
-    _couple_knuckles(spec, tractor)
-    _set_kingpins(spec, tractor, machine.linkage)
-    _set_actuators(spec, tractor, oil, machine.driveline)
-    chassis = spec.body("chassis")
+    if machine.linkage.moved:
+        _lay_kingpins(spec, tractor, machine.linkage)
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
-    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
-    _complete_chassis(spec, chassis, tractor)
+    _complete_chassis(spec, spec.body("chassis"), tractor)
     dress(spec, tractor)
+    return spec
+
+
+def _own(machine: Machine) -> mujoco.MjSpec:
+    """A body of its own, whose kingpins stay as they are. Raises ValueError where it is not to be steered so."""
+    if machine.linkage.moved:
+        given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
+        raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; leave out {given}")
+    spec, tractor = own_spec(machine.tractor), machine.tractor
+    sharpest = degrees(float(ackermann_coefficients(tractor) @ tractor.steer_limit ** np.arange(5)))
+    for name in STEERS:
+        joint = spec.joint(name)
+        stops = np.asarray(joint.range) if joint.compiler.degree else np.degrees(joint.range)
+        if stops[0] < stops[1] and np.abs(stops).min() < sharpest:
+            needs = f"needs {sharpest:.1f} of the inner wheel; widen its range, or lower the limit"
+            at = f"joint {name!r} of its body stops at {np.abs(stops).min():.1f}"
+            raise ValueError(f"tractor.steer_limit_deg: {at}, {tractor.steer_limit_deg:g} {needs}")
     return spec
 
 
@@ -104,9 +136,8 @@ def wheel_inertia(wheel: AxleWheel) -> Array:
 
 
 def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    left = ackermann_coefficients(tractor)
-    limit = tractor.steer_limit_deg  # the file's own unit
-    steer = spec.joint("steer")
+    left, steer = ackermann_coefficients(tractor), spec.joint("steer")
+    limit = in_unit_of(steer, tractor.steer_limit)
     steer.range = [-limit, limit]
     mirror = np.array([-1, 1, -1, 1, -1])
     for name, coefficients in (("ackermann_fl", left), ("ackermann_fr", mirror * left)):
@@ -115,14 +146,8 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         spec.equality(name).data = data
 
 
-def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
+def _lay_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
     """Lay the kingpins' axes; the wheels stay where they are with the steering straight."""
-    steer = spec.joint("steer")
-    steer.frictionloss = linkage.friction_n_m
-    if linkage.friction_n_m > 0:
-        steer.solimp_friction = STICKING
-    if not linkage.moved:
-        return
     front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
