@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from agrobot_mj.machine.tractor import COMPACT
-from agrobot_mj.plants.mujoco.bodywork import STRAIGHT, Part, bodies
+from agrobot_mj.plants.mujoco.bodywork import STRAIGHT, Panel, bodies
 
 FOLDER = Path(__file__).parent.parent / "models" / "drawn"
 ORIGIN = "Written by `make reference` from plants/mujoco/bodywork.py."
@@ -15,13 +15,13 @@ def files() -> dict[Path, str]:
     return {FOLDER / f"{body}.xml": mjcf(drawn) for body, drawn in bodies(COMPACT).items()}
 
 
-def mjcf(drawn: Iterable[Part]) -> str:
+def mjcf(drawn: Iterable[Panel]) -> str:
     """Geoms of one body."""
     lines = "\n".join(f"  <geom {attributes(part)}/>" for part in drawn)
     return f"<mujocoinclude>\n  <!-- {ORIGIN} -->\n{lines}\n</mujocoinclude>\n"
 
 
-def attributes(part: Part) -> str:
+def attributes(part: Panel) -> str:
     """Attributes of one geom."""
     values = {"name": part.name, "type": part.kind, "size": numbers(part.size), "material": part.paint}
     if part.ends:

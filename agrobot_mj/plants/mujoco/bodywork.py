@@ -45,7 +45,7 @@ FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
 """Directions of the pieces of a fender from its wheel's centre, forwards of upwards."""
 
 
-class Part(NamedTuple):
+class Panel(NamedTuple):
     """A primitive in the chassis frame."""
 
     name: str
@@ -91,7 +91,7 @@ class Outline(NamedTuple):
 
 
 def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
-    """Draw chassis, front axle and wheels anew, and size what touches the ground when the tractor has fallen."""
+    """Draw chassis, front axle and wheels by their sizes; size what touches the ground when the tractor has fallen."""
     for name, drawn in bodies(t).items():
         body = spec.body(name)
         for geom in list(body.geoms):
@@ -107,18 +107,18 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
     _size_axle(spec, t, outline(t).low)
 
 
-def touching(t: TractorParameters) -> tuple[Part, Part]:
+def touching(t: TractorParameters) -> tuple[Panel, Panel]:
     """What touches the ground when the tractor has fallen: those of the default one, in proportion."""
     o, default = outline(t), outline(COMPACT)
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
     size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
     return (
-        Part("hood_contact", "box", tuple(size), tuple(pos)),
-        Part("rollbar_contact", "capsule", (BAR_RADIUS,), ends=tuple(ends)),
+        Panel("hood_contact", "box", tuple(size), tuple(pos)),
+        Panel("rollbar_contact", "capsule", (BAR_RADIUS,), ends=tuple(ends)),
     )
 
 
-def bodies(t: TractorParameters) -> dict[str, list[Part]]:
+def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
     """What is drawn of chassis and wheels, each in its own frame."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
@@ -137,10 +137,10 @@ def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
         pin.size, pin.pos = k * pin.size, [0, -side * (t.front_wheel_width_m / 2 + 0.03 * k), 0.02 * k]
 
 
-def wheel(name: str, radius: float, width: float) -> Iterator[Part]:
+def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
     """Rim, hub and lugs of a wheel: bars across the tread, alternately left and right, so that one sees it spin."""
     for part, share, over, paint in WHEEL_DISCS:
-        yield Part(f"{part}_{name}", "cylinder", (share * radius, width / 2 + over), paint=paint, quat=ACROSS)
+        yield Panel(f"{part}_{name}", "cylinder", (share * radius, width / 2 + over), paint=paint, quat=ACROSS)
     count = 2 * round(LUGS * sqrt(radius))
     for k in range(count):
         a, side = 2 * pi * k / count, 1 if k % 2 else -1
@@ -148,10 +148,10 @@ def wheel(name: str, radius: float, width: float) -> Iterator[Part]:
         c, s = cos(a / 2), sin(a / 2)  # turned about the axle, then about its own upward axis
         turn = (c * cos(lean), s * sin(lean), s * cos(lean), c * sin(lean))
         half = (0.04 * radius, 0.27 * width, 0.045 * radius)
-        yield Part(f"lug_{name}_{k}", "box", half, at, "lug", turn)
+        yield Panel(f"lug_{name}_{k}", "box", half, at, "lug", turn)
 
 
-def draw(body: mujoco.MjsBody, part: Part, **other: int) -> None:
+def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
     """Add a part to a body, with `other` than what only is drawn has."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
@@ -193,7 +193,7 @@ def _above_the_wheels(room: float, radius: float, width: float) -> float:
     return radius + sqrt(radius**2 - chord2)
 
 
-def parts(t: TractorParameters) -> Iterator[Part]:
+def parts(t: TractorParameters) -> Iterator[Panel]:
     """Everything that is drawn of the chassis."""
     o = outline(t)
     if t.style == "robot":
@@ -206,13 +206,13 @@ def parts(t: TractorParameters) -> Iterator[Part]:
     yield from _antenna(o, t)
 
 
-def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], paint: str) -> Part:
+def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], paint: str) -> Panel:
     """A box in the middle, `y` its half width."""
     half, at = ((x[1] - x[0]) / 2, y, (z[1] - z[0]) / 2), ((x[0] + x[1]) / 2, 0.0, (z[0] + z[1]) / 2)
-    return Part(name, "box", half, at, paint)
+    return Panel(name, "box", half, at, paint)
 
 
-def _both(part: Part) -> Iterator[Part]:
+def _both(part: Panel) -> Iterator[Panel]:
     """A part on the left, and its mirror image."""
     for name, side in (("left", 1), ("right", -1)):
         x, y, z = part.pos
@@ -220,11 +220,11 @@ def _both(part: Part) -> Iterator[Part]:
         yield part._replace(name=f"{part.name}_{name}", pos=(x, side * y, z), ends=ends)
 
 
-def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "iron") -> Part:
-    return Part(name, "capsule", (radius,), paint=paint, ends=(*start, *end))
+def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "iron") -> Panel:
+    return Panel(name, "capsule", (radius,), paint=paint, ends=(*start, *end))
 
 
-def _front(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """Bonnet, its grilles and lamps, exhaust."""
     tall, long, y = o.high - o.low, o.nose - o.dash, o.half
     edge = o.low + 0.82 * tall
@@ -236,7 +236,7 @@ def _front(o: Outline, t: TractorParameters) -> Iterator[Part]:
     )
     yield _box("vents", (o.dash + 0.45 * long, o.nose - 0.1 * long), y + 0.003, _band(o.low, 0.1, 0.5, tall), "iron")
     lamp = min(0.045 * sqrt(t.wheelbase_m / 1.4), 0.3 * y)
-    yield from _both(Part("lamp", "sphere", (lamp,), (o.nose - 0.005, 0.72 * y, edge - 0.1 * tall), "rim"))
+    yield from _both(Panel("lamp", "sphere", (lamp,), (o.nose - 0.005, 0.72 * y, edge - 0.1 * tall), "rim"))
     if t.style == "roll_bar":
         x, z = o.dash + 0.55 * long, o.high + 0.3 * sqrt(t.wheelbase_m / 1.4)
         yield _tube("exhaust", (x, -0.8 * y, edge), (x, -0.8 * y, z), 0.028)
@@ -246,13 +246,13 @@ def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float
     return at + low * tall, at + high * tall
 
 
-def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """Gearbox and rear axle; engine, tank and steps between the wheels where there is room."""
     rr, low = t.rear_wheel_radius_m, 0.8 * min(t.rear_wheel_radius_m, o.low)
     y, (behind, ahead) = min(0.15 * t.track_m, o.inside), o.between
     front = max(ahead, 0.3 * t.wheelbase_m)
     yield _box("gearbox", (-0.28 * rr, front), min(y, max(o.narrow, 0.2 * y)), (low, o.floor), "iron")
-    yield Part("rear_axle", "cylinder", (0.2 * rr, o.inside), (0.0, 0.0, rr), "iron", ACROSS)
+    yield Panel("rear_axle", "cylinder", (0.2 * rr, o.inside), (0.0, 0.0, rr), "iron", ACROSS)
     if o.narrow > 0.02:
         engine = min(0.13 * t.track_m, o.narrow)
         yield _box(
@@ -265,10 +265,10 @@ def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Part]:
     if t.style == "cab" and ahead - behind > 0.2:
         x, y, deep = (behind + ahead) / 2, 0.42 * t.track_m, (o.floor - 0.45 * rr) / 2
         half = ((ahead - behind) / 2, 0.07 * t.track_m, deep)
-        yield from _both(Part("tank", "box", half, (x, y - half[1], o.floor - deep), "iron"))
+        yield from _both(Panel("tank", "box", half, (x, y - half[1], o.floor - deep), "iron"))
 
 
-def _fenders(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """Pieces of an arc above each rear wheel, and the floor between them."""
     rr, step = t.rear_wheel_radius_m, radians(FENDER_DEG[1] - FENDER_DEG[0])
     radius, outer = 1.07 * rr + o.gap, t.track_m / 2 + 0.4 * t.rear_wheel_width_m
@@ -276,29 +276,29 @@ def _fenders(o: Outline, t: TractorParameters) -> Iterator[Part]:
     for k, degrees in enumerate(FENDER_DEG):
         a, high = radians(degrees), rr + radius * cos(radians(degrees))
         at = (radius * sin(a), (outer + o.inside) / 2, high)
-        yield from _both(Part(f"fender_{k}", "box", half, at, "blue", (cos(a / 2), 0.0, sin(a / 2), 0.0)))
+        yield from _both(Panel(f"fender_{k}", "box", half, at, "blue", (cos(a / 2), 0.0, sin(a / 2), 0.0)))
     yield _box("floor", (o.dash - 1.1 * SEAT_BEFORE, o.dash), o.inside, (o.floor - 0.02, o.floor), "iron")
 
 
-def _seat(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _seat(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """A seat on its box, and the steering wheel."""
     x, wide, z, dash = o.dash - SEAT_BEFORE, min(0.19, o.inside - 0.02), o.floor + SEATED, o.dash
-    yield Part("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
-    yield Part("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")
+    yield Panel("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
+    yield Panel("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")
     yield _box("seat_box", (x - 0.22, x + 0.15), 0.8 * wide, (o.floor - 0.02, z), "blue")
     yield _tube("steering_column", (dash - 0.02, 0.0, o.floor + 0.13), (dash - 0.14, 0.0, o.floor + 0.5), 0.025)
     turned = (cos(radians(9)), 0.0, -sin(radians(9)), 0.0)
-    yield Part("steering_wheel", "cylinder", (0.16, 0.012), (dash - 0.15, 0.0, o.floor + 0.51), "iron", turned)
+    yield Panel("steering_wheel", "cylinder", (0.16, 0.012), (dash - 0.15, 0.0, o.floor + 0.51), "iron", turned)
 
 
-def _with_roll_bar(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _with_roll_bar(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     yield from _seat(o, t)
     x, y, z = o.bar
     yield from _both(_tube("rollbar", (x, y, o.floor - 0.05), (x, y, z), 0.03))
     yield _tube("rollbar_top", (x, -y, z), (x, y, z), 0.03)
 
 
-def _cab(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """Doors of glass between the rear wheels, wider above them; posts, roof with lamps, and a beacon."""
     (_, wide, roof), back, front = o.bar, -0.2 * t.wheelbase_m, o.dash - 0.02
     sill = min(2.14 * t.rear_wheel_radius_m + 2 * o.gap, roof - 0.3)
@@ -309,12 +309,12 @@ def _cab(o: Outline, t: TractorParameters) -> Iterator[Part]:
         yield from _both(_tube(f"post_{name}", (x, wide - 0.02, sill), (x, wide - 0.02, roof), 0.028))
     yield _box("sills", (back, front), wide, (sill - 0.05, sill), "blue")
     yield _box("roof", (back - 0.06, front + 0.1), wide + 0.05, (roof, roof + 0.12), "rim")
-    yield from _both(Part("work_lamp", "box", (0.012, 0.09, 0.035), (front + 0.11, 0.6 * wide, roof + 0.06), "iron"))
-    yield Part("beacon", "cylinder", (0.05, 0.06), (back, -0.8 * wide, roof + 0.18), "signal")
+    yield from _both(Panel("work_lamp", "box", (0.012, 0.09, 0.035), (front + 0.11, 0.6 * wide, roof + 0.06), "iron"))
+    yield Panel("beacon", "cylinder", (0.05, 0.06), (back, -0.8 * wide, roof + 0.18), "signal")
     yield _tube("stack", (front + 0.06, -o.half, o.high - 0.1), (front + 0.06, -o.half, roof - 0.05), 0.045)
 
 
-def _robot(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """A deck above the wheels on a hull between them, with lamps, scanner and bumper."""
     L, T, tail = t.wheelbase_m, t.track_m, -0.55 * t.rear_wheel_radius_m
     deck = 2 * max(t.front_wheel_radius_m, t.rear_wheel_radius_m) + 2 * o.gap + 0.03
@@ -326,15 +326,15 @@ def _robot(o: Outline, t: TractorParameters) -> Iterator[Part]:
     if hull[1] - hull[0] > 0.1:
         yield _box("hull", hull, 0.36 * T, (0.8 * t.front_wheel_radius_m, deck + 0.01), "iron")
     yield _box("bumper", (o.nose, o.nose + 0.1 * t.front_wheel_radius_m), 0.38 * T, (deck, deck + 0.12), "iron")
-    yield from _both(Part("lamp", "box", (0.01, 0.05, 0.025), (o.nose + 0.005, 0.33 * T, deck + 0.18), "rim"))
-    yield Part("scanner", "cylinder", (0.07, 0.06), (o.nose - 0.12, 0.0, high + 0.02), "iron")
-    yield Part("beacon", "cylinder", (0.05, 0.06), (tail + 0.1, -0.3 * T, high + 0.05), "signal")
+    yield from _both(Panel("lamp", "box", (0.01, 0.05, 0.025), (o.nose + 0.005, 0.33 * T, deck + 0.18), "rim"))
+    yield Panel("scanner", "cylinder", (0.07, 0.06), (o.nose - 0.12, 0.0, high + 0.02), "iron")
+    yield Panel("beacon", "cylinder", (0.05, 0.06), (tail + 0.1, -0.3 * T, high + 0.05), "signal")
 
 
-def _antenna(o: Outline, t: TractorParameters) -> Iterator[Part]:
+def _antenna(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     """Mast from the highest part to the antenna, where it is below that."""
     x, _, z = o.bar
     if (height := t.antenna_height_m) > z:
         start = {"cab": (0.0, 0.0, z), "robot": (0.0, 0.0, z - 0.1)}.get(t.style, (x, 0.0, z))
         yield _tube("antenna_mast", start, (0.0, 0.0, height - 0.04), 0.015)
-    yield Part("antenna_dome", "ellipsoid", (0.09, 0.09, 0.04), (0.0, 0.0, height - 0.02), "signal")
+    yield Panel("antenna_dome", "ellipsoid", (0.09, 0.09, 0.04), (0.0, 0.0, height - 0.02), "signal")

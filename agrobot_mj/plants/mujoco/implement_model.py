@@ -4,7 +4,7 @@ import mujoco
 
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, Shape
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.mujoco.bodywork import ACROSS, Part, draw
+from agrobot_mj.plants.mujoco.bodywork import ACROSS, Panel, draw
 from agrobot_mj.plants.mujoco.bodywork import wheel as drawn_wheel
 from agrobot_mj.plants.mujoco.mechanism import LIMITED, in_unit_of
 from agrobot_mj.plants.mujoco.model import wheel_inertia
@@ -25,7 +25,7 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
         place = {"axis": list(joint.axis), "pos": list(joint.at)}
         body.add_joint(name=joint.name, type=kind, range=[-limit, limit], limited=LIMITED, **place)
     for shape in (*hitched.shapes, *_antenna(hitched)):
-        draw(body, Part(f"implement_{shape.name}", "box", shape.half, shape.at, shape.paint))
+        draw(body, Panel(f"implement_{shape.name}", "box", shape.half, shape.at, shape.paint))
     if hitched.axle is not None:
         for wheel, side in zip(IMPLEMENT_WHEELS, (1, -1), strict=True):
             _add_wheel(body, hitched.axle, wheel, side, native)

@@ -40,7 +40,7 @@ PLAIN = {
 }
 """Attributes of which a file's default class may have other values."""
 DIGITS = 10
-"""Of the numbers that are taken from a body."""
+"""Digits of the numbers that are taken from a body."""
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:

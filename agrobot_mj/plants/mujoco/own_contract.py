@@ -67,7 +67,7 @@ class Posed:
         return tuple(found)
 
 
-class Inertial(NamedTuple):
+class MassProperties(NamedTuple):
     """Mass properties of the whole machine."""
 
     mass: float
@@ -78,7 +78,7 @@ class Inertial(NamedTuple):
     """Moments of inertia about it, roll, pitch and yaw, shape (3,) [kg m2]."""
 
 
-def inertial_of(posed: Posed) -> Inertial:
+def inertial_of(posed: Posed) -> MassProperties:
     """Mass, centre and inertia of the chassis with all that hangs on it."""
     model, data = posed.model, posed.data
     com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
@@ -87,7 +87,7 @@ def inertial_of(posed: Posed) -> Inertial:
         total += axes @ np.diag(model.body_inertia[body]) @ axes.T
         total += model.body_mass[body] * (d @ d * np.eye(3) - np.outer(d, d))
     moments = np.diag(posed.axes.T @ total @ posed.axes)
-    return Inertial(float(model.body_subtreemass[posed.chassis]), posed.place(com), moments)
+    return MassProperties(float(model.body_subtreemass[posed.chassis]), posed.place(com), moments)
 
 
 def contract_faults(model: mujoco.MjModel) -> list[str]:
