@@ -10,18 +10,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.core.agopengps.messages import SteerState
+from agrobot_mj.core.agopengps.position import BoardAttitude, paogi
+from agrobot_mj.core.agopengps.traffic import Datagram, Traffic
+from agrobot_mj.core.agopengps.wire import encode
 from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.nmea import Solution
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import read_map
 from agrobot_mj.fieldlogs.replay.residuals import rigid
 from agrobot_mj.fieldlogs.replay.result import COLUMNS, replay, summary
 from agrobot_mj.links.agopengps.fieldlog import link_log
-from agrobot_mj.links.agopengps.messages import SteerState
-from agrobot_mj.links.agopengps.position import BoardAttitude, paogi
-from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
-from agrobot_mj.links.agopengps.wire import encode
-from agrobot_mj.links.nmea import Solution
 from agrobot_mj.simulation.storage import write_log
 
 MAP = """

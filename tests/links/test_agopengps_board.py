@@ -6,9 +6,7 @@ from random import Random
 import pytest
 
 from agrobot_mj.control.agopengps import AgOpenGps, BoardSettings
-from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.messages import (
+from agrobot_mj.core.agopengps.messages import (
     Hello,
     HelloReply,
     Scan,
@@ -18,7 +16,9 @@ from agrobot_mj.links.agopengps.messages import (
     SteerSettings,
     SteerState,
 )
-from agrobot_mj.links.agopengps.wire import decode, encode, frame
+from agrobot_mj.core.agopengps.wire import decode, encode, frame
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.links.agopengps.board import Board
 
 LIMIT = radians(45)
 TICK = 0.05

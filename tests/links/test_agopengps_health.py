@@ -7,18 +7,18 @@ import pyarrow.parquet as pq
 import pytest
 from doubles import Direct, free_ports
 
+from agrobot_mj.core.agopengps.messages import Hello, Scan, ScanReply, SteerData
+from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.traffic import Datagram
+from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.guide import Guide
 from agrobot_mj.links.agopengps.host import parser, settings_of
 from agrobot_mj.links.agopengps.link import link, run_link
 from agrobot_mj.links.agopengps.link_metrics import health, positions_since_heard
-from agrobot_mj.links.agopengps.messages import Hello, Scan, ScanReply, SteerData
-from agrobot_mj.links.agopengps.position import read
 from agrobot_mj.links.agopengps.session import LinkOptions, NoHostError
-from agrobot_mj.links.agopengps.traffic import Datagram
 from agrobot_mj.links.agopengps.udp import Incoming, UdpSockets
-from agrobot_mj.links.agopengps.wire import decode, encode
 from agrobot_mj.scenario.loading import load_scenario
 
 DUAL = "sensors.gnss.dual_antenna"

@@ -14,6 +14,9 @@ from typer.testing import CliRunner
 from agrobot_mj import run
 from agrobot_mj.cli import app
 from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.core.agopengps.messages import SteerData
+from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 from agrobot_mj.links.agopengps.board import Board
@@ -21,11 +24,8 @@ from agrobot_mj.links.agopengps.channels import Answered, RealTime, Replayed
 from agrobot_mj.links.agopengps.guide import Guide
 from agrobot_mj.links.agopengps.host import parser, settings_of
 from agrobot_mj.links.agopengps.link import link, run_link
-from agrobot_mj.links.agopengps.messages import SteerData
-from agrobot_mj.links.agopengps.position import read
 from agrobot_mj.links.agopengps.session import LinkOptions, NoHostError, Session
 from agrobot_mj.links.agopengps.udp import Incoming, UdpSockets
-from agrobot_mj.links.agopengps.wire import decode, encode
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.ownership import MARK
 

@@ -10,11 +10,11 @@ from math import degrees, isnan, nan, radians, sin
 import pytest
 
 from agrobot_mj.control.agopengps import AgOpenGps, BoardSettings
+from agrobot_mj.core.agopengps.messages import SteerConfig, SteerData, SteerSettings, SteerState
+from agrobot_mj.core.agopengps.position import BoardAttitude, panda
+from agrobot_mj.core.agopengps.wire import decode, encode
+from agrobot_mj.core.nmea import Solution, fields_of, sentence
 from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.messages import SteerConfig, SteerData, SteerSettings, SteerState
-from agrobot_mj.links.agopengps.position import BoardAttitude, panda
-from agrobot_mj.links.agopengps.wire import decode, encode
-from agrobot_mj.links.nmea import Solution, fields_of, sentence
 
 HOSTS = ("agopengps", "agopenweb")
 ANTENNA_M = 2.0

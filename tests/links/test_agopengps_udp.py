@@ -7,8 +7,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from agrobot_mj.core.agopengps.traffic import Datagram, Traffic, read_traffic
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.links.agopengps.traffic import Datagram, Traffic, read_traffic
 from agrobot_mj.links.agopengps.udp import LOOPBACK, UdpSockets
 from agrobot_mj.links.pacing import Pace
 

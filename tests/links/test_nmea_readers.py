@@ -14,9 +14,9 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.nmea import START
 from agrobot_mj.links.agopengps.link import link
 from agrobot_mj.links.agopengps.session import LinkOptions
-from agrobot_mj.links.nmea import START
 
 SECONDS = 4.0
 KEYS = {

@@ -13,10 +13,8 @@ from typing import NamedTuple
 
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.links.agopengps.drive import angle_of, counts_of, pwm_of, true_angle, voltage_of
-from agrobot_mj.links.agopengps.layouts import cross_track_of
-from agrobot_mj.links.agopengps.messages import (
+from agrobot_mj.core.agopengps.layouts import cross_track_of
+from agrobot_mj.core.agopengps.messages import (
     IMU,
     STEER,
     Hello,
@@ -29,7 +27,9 @@ from agrobot_mj.links.agopengps.messages import (
     SteerSettings,
     SteerState,
 )
-from agrobot_mj.links.agopengps.wire import Rejected, Unknown, decode, encode
+from agrobot_mj.core.agopengps.wire import Rejected, Unknown, decode, encode
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.links.agopengps.drive import angle_of, counts_of, pwm_of, true_angle, voltage_of
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
 """Bit of `SteerData.status` that says the host steers, by dialect."""

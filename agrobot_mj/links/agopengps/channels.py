@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Protocol
 
+from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.links.agopengps.traffic import Datagram
 from agrobot_mj.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.links.pacing import Pace
 

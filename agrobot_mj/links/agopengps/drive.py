@@ -9,8 +9,8 @@ the offset it has less the counts of the angle shown; a module of AgOpenWeb take
 
 from math import degrees, radians
 
+from agrobot_mj.core.agopengps.messages import SteerConfig, SteerSettings
 from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.links.agopengps.messages import SteerConfig, SteerSettings
 
 FULL_PWM = 255
 """Full output of the motor driver [PWM counts]."""

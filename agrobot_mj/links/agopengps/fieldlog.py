@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from agrobot_mj.core.agopengps.messages import SteerState
+from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.traffic import SCHEMA, read_traffic
+from agrobot_mj.core.agopengps.wire import decode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.links.agopengps.messages import SteerState
-from agrobot_mj.links.agopengps.position import read
-from agrobot_mj.links.agopengps.traffic import SCHEMA, read_traffic
-from agrobot_mj.links.agopengps.wire import decode
 
 COLUMNS = ("t", "steer", "latitude", "longitude", "quality", "speed", "yaw")
 """Columns of the log; `yaw` only where it was sent."""

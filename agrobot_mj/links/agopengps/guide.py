@@ -8,13 +8,13 @@ one. It engages by itself some time after it knows its heading, and drives one s
 from math import atan2, cos, hypot, isnan, nan, sin
 from typing import NamedTuple
 
+from agrobot_mj.core.agopengps.layouts import cross_track_byte
+from agrobot_mj.core.agopengps.messages import Hello, SteerData, SteerSettings
+from agrobot_mj.core.agopengps.position import Position, read
+from agrobot_mj.core.agopengps.wire import encode
 from agrobot_mj.core.geodesy import to_local
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.links.agopengps.host_laws import AxlePose, HostSettings, LawState, steer
-from agrobot_mj.links.agopengps.layouts import cross_track_byte
-from agrobot_mj.links.agopengps.messages import Hello, SteerData, SteerSettings
-from agrobot_mj.links.agopengps.position import Position, read
-from agrobot_mj.links.agopengps.wire import encode
 
 ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
 """Status bits: AgOpenGPS; AgOpenWeb engaged with its switch; AgOpenWeb's position and guidance are valid."""

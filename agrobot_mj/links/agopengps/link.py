@@ -9,12 +9,12 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 
 from agrobot_mj.control.agopengps import AgOpenGps
+from agrobot_mj.core.agopengps.traffic import read_traffic, recorded_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.links.agopengps.channels import Answered, Channel, RealTime, Replayed
 from agrobot_mj.links.agopengps.link_metrics import health, link_metrics
 from agrobot_mj.links.agopengps.session import LinkOptions, Session
-from agrobot_mj.links.agopengps.traffic import read_traffic, recorded_scenario
 from agrobot_mj.links.agopengps.udp import UdpSockets, address_of
 from agrobot_mj.links.running import run_session
 from agrobot_mj.scenario.overrides import flat

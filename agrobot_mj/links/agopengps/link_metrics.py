@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from agrobot_mj.core.agopengps.messages import SteerData
+from agrobot_mj.core.agopengps.traffic import Datagram
+from agrobot_mj.core.agopengps.wire import decode
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.agopengps.channels import Channel, Replayed
-from agrobot_mj.links.agopengps.messages import SteerData
 from agrobot_mj.links.agopengps.session import Session
-from agrobot_mj.links.agopengps.traffic import Datagram
-from agrobot_mj.links.agopengps.wire import decode
 from agrobot_mj.metrics.base import rms
 from agrobot_mj.simulation.log import Log
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from agrobot_mj.control.agopengps import Actuation, AgOpenGps
+from agrobot_mj.core.agopengps.traffic import Datagram, Traffic
 from agrobot_mj.core.signals import TICK_S, Measurement
 from agrobot_mj.links.agopengps.board import Board, BoardState
 from agrobot_mj.links.agopengps.channels import Channel
 from agrobot_mj.links.agopengps.receiver import Receiver, ReceiverState
-from agrobot_mj.links.agopengps.traffic import Datagram, Traffic
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, Incoming
 from agrobot_mj.links.running import NotBegunError
 from agrobot_mj.simulation.stepping import Simulation

@@ -14,10 +14,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.extras import required
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
 from agrobot_mj.fieldlogs.columns import check_time, column_names, read_columns
-from agrobot_mj.links.extras import required
 from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
 from agrobot_mj.links.ros2.sample import TickSample, samples_of

@@ -13,8 +13,8 @@ import numpy as np
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.control.cmd_vel import CmdVel
 from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.nmea import START
 from agrobot_mj.core.signals import TICK_S, Quality
-from agrobot_mj.links.nmea import START
 from agrobot_mj.links.ros2.sample import TickSample
 from agrobot_mj.scenario.schema import Scenario
 

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any, NamedTuple, Self
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.links.extras import required
+from agrobot_mj.core.extras import required
 from agrobot_mj.links.ros2.content import Content
 from agrobot_mj.links.ros2.definitions import TOPICS
 

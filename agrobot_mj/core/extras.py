@@ -1,4 +1,4 @@
-"""Packages that a link needs and the base package does without."""
+"""Packages of an extra, which the base package does without."""
 
 from importlib import import_module
 from typing import Any

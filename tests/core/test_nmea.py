@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agrobot_mj.core.agopengps.position import BoardAttitude, panda, paogi, read
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
-from agrobot_mj.links.agopengps.position import BoardAttitude, panda, paogi, read
-from agrobot_mj.links.nmea import Solution, checksum, degrees_of, fields_of, gga, rmc, vtg
+from agrobot_mj.core.nmea import Solution, checksum, degrees_of, fields_of, gga, rmc, vtg
 
 LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)
 NORTHWARD = BoardAttitude(0.0, radians(-2.5), 0.0, radians(-5))

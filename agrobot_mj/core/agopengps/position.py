@@ -10,8 +10,8 @@ carries degrees.
 from math import degrees, isfinite, isnan, nan, radians
 from typing import NamedTuple
 
-from agrobot_mj.links.agopengps.layouts import from_compass, int16
-from agrobot_mj.links.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence, to_compass
+from agrobot_mj.core.agopengps.layouts import from_compass, int16
+from agrobot_mj.core.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence, to_compass
 
 NO_HEADING = 65535
 """PANDA without an inertial unit [0.1 deg]."""

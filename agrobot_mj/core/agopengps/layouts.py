@@ -9,8 +9,7 @@ from math import degrees, isnan, nan, pi, radians
 from struct import Struct
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.geometry import wrap
-from agrobot_mj.links.agopengps.messages import (
+from agrobot_mj.core.agopengps.messages import (
     HOST,
     IMU,
     NO_LINE,
@@ -25,7 +24,8 @@ from agrobot_mj.links.agopengps.messages import (
     SteerSettings,
     SteerState,
 )
-from agrobot_mj.links.nmea import to_compass
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.nmea import to_compass
 
 KMH = 3.6
 """One metre per second in kilometres per hour [km/h per m/s]."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.links.agopengps.messages import (
+from agrobot_mj.core.agopengps.messages import (
     Hello,
     HelloReply,
     Scan,
@@ -17,7 +17,7 @@ from agrobot_mj.links.agopengps.messages import (
     SteerSettings,
     SteerState,
 )
-from agrobot_mj.links.agopengps.wire import Rejected, Unknown, check, decode, encode, frame
+from agrobot_mj.core.agopengps.wire import Rejected, Unknown, check, decode, encode, frame
 
 HALF = 0.5 * radians(0.01)
 """Half a count of a steering angle [rad]."""

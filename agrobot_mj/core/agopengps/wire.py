@@ -9,8 +9,8 @@ Some senders put a constant into the check byte of hello and scan frames; there 
 
 from typing import NamedTuple
 
-from agrobot_mj.links.agopengps.layouts import CODECS, NUMBERS
-from agrobot_mj.links.agopengps.messages import HelloReply, Message
+from agrobot_mj.core.agopengps.layouts import CODECS, NUMBERS
+from agrobot_mj.core.agopengps.messages import HelloReply, Message
 
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6
