@@ -9,7 +9,6 @@ import typer
 
 from agrobot_mj.cli.options import Out, Quiet, Sets, finite, names, number, overrides, results_folder
 from agrobot_mj.cli.output import say
-from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
     from agrobot_mj.fieldlogs.columns import Source
@@ -31,7 +30,7 @@ To = Annotated[float, typer.Option("--to", metavar="S", callback=number, help="L
 
 
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A .parquet or .csv, a link.parquet, or a run's folder.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A recording, or a run's folder; see docs/replay.md.")],
     map_file: MapFile = None,
     base: Base = None,
     sets: Sets = None,
@@ -40,6 +39,9 @@ def replay(
     ] = None,
     start: From = 0.0,
     end: To = inf,
+    told: Annotated[
+        bool, typer.Option("--describe", help="Say what the log holds and what it can be used for; drive nothing.")
+    ] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -51,6 +53,13 @@ def replay(
     from agrobot_mj.fieldlogs.replay import replay as drive
     from agrobot_mj.simulation.storage import exclusive
 
+    if told:
+        from agrobot_mj.fieldlogs.maps import read_map
+        from agrobot_mj.fieldlogs.readers import open_log
+        from agrobot_mj.fieldlogs.readers.describe import describe
+
+        say(describe(open_log(log), read_map(map_file) if map_file else None))
+        return
     scenario = _scenario(log, base, sets)
     source, log_map = _source(log, map_file)
     folder = results_folder(out, f"replay-{log.stem}")
@@ -121,16 +130,10 @@ def _scenario(log: Path, base: str | None, sets: list[str] | None) -> "Scenario"
 
 
 def _source(log: Path, map_file: Path | None) -> "tuple[Source, LogMap | None]":
-    """The log and its map; a link's record is decoded."""
-    from agrobot_mj.fieldlogs.columns import column_names
+    """The log as its reader returns it, and its map."""
     from agrobot_mj.fieldlogs.maps import read_map
-    from agrobot_mj.links.agopengps.fieldlog import is_link_record, link_log
+    from agrobot_mj.fieldlogs.readers import open_log
 
-    if log.is_dir():
-        if not (log / "signals.parquet").is_file():
-            raise ScenarioError(f"{log}: has no signals.parquet; name a log, or the folder of a run")
-        log = log / "signals.parquet"
     log_map = read_map(map_file) if map_file is not None else None
-    if log_map is None and is_link_record(column_names(log)):
-        return link_log(log), None
-    return log, log_map
+    found = open_log(log)
+    return found.source, log_map or found.checked_map()

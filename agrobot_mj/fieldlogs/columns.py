@@ -35,6 +35,12 @@ UNEVEN = 0.5
 """Largest difference of a time between two rows from the usual one, over that [-]."""
 LATEST_STEP_S = 1e-5
 """Median step of time below which the unit cannot be the second [s]."""
+MOST_STEPS = 1e8
+"""Time from first to last row over the usual step, beyond which a time is wrong: a year at 3 Hz."""
+NAME = b"name"
+"""Key of a log's name in the metadata of a table."""
+PARQUET = b"PAR1"
+"""First bytes of a Parquet file."""
 
 
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
@@ -57,14 +63,12 @@ def column_names(source: Source) -> list[str]:
         raise FieldLogError(
             f"{source}: {'is a folder' if source.is_dir() else 'no such file'}; name a .parquet or .csv"
         )
-    if source.suffix.lower() == ".parquet":
+    if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)
         except (pa.ArrowException, OSError) as error:
             raise FieldLogError(f"{source.name}: is no Parquet file: {_first_line(error)}") from None
-    if source.suffix.lower() == ".csv":
-        return _header(source)[0]
-    raise FieldLogError(f"{source.name}: unknown type {source.suffix!r}; convert it to .parquet or .csv")
+    return _header(source)[0]
 
 
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
@@ -84,11 +88,11 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
     cells: Callable[[str], pa.ChunkedArray]
     if isinstance(source, pa.Table):
         rows, cells = source.num_rows, source.column
-    elif source.suffix.lower() == ".csv":
+    elif _is_parquet(source):
+        rows, cells = pq.read_metadata(source.absolute()).num_rows, partial(_page, source)
+    else:
         table = _csv(source, wanted)
         rows, cells = table.num_rows, table.column
-    else:
-        rows, cells = pq.read_metadata(source.absolute()).num_rows, partial(_page, source)
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
     return {column: _floats(name, column, cells(column)) for column in dict.fromkeys(wanted)}
@@ -117,6 +121,9 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
         looks = "milliseconds" if step > LONGEST_STEP_S else "some other unit"
         fix = f'; set {unit_key}, e.g. "ms"' if unit_key else "; convert it to seconds"
         raise FieldLogError(f"{where} steps by {step:.3g} s, which looks like {looks}{fix}")
+    if t[-1] - t[0] > MOST_STEPS * step:
+        row = int(steps.argmax())
+        raise FieldLogError(f"{where} jumps by {steps[row]:.3g} s at row {row + 2}; drop the rows with a wrong time")
 
 
 def check_even(name: str, column: str, t: Array) -> None:
@@ -134,7 +141,19 @@ def check_even(name: str, column: str, t: Array) -> None:
 
 def source_name(source: Source) -> str:
     """Name of a log in messages."""
-    return source.name if isinstance(source, Path) else "log"
+    if isinstance(source, Path):
+        return source.name
+    return (source.schema.metadata or {}).get(NAME, b"log").decode()
+
+
+def is_parquet(data: bytes) -> bool:
+    """Whether a file that begins with `data` is a Parquet file."""
+    return data.startswith(PARQUET)
+
+
+def _is_parquet(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return is_parquet(stream.read(len(PARQUET)))
 
 
 def _page(path: Path, column: str) -> pa.ChunkedArray:

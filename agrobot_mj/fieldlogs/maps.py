@@ -5,9 +5,9 @@ A delay is the age of the value in a row: how much earlier than the row's time i
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -186,20 +186,9 @@ AGOPENGPS_MAP = LogMap(
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
 """Columns that docs/replay.md asks for: angles right positive, km/h, quality as in GGA."""
-LINK_MAP = LogMap(
-    title="datagrams of a link",
-    time=TimeColumn(column="t"),
-    steer=SteerColumn(column="steer", unit="rad"),
-    speed=SpeedColumn(column="speed"),
-    position=PositionColumns(latitude="latitude", longitude="longitude", quality="quality"),
-)
-"""What the link's boards told the host, decoded; one antenna without an inertial unit."""
-LINK_HEADING_MAP = LINK_MAP.model_copy(
-    update={"heading": HeadingColumn(column="yaw", unit="rad", convention="enu")},
-)
-"""Datagrams of a link with two antennas or an inertial unit."""
-BUILT_IN = (GYRO_MAP, SIGNALS_MAP, LINK_HEADING_MAP, LINK_MAP, AGOPENGPS_MAP)
+BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
 """Maps that are tried in this order on a log that comes without one."""
+UNKNOWN = "its columns are none that we know; say what they mean with --map map.toml"
 
 
 def read_map(path: Path) -> LogMap:
@@ -214,10 +203,55 @@ def read_map(path: Path) -> LogMap:
 
 def built_in(names: Sequence[str], log: str) -> LogMap:
     """The first map of `BUILT_IN` whose columns are all there. Raises `ScenarioError` where none fits."""
-    for each in BUILT_IN:
-        if set(named_columns(each)) <= set(names):
-            return each
-    raise ScenarioError(f"{log}: its columns are none that we know; say what they mean with --map map.toml")
+    if (found := known_map(names)) is None:
+        raise ScenarioError(f"{log}: {UNKNOWN}")
+    return found
+
+
+def known_map(names: Sequence[str]) -> LogMap | None:
+    """The first map of `BUILT_IN` whose columns are all there."""
+    return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
+
+
+SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
+    ("steer", ("steer",), {"column": "steer", "unit": "rad"}),
+    ("speed", ("speed",), {"column": "speed"}),
+    ("speed", ("wheel_speed",), {"column": "wheel_speed", "of": "wheel"}),
+    ("yaw_rate", ("yaw_rate",), {"column": "yaw_rate", "unit": "rad/s"}),
+    ("heading", ("heading",), {"column": "heading", "unit": "rad", "convention": "enu"}),
+    ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
+    ("position", ("east", "north"), {"east": "east", "north": "north"}),
+)
+"""Tables of the map of a log in SI units, with the columns that each needs; the first that is there counts."""
+INSTEAD = {
+    "steer_demand": "the angle that was asked for: the lag of the steering is then in the residuals",
+    "steering_wheel": "the angle of the steering wheel, with scale = wheel angle over it",
+}
+"""What may stand for the wheel angle, if a map says so."""
+
+
+def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Tables of the map of a log with columns as readers return them, apart from what it lacks.
+
+    `changed` has keys that differ from their defaults, by the tables of the map.
+    """
+    found: dict[str, dict[str, Any]] = {"time": {"column": "t"}}
+    for table, needed, keys in SI_TABLES:
+        if table not in found and set(needed) <= set(names):
+            found[table] = {**keys, **changed.get(table, {})}
+    if "position" in found and "quality" in names:
+        found["position"]["quality"] = "quality"
+    return found
+
+
+def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
+    """What these tables of a map lack for a replay, in words; empty where they are enough."""
+    there = set(tables)
+    lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
+    lacks += [] if "speed" in there else ["no speed"]
+    lacks += [] if there & {"yaw_rate", "heading", "position"} else ["no yaw rate, heading or position to compare with"]
+    others = [f"; [steer] of a map may name {name}, {what}" for name, what in INSTEAD.items() if name in names]
+    return " and ".join(lacks) + "".join(others if "no wheel angle" in lacks else [])
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:

@@ -8,13 +8,12 @@ from math import inf, pi, radians
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.columns import FieldLogError, Source, check_time, column_names, read_columns
+from agrobot_mj.fieldlogs.columns import FieldLogError, Source, check_time, column_names, read_columns, source_name
 from agrobot_mj.fieldlogs.maps import (
     HeadingColumn,
     LogMap,
@@ -127,7 +126,7 @@ def read_recording(source: Source, log_map: LogMap | None, antenna_height: float
 
     Raises `FieldLogError`, or `ScenarioError` where no map fits.
     """
-    name = "log" if isinstance(source, pa.Table) else source.name
+    name = source_name(source)
     m = log_map or built_in(column_names(source), name)
     keys = named_columns(m)
     data = read_columns(source, list(keys), keys)

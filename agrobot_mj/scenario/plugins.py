@@ -55,6 +55,8 @@ def register(member: Member, name: str | None = None) -> Member:
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     elif isinstance(default, Metric):
         _add_metric(default)
+    elif isinstance(registry := getattr(member, "registry", None), list):
+        _add_listed(default, registry)
     else:
         _add_kind(member)
     return member
@@ -95,6 +97,14 @@ def _add_metric(metric: Metric) -> None:
         if taken := [other.kind] if other.kind == metric.kind else sorted(other.names & metric.names):
             raise ScenarioError(f"register: metric {taken[0]!r} is there already; choose another")
     METRICS[:] = [*others, metric]
+
+
+def _add_listed(default: Any, registry: list[Any]) -> None:
+    """Add a member to a family that is a list; in front, so that it is asked before those of the package."""
+    others = [other for other in registry if not _same(type(other), type(default))]
+    if default.kind in {other.kind for other in others}:
+        raise ScenarioError(f"register: kind {default.kind!r} is there already; choose another")
+    registry[:] = [default, *others]
 
 
 def _add_kind(member: type[Spec]) -> None:

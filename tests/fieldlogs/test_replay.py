@@ -19,9 +19,9 @@ from agrobot_mj.core.nmea import Solution
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import read_map
+from agrobot_mj.fieldlogs.readers import open_log
 from agrobot_mj.fieldlogs.replay.residuals import rigid
 from agrobot_mj.fieldlogs.replay.result import COLUMNS, replay, summary
-from agrobot_mj.links.agopengps.fieldlog import link_log
 from agrobot_mj.simulation.storage import write_log
 
 MAP = """
@@ -176,9 +176,11 @@ def test_a_link_record_is_a_log(driven, tmp_path):
         traffic.add(Datagram(turn, 0.0, "out", "h:1", encode(SteerState(steer))))
         traffic.add(Datagram(turn, 0.0, "in", "h:1", b"anything"))
     pq.write_table(traffic.table(0), tmp_path / "link.parquet")
-    table = link_log(tmp_path / "link.parquet")
-    assert np.asarray(table["steer"]) == pytest.approx(driven.column("steer_measured"), abs=radians(0.006))
-    found = replay(table, None, driven.scenario).metrics
+    log = open_log(tmp_path / "link.parquet")
+    assert log.reader == "link"
+    assert np.asarray(log.source["steer"]) == pytest.approx(driven.column("steer_measured"), abs=radians(0.006))
+    found = replay(log.source, log.checked_map(), driven.scenario).metrics
+    assert found["log"] == "link.parquet"
     assert found["yaw_rate"]["source"] == "heading"
     assert found["yaw_rate"]["explained"] > 0.95
     assert found["position"]["windows_rms"] < 0.05
