@@ -44,8 +44,10 @@ class MeasuredColumn(Spec):
 class SteerColumn(MeasuredColumn):
     """Angle of the front wheels, as that of the bicycle's one front wheel."""
 
-    unit: Literal["deg", "rad"] = "deg"
-    """Unit of the numbers."""
+    unit: Literal["deg", "rad", "1/m"] = "deg"
+    """Unit of the numbers; 1/m for the curvature of the circle that the wheels stand for."""
+    wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
+    """Wheelbase that turns a curvature into an angle [m]."""
     positive: Literal["left", "right"] = "left"
     """Direction that the numbers count positive."""
     offset: Factor = 0.0
@@ -54,6 +56,12 @@ class SteerColumn(MeasuredColumn):
     """True angle over the reading [-]."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Length of time over which the sensor averages a value [s]; half of it belongs into `delay_s`."""
+
+    @model_validator(mode="after")
+    def _has_wheelbase(self) -> "SteerColumn":
+        if (self.unit == "1/m") != (self.wheelbase_m is not None):
+            raise ValueError('wheelbase_m: goes with unit = "1/m", a curvature; give both or neither')
+        return self
 
 
 class ValveColumn(MeasuredColumn):
@@ -225,6 +233,7 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
 """Tables of the map of a log in SI units, with the columns that each needs; the first that is there counts."""
 INSTEAD = {
     "steer_demand": "the angle that was asked for: the lag of the steering is then in the residuals",
+    "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle over it",
 }
 """What may stand for the wheel angle, if a map says so."""

@@ -167,7 +167,8 @@ class _Reader(NamedTuple):
 
     def steer(self, c: SteerColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
-        angle = sign * c.scale * ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        reading = sign * c.scale * (self.data[c.column] - c.offset)
+        angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
         series = self._known("steer", c, angle, LARGEST_STEER, "rad")
         return TimeSeries(series.t, _sharpened(series, c.averaged_s))
 

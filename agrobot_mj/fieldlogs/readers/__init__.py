@@ -15,11 +15,14 @@ from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names
 from agrobot_mj.fieldlogs.maps import UNKNOWN, LogMap, known_map, lacking, si_tables
 from agrobot_mj.fieldlogs.readers.agopenweb import AgOpenWebRecorder
 from agrobot_mj.fieldlogs.readers.base import HEAD_BYTES, QUANTITIES, Head, LogReader, ReadLog, Samples
+from agrobot_mj.fieldlogs.readers.can import CanText
+from agrobot_mj.fieldlogs.readers.isoxml import TaskData
+from agrobot_mj.fieldlogs.readers.nmea import NmeaText
 from agrobot_mj.fieldlogs.readers.own import FreeColumns, LinkRecord, RunFolder
 
 READERS = LogReader.registry
 """Every reader, in the order in which they are asked: those that look closest first."""
-READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), FreeColumns()]
+READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), NmeaText(), CanText(), FreeColumns()]
 
 
 class OpenedLog(NamedTuple):

@@ -96,8 +96,9 @@ class LogReader(Spec):
 class Samples:
     """Values with their times, as a reader finds them."""
 
-    def __init__(self, path: Path) -> None:
-        self.name = path.name
+    def __init__(self, path: Path, ordered: bool = True) -> None:
+        """`ordered`: whether times that run backwards are an error, or belong to parts that overlap."""
+        self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
@@ -132,7 +133,7 @@ class Samples:
                 f"{self._first_damage}; the file is damaged, save it again"
             )
         if not self._kept:
-            raise FieldLogError(f"{self.name}: holds no {what}")
+            raise FieldLogError("; ".join([f"{self.name}: holds no {what}", *notes[:3]]))
         found = list(notes)
         if self._damaged:
             found.append(f"left out {self._damaged} damaged lines, first {self._first_damage}")
@@ -150,14 +151,15 @@ class Samples:
             notes.append(f"{name} is that of {source}")
         t, values = (np.frombuffer(part, dtype=np.float64) for part in sources[source])
         back = np.diff(t)
-        if len(back) and (worst := float(back.min())) < -LATE_S:
+        if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
             k = int(back.argmin())
             raise FieldLogError(
                 f"{self.name}: time runs backwards by {-worst:.3g} s after the first {t[k] - t[0]:.3f} s of {name}; "
                 "cut the file there"
             )
         order = np.argsort(t, kind="stable")
-        return t[order], values[order]
+        # a sensor of one turn starts again at zero with each
+        return t[order], np.unwrap(values[order]) if name == "steering_wheel" else values[order]
 
     def _table(self, columns: dict[str, tuple[Array, Array]]) -> pa.Table:
         start = min(t[0] for t, _ in columns.values())
