@@ -17,12 +17,13 @@ from agrobot_mj.fieldlogs.readers.agopenweb import AgOpenWebRecorder
 from agrobot_mj.fieldlogs.readers.base import HEAD_BYTES, QUANTITIES, Head, LogReader, ReadLog, Samples
 from agrobot_mj.fieldlogs.readers.can import CanText
 from agrobot_mj.fieldlogs.readers.isoxml import TaskData
+from agrobot_mj.fieldlogs.readers.mcap import Ros2Bag
 from agrobot_mj.fieldlogs.readers.nmea import NmeaText
 from agrobot_mj.fieldlogs.readers.own import FreeColumns, LinkRecord, RunFolder
 
 READERS = LogReader.registry
 """Every reader, in the order in which they are asked: those that look closest first."""
-READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), NmeaText(), CanText(), FreeColumns()]
+READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), NmeaText(), CanText(), FreeColumns()]
 
 
 class OpenedLog(NamedTuple):

@@ -137,19 +137,18 @@ class Samples:
         found = list(notes)
         if self._damaged:
             found.append(f"left out {self._damaged} damaged lines, first {self._first_damage}")
-        columns = {name: self._chosen(name, sources, found) for name, sources in self._kept.items()}
+        chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
+        for source in dict.fromkeys(filter(None, chosen.values())):
+            found.append(f"from {source}: {', '.join(name for name, each in chosen.items() if each == source)}")
+        for name, parts in self._kept.items():
+            if others := [source for source in parts if source != chosen[name]]:
+                found.append(f"{name} is in {', '.join(others)}, too, with fewer values")
+        columns = {name: self._in_order(name, *self._kept[name][source]) for name, source in chosen.items()}
         return ReadLog(self._table(columns), tuple(found), meaning)
 
-    def _chosen(
-        self, name: str, sources: dict[str, tuple["array[float]", "array[float]"]], notes: list[str]
-    ) -> tuple[Array, Array]:
+    def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
         """Times and values of one quantity, in the order of time."""
-        source = max(sources, key=lambda each: len(sources[each][0]))
-        if others := [each for each in sources if each != source]:
-            notes.append(f"{name} is that of {source}; it is in {', '.join(others)}, too")
-        elif source:
-            notes.append(f"{name} is that of {source}")
-        t, values = (np.frombuffer(part, dtype=np.float64) for part in sources[source])
+        t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
         back = np.diff(t)
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
             k = int(back.argmin())

@@ -67,14 +67,14 @@ class TaskData(LogReader):
             except FieldLogError as problem:
                 notes.append(str(problem))
                 continue
-            count, end = 0, 0
-            for count, record in enumerate(layout.records(data), 1):
+            end = 0
+            for record in layout.records(data):
                 end = record.end
                 samples.add(record.t, **record.position)
                 for source, signal in record.signals.items():
                     samples.add(record.t, source, **signal)
             if end < len(data):
-                notes.append(f"{name} is damaged after {count} records, {end} of {len(data)} bytes")
+                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; what is before counts")
         return samples.log("time log with positions", *notes)
 
 
