@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import UNPRINTABLE
 
 MOST_ROWS = 5_000_000
 """Rows of a log that are read: three days at 20 Hz."""
@@ -48,7 +49,10 @@ NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 
 
 class FieldLogError(ScenarioError):
-    """A log that cannot be used; its text names the file and the column."""
+    """A log that cannot be used; its text, of printable characters, names the file and the column."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(UNPRINTABLE.sub("?", text))
 
 
 Source: TypeAlias = Path | pa.Table
@@ -96,6 +100,16 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
     return {column: _floats(name, column, cells(column)) for column in dict.fromkeys(wanted)}
+
+
+def loaded(source: Source) -> Source:
+    """The same log; a CSV file as a table, so that it is read once for all its columns. Raises `FieldLogError`."""
+    if isinstance(source, pa.Table) or _is_parquet(source):
+        return source
+    names = column_names(source)
+    if repeated := next((name for name in names if names.count(name) > 1), None):
+        raise FieldLogError(f"{source.name}: has more than one column {repeated!r}; rename all but one")
+    return _csv(source, names).replace_schema_metadata({NAME: source.name.encode()})
 
 
 def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:

@@ -166,11 +166,11 @@ class Samples:
         times = np.unique(np.concatenate([t for t, _ in columns.values()]))
         known = {quantity.name: quantity for quantity in QUANTITIES}
         fields, arrays = [_field(known["t"])], [pa.array(times)]
-        for name in sorted(columns, key=list(known).index):
+        for name in [*filter(columns.__contains__, known), *(name for name in columns if name not in known)]:
             t, values = columns[name]
             column = np.full(len(times), np.nan)
             column[np.searchsorted(times, t)] = values
-            fields.append(_field(known[name]))
+            fields.append(_field(known.get(name, Column(name, "", "of this reader"))))
             arrays.append(pa.array(column, from_pandas=True))
         return pa.table(arrays, schema=pa.schema(fields, metadata={NAME: self.name.encode()}))
 

@@ -4,16 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.columns import FieldLogError, column_names, read_columns
+from agrobot_mj.core.spec import UNPRINTABLE
+from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names, loaded, read_columns
 from agrobot_mj.fieldlogs.maps import LogMap, named_columns
-from agrobot_mj.fieldlogs.readers import QUANTITIES, OpenedLog
+from agrobot_mj.fieldlogs.readers import OpenedLog
 from agrobot_mj.fieldlogs.recording import SECONDS
 
-UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES}
+MOST_COLUMNS = 60
+"""Columns that are told."""
 
 
 class Coverage(NamedTuple):
@@ -37,33 +40,42 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
     """The log in a few lines and a table, as plain text and valid Markdown; `log_map` is the user's, if any."""
-    names, m = column_names(log.source), log_map or log.log_map
+    source, m = loaded(log.source), log_map or log.log_map
+    names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
     lines = [f"{log.name}: read as {log.reader}", *log.notes]
-    if time in names:
-        t = read_columns(log.source, [time])[time] * SECONDS[unit]
+    if m or log.tables:
+        t = read_columns(source, [time])[time] * SECONDS[unit]
         lines[0] += f", {np.ptp(t):.1f} s" if len(t) else ", no rows"
         head = ("column", "unit", "values", "rate Hz", "longest gap s", "least", "largest")
-        table = markdown_table(head, [_row(log, name, t) for name in names if name != time], 2, aligned=True)
-        lines += ["", table, ""]
+        rows = [_row(source, name, t) for name in names if name != time]
+        lines += ["", *markdown_table(head, rows, 2, aligned=True).splitlines(), ""]
     else:
         lines.append(f"columns: {', '.join(names)}")
     if m:
-        used = ", ".join(f"{key} = {column}" for column, key in named_columns(m).items())
-        return "\n".join([*lines, f"Enough for replay, identify --vehicle and calibrate: {used}."])
-    lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
-    if log.tables:
-        lines += ["", "A map to begin with:", "", tomli_w.dumps(log.tables)]
-    return "\n".join(lines)
+        keys = named_columns(m)
+        read_columns(source, list(keys), keys)
+        used = ", ".join(f"{key} = {column}" for column, key in keys.items())
+        lines.append(f"Enough for replay, identify --vehicle and calibrate: {used}.")
+    else:
+        lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
+    if log.tables and not m:
+        lines += ["", "A map to begin with:", "", *tomli_w.dumps(log.tables).splitlines()]
+    return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
 
 
-def _row(log: OpenedLog, name: str, t: Array) -> tuple[str, ...]:
+def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
     """One line of the table; a column that holds no numbers has none."""
-    unit = UNITS.get(name, "") if isinstance(log.source, pa.Table) else ""
     try:
-        values = read_columns(log.source, [name])[name]
+        values = read_columns(source, [name])[name]
     except FieldLogError:
-        return name, unit, "no numbers", "", "", "", ""
+        return name, "", "no numbers", "", "", "", ""
     found, known = coverage(t, values), values[np.isfinite(values)]
     ends = (f"{known.min():.7g}", f"{known.max():.7g}") if len(known) else ("", "")
-    return name, unit, str(found.values), f"{found.rate:.3g}", f"{found.gap:.3g}", *ends
+    return name, _unit(source, name), str(found.values), f"{found.rate:.3g}", f"{found.gap:.3g}", *ends
+
+
+def _unit(source: Source, name: str) -> str:
+    """Unit of a column, where its metadata has one."""
+    schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
+    return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")
