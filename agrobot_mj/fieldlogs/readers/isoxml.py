@@ -49,7 +49,7 @@ class TaskData(LogReader):
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
-            return TASKDATA.encode() in head.data.upper() or any(name == TASKDATA for name in _in_zip(head.path))
+            return TASKDATA.encode() in head.data.upper() or _zip_has_taskdata(head.path)
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
@@ -156,10 +156,10 @@ def _layout(name: str, data: bytes) -> Layout:
     attributes = dict(position.attrib) if position is not None else {}
     keys = tuple(key for key in FIELDS if attributes.get(key) == "")
     try:
-        fixed = {key: _counts(key, text) for key, text in attributes.items() if text and key in "ABD"}
+        fixed = {key: _counts(key, text) for key, text in attributes.items() if text and key in ("A", "B", "D")}
         values = tree.findall("DLV")
         signals = [_signal(int(each.get("A", ""), 16), each) for each in values]
-    except ValueError as problem:
+    except (ValueError, OverflowError) as problem:
         raise FieldLogError(f"{where}: {problem}") from None
     known = {number: signal for number, signal in enumerate(signals) if signal}
     return Layout(Struct("<IH" + "".join(FIELDS[key] for key in keys)), keys, fixed, known, len(values))
@@ -197,7 +197,14 @@ def _read(path: Path, most: int) -> bytes:
     return path.read_bytes()
 
 
-def _in_zip(path: Path) -> dict[str, Open]:
+def _zip_has_taskdata(path: Path) -> bool:
+    try:
+        return bool(_task_folders(_entries(path)))
+    except FieldLogError:
+        return False
+
+
+def _entries(path: Path) -> list[zipfile.ZipInfo]:
     check_size(path, MOST_ZIP_BYTES)
     try:
         with zipfile.ZipFile(path) as archive:
@@ -206,7 +213,18 @@ def _in_zip(path: Path) -> dict[str, Open]:
         raise FieldLogError(f"{path.name}: is no zip: {problem}") from None
     if len(entries) > MOST_FILES:
         raise FieldLogError(f"{path.name}: holds {len(entries)} files, the limit is {MOST_FILES}")
-    sets = [each.filename[: -len(TASKDATA)] for each in entries if each.filename.upper().rpartition("/")[2] == TASKDATA]
+    return entries
+
+
+def _task_folders(entries: list[zipfile.ZipInfo]) -> list[str]:
+    """Folders with task data."""
+    names = (each.filename for each in entries)
+    return [name[: -len(TASKDATA)] for name in names if name.upper().rpartition("/")[2] == TASKDATA]
+
+
+def _in_zip(path: Path) -> dict[str, Open]:
+    entries = _entries(path)
+    sets = _task_folders(entries)
     if len(sets) > 1:
         raise FieldLogError(f"{path.name}: holds {len(sets)} TASKDATA.XML; unpack it and name one folder")
     return {
