@@ -13,6 +13,7 @@ import time
 
 from commands import NEEDED, border, commands, folders, parquet, result, shards, strangers, studies
 from judge import LONGEST_S, Attack, judged
+from logs import good, logs
 from plugins import plugins
 from processes import kills
 from texts import extremes, files, injected, keys, limits, names, numbers, overrides, sweeps, toml
@@ -27,6 +28,7 @@ CLASSES: dict[str, tuple[Attack, float]] = {
     "limits": (limits, 0.05),
     "files": (files, 0.11),
     "parquet": (parquet, 0.12),
+    "logs": (logs, 0.12),
     "plugins": (plugins, 0.06),
     "datagrams": (datagrams, 0.06),
     "extremes": (extremes, 0.06),
@@ -49,6 +51,8 @@ def load(classes: list[str]) -> None:
     keys(), names(), numbers(), guide()
     for kind in {kind for name in classes for kind in NEEDED.get(name, ())}:
         result(kind)
+    if "logs" in classes:
+        good()
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
     for kind in (*tyres, "magic_formula"):
         run(load_scenario("circle", {"duration_s": 0.2, "plant.settle_s": 0.0, "plant.tyre.kind": kind}))
