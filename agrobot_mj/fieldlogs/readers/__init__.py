@@ -59,7 +59,9 @@ def open_log(path: Path) -> OpenedLog:
     if path.is_dir():
         raise FieldLogError(f"{path}: holds no signals.parquet and no TASKDATA.XML; name a log, or the folder of a run")
     kinds = ", ".join(reader.kind for reader in READERS)
-    raise FieldLogError(f"{path.name}: is of no format that is known ({kinds}); export it as CSV with a line of names")
+    raise FieldLogError(
+        f"{path.name}: is of no format that is known ({kinds}); export it as CSV in UTF-8 with a line of names"
+    )
 
 
 def _head(path: Path) -> Head:

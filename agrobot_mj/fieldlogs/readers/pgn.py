@@ -56,6 +56,12 @@ SIGNALS: dict[int, tuple[Signal, ...]] = {
     44032: (Signal("curvature", 0, 16, False, -0.25e-3, 8.032),),
     65096: (Signal("wheel_speed", 0, 16, False, 1e-3, directed=True),),
     65097: (Signal("speed", 0, 16, False, 1e-3, directed=True),),
+    61474: (Signal("speed", 0, 16, False, 1e-3, directed=True),),
+    65265: (Signal("wheel_speed", 8, 16, False, 1 / 256 / 3.6),),
+    65256: (
+        Signal("course", 0, 16, False, pi / 180 / 128, compass=True),
+        Signal("speed", 16, 16, False, 1 / 256 / 3.6),
+    ),
     61449: (
         Signal("steering_wheel", 0, 16, False, 1 / 1024, -32127 / 1024),
         Signal("yaw_rate", 24, 16, False, 1 / 8192, -32127 / 8192),

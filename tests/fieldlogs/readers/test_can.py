@@ -90,6 +90,8 @@ def test_directions_and_what_is_not_available():
     assert decoded(0x18FE4926, "DC05FFFFFFFFFFFC") == {"speed": -1.5}, "in reverse"
     assert decoded(0x18FE4926, "00FBFFFFFFFFFFFD") == {"speed": None}
     assert decoded(0x18FE4926, "DC") == {"speed": None}
+    assert decoded(0x18FEF100, "FF0024FFFFFFFFFF")["wheel_speed"] == pytest.approx(10.0), "36 km/h"
+    assert decoded(0x18FEE800, "002D0012FFFFFFFF") == {"course": 0.0, "speed": pytest.approx(5.0)}
     assert decoded(0x18F00900, "7F7D00FF7D00FFFF") == {"steering_wheel": 0.0, "yaw_rate": 128 / 8192}
     assert decoded(0x09F1130A, "00A0860100FFFFFF")["yaw_rate"] == pytest.approx(-1e5 / 32e6), "to the right"
     assert decoded(0x09F1130A, "00FFFFFF7FFFFFFF") == {"yaw_rate": None}

@@ -106,8 +106,8 @@ def test_logs_join_in_the_order_of_time_and_damage_ends_one(folder):
     assert len(t) == 100
     assert t[[0, 20, 80, 99]] == pytest.approx([0, 86400, 2 * 86400, 2 * 86400 + 19])
     assert log.notes[:3] == (
-        f"TLG00002 is damaged after {20 * 26} of {20 * 26 + 9} bytes; what is before counts",
-        f"TLG00003 is damaged after {20 * 26} of {20 * 26 + 9} bytes; what is before counts",
+        f"TLG00002 is damaged after {20 * 22} of {20 * 22 + 9} bytes; what is before counts",
+        f"TLG00003 is damaged after {20 * 22} of {20 * 22 + 9} bytes; what is before counts",
         "TLG00004.BIN is not there",
     )
 
@@ -138,7 +138,7 @@ def test_hostile_descriptions_are_refused_in_words(folder, content, told):
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\xff" * 1000, RECORDS[0][:-3], RECORDS[0][:23] + b"\xff" + RECORDS[0][24:], record(0, [(4, 1)])]
+    "data", [b"", b"\xff" * 1000, RECORDS[0][:-3], RECORDS[0][:21] + b"\xff" + RECORDS[0][22:], record(0, [(4, 1)])]
 )
 def test_records_that_cannot_be_are_not_believed(folder, data):
     (folder / "TLG00001.BIN").write_bytes(data)
@@ -188,7 +188,7 @@ def test_public_vectors_are_read_to_their_last_byte(name, positions, span, bound
     if positions:
         latitude, longitude = (log.source[each].drop_null().to_numpy() for each in ("latitude", "longitude"))
         assert len(latitude) == positions
-        assert log.source["t"][-1].as_py() == pytest.approx(span, abs=0.05)
+        assert log.source["t"][-1].as_py() == pytest.approx(span, abs=0.1)
         found = latitude.min(), latitude.max(), longitude.min(), longitude.max()
         assert found == pytest.approx(bounds, abs=1e-5)
 
@@ -199,6 +199,9 @@ def test_in_a_public_vector_the_course_turns_as_the_curvature_says():
     names = ("t", "course", "curvature", "speed")
     t, course, kappa, speed = (open_log(file).source[n].to_numpy(zero_copy_only=False) for n in names)
     step, turned = np.diff(t), (np.diff(course) + np.pi) % (2 * np.pi) - np.pi
-    settled = (step < 1.5) & (np.diff(kappa) == 0) & (np.diff(speed) == 0) & (kappa[1:] != 0) & (turned != 0)
+    settled = (
+        (step < 1.5) & (np.diff(kappa) == 0) & (np.diff(speed) == 0) & (kappa[1:] * speed[1:] != 0) & (turned != 0)
+    )
     assert settled.sum() > 20
-    assert np.median(turned[settled] / (step * speed[1:] * kappa[1:])[settled]) == pytest.approx(1.0, abs=0.02)
+    expected = (step * speed[1:] * kappa[1:])[settled]
+    assert np.median(turned[settled] / expected) == pytest.approx(1.0, abs=0.02)

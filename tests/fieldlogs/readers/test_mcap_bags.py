@@ -129,10 +129,11 @@ def test_fixes_have_the_quality_of_their_status():
 
 
 def test_a_run_that_was_exported_replays_as_itself(tmp_path):
-    keys = {"plant.kind": "bicycle", "sensors.gyro.enabled": True, "sensors.imu.enabled": True, "duration_s": 15}
+    keys = {"plant.kind": "bicycle", "sensors.gyro.enabled": True, "sensors.imu.enabled": True, "duration_s": 45}
     log = run(load_scenario("figure_eight", keys))
     write_mcap(log.scenario, log.signals, tmp_path / "run")
     read = open_log(tmp_path / "run")
     found = replay(read.source, read.checked_map(), log.scenario).metrics
     assert found["yaw_rate"]["explained"] > 0.98
+    assert abs(found["yaw_rate"]["lag_s"]) < 0.03
     assert found["position"]["windows_rms"] < 0.04
