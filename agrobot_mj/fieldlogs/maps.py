@@ -260,7 +260,9 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
     lacks += [] if "speed" in there else ["no speed"]
     lacks += [] if there & {"yaw_rate", "heading", "position"} else ["no yaw rate, heading or position to compare with"]
     others = [f"; [steer] of a map may name {name}, {what}" for name, what in INSTEAD.items() if name in names]
-    return " and ".join(lacks) + "".join(others if "no wheel angle" in lacks else [])
+    if not lacks:
+        return ""
+    return f"it has {' and '.join(lacks)}" + "".join(others if "no wheel angle" in lacks else [])
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:

@@ -46,7 +46,8 @@ class OpenedLog(NamedTuple):
     def checked_map(self) -> LogMap:
         """Meaning of its columns. Raises `FieldLogError` that tells what is missing."""
         if self.log_map is None:
-            raise FieldLogError(f"{self.name}: {self.missing}")
+            more = "; replay --describe tells what it has" if self.tables else ""
+            raise FieldLogError(f"{self.name}: {self.missing}{more}")
         return self.log_map
 
 

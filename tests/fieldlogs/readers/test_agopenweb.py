@@ -55,7 +55,7 @@ def test_rows_become_quantities(recorded):
 
 def test_the_demand_stands_for_the_wheel_angle_if_a_map_says_so(recorded):
     log = open_log(recorded)
-    with pytest.raises(FieldLogError, match=r"^dump of Monday: no wheel angle; .* may name steer_demand"):
+    with pytest.raises(FieldLogError, match=r"^dump of Monday: it has no wheel angle; .* may name steer_demand"):
         log.checked_map()
     tables = log.tables | {"steer": {"column": "steer_demand", "unit": "rad"}}
     found = read_recording(log.source, LogMap.model_validate(tables), antenna_height=2.0)

@@ -59,7 +59,7 @@ def test_sentences_of_pynmeagps_become_quantities(written):
     assert table["speed"] == pytest.approx(3.5 * 1852 / 3600)
     assert table["course"] == pytest.approx(0.0, abs=1e-9)
     assert table["heading"] == pytest.approx(radians(1.5))
-    assert log.missing == "no wheel angle"
+    assert log.missing == "it has no wheel angle"
 
 
 def test_boards_of_the_agopengps_family_are_read(tmp_path):

@@ -166,10 +166,12 @@ def test_describe_says_who_reads_a_log_and_what_it_lacks(tmp_path, call):
     assert (status, err) == (0, "")
     assert out.startswith("capture.bin: read as nmea, 19.0 s\nfrom PAOGI: ")
     assert "| latitude  | deg  |     20 |       1 |             1 |" in out
-    assert "Not enough for replay, identify or calibrate: no wheel angle.\n\nA map to begin with:\n\n[time]" in out
+    assert (
+        "Not enough for replay, identify or calibrate: it has no wheel angle.\n\nA map to begin with:\n\n[time]" in out
+    )
     assert not list(tmp_path.glob("runs*"))
     status, _, err = call("replay", str(tmp_path / "capture.bin"))
-    assert (status, err) == (2, "capture.bin: no wheel angle\n")
+    assert (status, err) == (2, "capture.bin: it has no wheel angle; replay --describe tells what it has\n")
 
 
 def test_describe_takes_a_map_and_tells_what_it_lacks(tmp_path, call):
