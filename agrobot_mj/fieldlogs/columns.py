@@ -157,7 +157,8 @@ def source_name(source: Source) -> str:
     """Name of a log in messages."""
     if isinstance(source, Path):
         return source.name
-    return (source.schema.metadata or {}).get(NAME, b"log").decode()
+    name: bytes = (source.schema.metadata or {}).get(NAME, b"log")
+    return name.decode()
 
 
 def is_parquet(data: bytes) -> bool:

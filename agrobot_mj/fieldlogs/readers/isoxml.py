@@ -70,7 +70,7 @@ class TaskData(LogReader):
             end = 0
             for record in layout.records(data):
                 end = record.end
-                samples.add(record.t, **record.position)
+                samples.add(record.t, "", **record.position)
                 for source, signal in record.signals.items():
                     samples.add(record.t, source, **signal)
             if end < len(data):
