@@ -103,7 +103,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def loaded(source: Source) -> Source:
-    """The same log; a CSV file as a table, so that it is read once for all its columns. Raises `FieldLogError`."""
+    """A log to read column by column: a CSV file as a table, since it is read as a whole. Raises `FieldLogError`."""
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)

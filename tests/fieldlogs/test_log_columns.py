@@ -101,22 +101,27 @@ def test_damaged_pages_are_told_by_their_column(write):
         read_columns(file, ["speed"])
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"no table at all"])
-def test_a_file_that_is_none_is_refused(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [(b"", "has no first line"), (b"PAR1", "is no Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
+)
+def test_a_file_that_is_none_is_refused(tmp_path, content, told):
     file = tmp_path / "log.parquet"
     file.write_bytes(content)
-    with pytest.raises(FieldLogError, match="is no Parquet file"):
+    with pytest.raises(FieldLogError, match=told):
         column_names(file)
+
+
+def test_a_file_is_what_it_holds_whatever_it_is_called(tmp_path, write):
+    (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
+    assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]
+    assert column_names(write(t=T).rename(tmp_path / "x.csv")) == ["t"]
 
 
 def test_other_places_are_refused(tmp_path):
     for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
         with pytest.raises(FieldLogError, match=told):
             column_names(path)
-    other = tmp_path / "log.xlsx"
-    other.write_bytes(b"x")
-    with pytest.raises(FieldLogError, match="convert it"):
-        column_names(other)
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])

@@ -88,7 +88,7 @@ def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
 
 
 def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
-    """The same. Raises `ScenarioError` unless a reader returned what it must."""
+    """What a reader returned. Raises `ScenarioError` unless it is what its base asks for."""
     whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
     if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):
         wanted = "a ReadLog of a file, or of a table with a column t"

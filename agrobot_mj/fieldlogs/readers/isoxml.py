@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples, check_size
-from agrobot_mj.fieldlogs.readers.pgn import SIGNALS, Signal
+from agrobot_mj.fieldlogs.readers.pgn import SIGNALS, BusSignal
 
 TASKDATA = "TASKDATA.XML"
 TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
@@ -98,7 +98,7 @@ class Layout(NamedTuple):
     """Attributes of the position that stand in the record."""
     fixed: dict[str, int]
     """Those that hold for all records."""
-    known: dict[int, tuple[str, Signal]]
+    known: dict[int, tuple[str, BusSignal]]
     """Process values that are read, by their numbers: source, and how their counts become a quantity."""
     values: int
     """Number of process values."""
@@ -165,10 +165,10 @@ def _layout(name: str, data: bytes) -> Layout:
     return Layout(Struct("<IH" + "".join(FIELDS[key] for key in keys)), keys, fixed, known, len(values))
 
 
-def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, Signal] | None:
+def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
     """Source and signal of a process value; None where it is not known."""
     if ddi == SPEED:
-        return f"DDI {SPEED}", Signal("speed", 0, 32, True, 1e-3)
+        return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:
         return None
     group, first, last = (int(value.get(key) or -1) for key in "DEF")

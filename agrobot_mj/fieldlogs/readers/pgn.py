@@ -13,7 +13,7 @@ REVERSE_BITS = 56
 """First of two bits of the speed messages of ISO 11783-7 that are 0 in reverse."""
 
 
-class Signal(NamedTuple):
+class BusSignal(NamedTuple):
     """One quantity in a message."""
 
     quantity: str
@@ -52,37 +52,37 @@ class Signal(NamedTuple):
         return (-1 if back else 1) * (self.of_counts(counts) + self.offset)
 
 
-SIGNALS: dict[int, tuple[Signal, ...]] = {
-    44032: (Signal("curvature", 0, 16, False, -0.25e-3, 8.032),),
-    65096: (Signal("wheel_speed", 0, 16, False, 1e-3, directed=True),),
-    65097: (Signal("speed", 0, 16, False, 1e-3, directed=True),),
-    61474: (Signal("speed", 0, 16, False, 1e-3, directed=True),),
-    65265: (Signal("wheel_speed", 8, 16, False, 1 / 256 / 3.6),),
+SIGNALS: dict[int, tuple[BusSignal, ...]] = {
+    44032: (BusSignal("curvature", 0, 16, False, -0.25e-3, 8.032),),
+    65096: (BusSignal("wheel_speed", 0, 16, False, 1e-3, directed=True),),
+    65097: (BusSignal("speed", 0, 16, False, 1e-3, directed=True),),
+    61474: (BusSignal("speed", 0, 16, False, 1e-3, directed=True),),
+    65265: (BusSignal("wheel_speed", 8, 16, False, 1 / 256 / 3.6),),
     65256: (
-        Signal("course", 0, 16, False, pi / 180 / 128, compass=True),
-        Signal("speed", 16, 16, False, 1 / 256 / 3.6),
+        BusSignal("course", 0, 16, False, pi / 180 / 128, compass=True),
+        BusSignal("speed", 16, 16, False, 1 / 256 / 3.6),
     ),
     61449: (
-        Signal("steering_wheel", 0, 16, False, 1 / 1024, -32127 / 1024),
-        Signal("yaw_rate", 24, 16, False, 1 / 8192, -32127 / 8192),
+        BusSignal("steering_wheel", 0, 16, False, 1 / 1024, -32127 / 1024),
+        BusSignal("yaw_rate", 24, 16, False, 1 / 8192, -32127 / 8192),
     ),
     65267: (
-        Signal("latitude", 0, 32, False, 1e-7, -210.0),
-        Signal("longitude", 32, 32, False, 1e-7, -210.0),
+        BusSignal("latitude", 0, 32, False, 1e-7, -210.0),
+        BusSignal("longitude", 32, 32, False, 1e-7, -210.0),
     ),
-    127250: (Signal("heading", 8, 16, False, 1e-4, compass=True),),
-    127251: (Signal("yaw_rate", 8, 32, True, -1e-6 / 32),),
-    127257: (Signal("roll", 40, 16, True, 1e-4),),
-    129025: (Signal("latitude", 0, 32, True, 1e-7), Signal("longitude", 32, 32, True, 1e-7)),
-    129026: (Signal("course", 16, 16, False, 1e-4, compass=True), Signal("speed", 32, 16, False, 1e-2)),
+    127250: (BusSignal("heading", 8, 16, False, 1e-4, compass=True),),
+    127251: (BusSignal("yaw_rate", 8, 32, True, -1e-6 / 32),),
+    127257: (BusSignal("roll", 40, 16, True, 1e-4),),
+    129025: (BusSignal("latitude", 0, 32, True, 1e-7), BusSignal("longitude", 32, 32, True, 1e-7)),
+    129026: (BusSignal("course", 16, 16, False, 1e-4, compass=True), BusSignal("speed", 32, 16, False, 1e-2)),
 }
 """Signals by the number of their parameter group."""
-OWN_SIGNALS: dict[int, tuple[Signal, ...]] = {0x301: (Signal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
+OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
 """Signals by the identifiers of 11 bits that a maker gives them: the steering wheel of a Massey Ferguson 7720, 4096
 counts per turn, as measured."""
 
 
-def signals_of(identifier: int) -> tuple[str, tuple[Signal, ...]]:
+def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
     """Name of a message by its CAN identifier, and its signals; none where they are not known."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
