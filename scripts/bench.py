@@ -81,7 +81,7 @@ class BareModel:
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
-        parts = tractor_spec(s.machine)
+        parts = tractor_spec(s.vehicle)
         whole.model = simulation_model(parts, s.terrain.ground(), s.step_s, s.plant.tyre.native)
         whole.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
         whole.data = mujoco.MjData(whole.model)
@@ -245,7 +245,7 @@ def moving(
 ) -> MujocoPlant:
     """A tractor at a slow walk, which stays on its `ground`, by default a rough one, for the second that is timed."""
     s = load_scenario("straight_line")
-    machine = s.machine._replace(implement=implement)
+    machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
     plant.reset(s.path.at(0.0))
     for _ in range(20):

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli import authoring, fieldlogs, links, recordings, runs, studies, sweeps
-from agrobot_mj.cli.options import with_plugins
+from agrobot_mj.cli.options import with_machine, with_plugins
 from agrobot_mj.core.version import __version__
 
 app = typer.Typer(
@@ -22,7 +22,7 @@ ON_SCENARIOS: tuple[Callable[..., None], ...] = (
     *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
 )
 ON_RECORDINGS: tuple[Callable[..., None], ...] = (recordings.view, recordings.snapshot)
-for command in (*map(with_plugins, ON_SCENARIOS), *ON_RECORDINGS):
+for command in (*map(with_plugins, map(with_machine, ON_SCENARIOS)), *ON_RECORDINGS):
     app.command(command.__name__.rstrip("_"))(command)
 
 

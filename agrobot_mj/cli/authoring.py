@@ -7,12 +7,13 @@ from typing import Annotated
 import typer
 
 from agrobot_mj.cli.options import utf8
-from agrobot_mj.core.resources import scenario_files, sweep_files
+from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
 
 def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
     sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
+    machines: Annotated[bool, typer.Option("--machines", help="Machines instead, for `--machine`.")] = False,
 ) -> None:
     """List the scenarios that come with the package."""
     if kinds:
@@ -20,11 +21,9 @@ def list_(
 
         print(kinds_text())
         return
+    files = sweep_files() if sweeps else machine_files() if machines else scenario_files()
     # Read as plain TOML: to validate each against the whole schema would take seconds.
-    titles = {
-        name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "")
-        for name, path in (sweep_files() if sweeps else scenario_files()).items()
-    }
+    titles = {name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "") for name, path in files.items()}
     width = max(map(len, titles))
     for name, title in titles.items():
         print(f"{name:{width}}  {title}")

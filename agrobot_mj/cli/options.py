@@ -1,5 +1,6 @@
 """Arguments and options that commands share, and how their texts become values."""
 
+import json
 import os
 import re
 import tempfile
@@ -31,6 +32,10 @@ Source = Annotated[
 ]
 Sets = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. plant.tyre.kind=linear.")
+]
+OnMachine = Annotated[
+    str | None,
+    typer.Option("--machine", metavar="NAME", help="A name from `agrobot-mj list --machines` or a TOML file."),
 ]
 Plugins = Annotated[
     list[Path] | None,
@@ -109,10 +114,28 @@ def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
             load_plugins(plugins or ())
         command(*given, **options)
 
+    return _with_option(begun, command, "plugins", Plugins)
+
+
+def with_machine(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that takes overrides of a scenario, with the option `--machine`, which counts before them."""
+    if "sets" not in signature(command).parameters:
+        return command
+
+    @wraps(command)
+    def begun(*given: Any, machine: str | None, sets: list[str] | None = None, **options: Any) -> None:
+        named = [] if machine is None else [f"machine={json.dumps(utf8(machine, '--machine'), ensure_ascii=False)}"]
+        command(*given, sets=[*named, *(sets or [])], **options)
+
+    return _with_option(begun, command, "machine", OnMachine)
+
+
+def _with_option(begun: Callable[..., None], command: Callable[..., None], name: str, kind: Any) -> Callable[..., None]:
+    """`begun` with the signature of `command` and one more option, left out by default."""
     own = signature(command)
-    option = Parameter("plugins", Parameter.KEYWORD_ONLY, default=None, annotation=Plugins)
+    option = Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
-    begun.__annotations__ = {**command.__annotations__, "plugins": Plugins}
+    begun.__annotations__ = {**command.__annotations__, name: kind}
     return begun
 
 

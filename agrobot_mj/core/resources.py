@@ -45,6 +45,11 @@ def tuning_files() -> dict[str, Path]:
     return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
 
 
+def machine_files() -> dict[str, Path]:
+    """Name to file of every machine that comes with the package."""
+    return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
+
+
 def installed_plugins() -> EntryPoints:
     """Entry points by which installed packages bring kinds of their own."""
     return entry_points(group="agrobot_mj.plugins")

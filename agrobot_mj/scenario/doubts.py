@@ -27,6 +27,6 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 def _machine(scenario: Scenario) -> list[str]:
     try:
         with without_exit():
-            return list(scenario.plant.doubts(scenario.machine, scenario.path.speed_m_s))
+            return list(scenario.plant.doubts(scenario.vehicle, scenario.path.speed_m_s))
     except ValueError:
         return []  # no such machine can be: whoever builds it says so

@@ -1,6 +1,5 @@
 """Scenarios from files: by name or path, with overrides by dotted key."""
 
-import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path as FilePath
@@ -9,9 +8,9 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
-from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, override
+from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, read_toml
 from agrobot_mj.scenario.plugins import load_plugins
-from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
 
@@ -30,28 +29,17 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     data, folder = read_toml(path), path.parent.resolve()
     try:
         absolute_paths(data, folder)
-        default = Scenario()
+        given = {}
         for key, value in (overrides or {}).items():
             last = key.rpartition(".")[2]
-            given = {last: deepcopy(value)}
-            absolute_paths(given, FilePath.cwd(), folder)
-            override(data, key, given[last], default)
+            table = {last: deepcopy(value)}
+            absolute_paths(table, FilePath.cwd(), folder)
+            given[key] = table[last]
+        apply_overrides(data, given)
         data.setdefault("name", _name_of(path))
         return resolve(data, path.name)
     except RecursionError:
         raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
-
-
-def read_toml(path: FilePath) -> dict[str, Any]:
-    """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ScenarioError(f"{path}: is not a regular file; name one")  # a pipe is read until somebody writes
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8
-        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def find_study(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:

@@ -1,6 +1,7 @@
 """Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
-from collections.abc import Iterable, Mapping
+import tomllib
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from itertools import count
 from pathlib import Path
@@ -11,8 +12,20 @@ from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.walk import places
 
-FILE_KEY = "file"
-"""A key of this name holds the path of a file, relative to the scenario's own folder or to the library's."""
+FILE_KEYS = ("file", "machine")
+"""Keys of these names hold the path of a file, relative to the scenario's own folder or to the library's."""
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ScenarioError(f"{path}: is not a regular file; name one")  # a pipe is read until somebody writes
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8
+        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
@@ -104,6 +117,15 @@ def explicit_values(spec: Spec) -> dict[str, Any]:
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 
+def forget(spec: Spec, own: Mapping[str, Any]) -> None:
+    """Let only the keys of `own` count as given, not those that completed them."""
+    for name in list(spec.model_fields_set):
+        if name not in own:
+            spec.model_fields_set.discard(name)
+        elif isinstance(value := getattr(spec, name), Spec) and isinstance(own[name], Mapping):
+            forget(value, own[name])
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Spec):
         return explicit_values(value)
@@ -115,21 +137,17 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
     Files of the library keep their names, unless one of the folders has a file of the same name.
     """
-    for table in _children(data):
-        absolute_paths(table, *folders)
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
-    if others and isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
+    for table, key in _naming_files(data) if others else ():
+        file = table[key]
         found = next((folder / file for folder in others if is_file(folder / file)), None)
         if found or not is_file(SCENARIOS / file):
-            data[FILE_KEY] = str(found or others[-1] / file)
+            table[key] = str(found or others[-1] / file)
 
 
 def files(data: Any) -> list[Path]:
     """Every file that plain data names."""
-    found = [file for table in _children(data) for file in files(table)]
-    if isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str):
-        found.append(library_file(file))
-    return found
+    return [library_file(table[key]) for table, key in _naming_files(data)]
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
@@ -138,20 +156,24 @@ def relocate_files(data: Any) -> dict[str, Path]:
     Files of the library keep theirs. Two files of one name get numbers.
     """
     found: dict[str, Path] = {}
-    _name_files(data, found)
+    for table, key in _naming_files(data):
+        if (path := Path(table[key])).is_absolute():
+            numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
+            name = next(name for name in numbered if found.get(name, path) == path)
+            found[name], table[key] = path, name
     return found
 
 
-def _name_files(data: Any, found: dict[str, Path]) -> None:
-    for table in _children(data):
-        _name_files(table, found)
-    if not (isinstance(data, dict) and isinstance(file := data.get(FILE_KEY), str) and Path(file).is_absolute()):
-        return
-    path = Path(file)
-    numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
-    name = next(name for name in numbered if found.get(name, path) == path)
-    found[name], data[FILE_KEY] = path, name
+def _naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
+    """Every table of plain data that names a file, innermost first, and the key under which it does."""
+    for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
+        yield from _naming_files(table)
+    if isinstance(data, dict):
+        yield from (
+            (data, key) for key in FILE_KEYS if isinstance(value := data.get(key), str) and names_file(key, value)
+        )
 
 
-def _children(data: Any) -> Iterable[Any]:
-    return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
+def names_file(key: str, value: str) -> bool:
+    """Whether a value under one of `FILE_KEYS` is a path; a machine also has a name."""
+    return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

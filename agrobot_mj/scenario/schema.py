@@ -6,10 +6,9 @@ reads a file by name or path, applies dotted overrides and checks that the parts
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping
-from math import atan, degrees, inf
-from operator import attrgetter
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
@@ -21,14 +20,14 @@ from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
 from agrobot_mj.control.gains import Gains, gains_of
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
-from agrobot_mj.core.contracts import one_line, without_exit
+from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec, printable
 from agrobot_mj.core.version import __version__
 from agrobot_mj.estimation import Ekf, Estimator
-from agrobot_mj.faults import Fault, clashes
+from agrobot_mj.faults import Fault
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
@@ -36,26 +35,27 @@ from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
-from agrobot_mj.paths.base import start_of
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.overrides import check_overrides, complete, explicit_values, files, override, relocate_files
+from agrobot_mj.scenario.contradictions import LONGEST_S, ground_errors, misfits, path_errors, prefixed
+from agrobot_mj.scenario.machines import COMPACT, machine_file, machine_tables
+from agrobot_mj.scenario.overrides import (
+    check_overrides,
+    complete,
+    explicit_values,
+    files,
+    forget,
+    override,
+    relocate_files,
+)
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
 STEP_S = 0.002
 """Physics step unless another is given [s]."""
-LONGEST_S = 24 * 3600.0
-"""Longest run that a log in memory can hold [s]."""
-MOST_ASIDE_M_S2 = 8.0
-"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
-SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains"}
+SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
 """Keys that change nothing in a run, or nothing that others would not say."""
-REASONED = ("stopped", "unfinished", "diverged")
-"""Outcomes that come with a reason."""
 SHORTEST_S = 0.001
 """Shortest duration; less than a tick is one [s]."""
-DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of steps in a tick that make a step with few decimals."""
 
 
 def long_enough(seconds: float) -> float:
@@ -99,6 +99,8 @@ class Scenario(Spec):
     """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement, 2 ms on `ruts`."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
     """Physics step, that of `physics` when left out; must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
+    machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
+    """Machine by name (`agrobot-mj list --machines`) or file; its keys stand below those of the scenario."""
     tractor: TractorParameters = TractorParameters()
     implement: Implement = NoImplement()
     """Implement at the hitch, on the MuJoCo plant."""
@@ -149,7 +151,7 @@ class Scenario(Spec):
         return round(TICK_S / self.step_s)
 
     @property
-    def machine(self) -> Machine:
+    def vehicle(self) -> Machine:
         """What its plant is built from, besides the plant's own model."""
         steering = self.steering
         return Machine(
@@ -189,9 +191,8 @@ class Scenario(Spec):
         Without `files` neither path nor ground is built; `check_files` must follow before it is run.
         """
         check_overrides(overrides)
-        data, default = explicit_values(self), Scenario()
-        for key, value in overrides.items():
-            override(data, key, value, default)
+        data = explicit_values(self)
+        apply_overrides(data, overrides)
         return (resolve if files else validated)(data, self.name or "scenario")
 
     @model_validator(mode="after")
@@ -202,7 +203,7 @@ class Scenario(Spec):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> "Scenario":
-        if errors := list(_misfits(self)):
+        if errors := misfits(self):
             raise ValueError("\n".join(errors))
         return self
 
@@ -217,51 +218,32 @@ def _fill(part: Spec, keys: list[str], value: Any) -> None:
         part.__dict__[keys[0]] = value
 
 
-def _misfits(s: Scenario) -> list[str]:
-    """Contradictions between keys that are valid by themselves; opens no file."""
-    found = []
-    if abs(s.steps_per_tick * s.step_s - TICK_S) > 1e-9:
-        better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
-        found.append(f"physics_dt_s: {s.step_s:g} does not divide the {TICK_S} s tick; try {better:g}")
-    if s.physics != "standard" and s.physics_dt_s is not None:
-        found.append(f"physics: {s.physics!r} and physics_dt_s = {s.physics_dt_s:g} both set the step; leave one out")
-    if s.plant.kind == "bicycle":
-        found += _beyond_the_bicycle(s)
-    if s.expected_reason and s.expected_outcome not in REASONED:
-        found.append(f'expected_reason: only {", ".join(REASONED)} have one; set expected_outcome = "stopped"')
-    found += clashes(s.fault)
-    if s.implement.receiver and s.implement.kind == "none":
-        found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')
-    found += [
-        f"{table}.{why} needs sensors.{name}.enabled = true"
-        for table, needs in (("estimator", s.estimator.needs), ("guidance", s.guidance.needs))
-        for name, why in needs.items()
-        if not attrgetter(name)(s.sensors).enabled
-    ]
-    return found
+def on_machine(data: Mapping[str, Any]) -> Scenario:
+    """The default scenario on the machine that plain data names: what the data says only a part of.
+
+    Raises `ScenarioError` where there is no such machine.
+    """
+    name = data.get("machine", COMPACT)
+    return _on_machine(*found) if isinstance(name, str) and (found := machine_file(name)) else Scenario()
 
 
-def _beyond_the_bicycle(s: Scenario) -> list[str]:
-    """Features of the scenario that the bicycle does not have."""
-    found = []
-    if s.terrain.kind != "flat":
-        found.append(
-            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
-            'set terrain.kind = "flat" or plant.kind = "mujoco"'
-        )
-    elif s.terrain.patch:
-        found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
-    if s.implement.machine:
-        found.append(
-            f"implement.kind: the bicycle plant has no body for an implement, got {s.implement.kind!r}; "
-            'set implement.kind = "none" or plant.kind = "mujoco"'
-        )
-    found += [
-        f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
-        for k, fault in enumerate(s.fault)
-        if fault.machine
-    ]
-    return found
+@lru_cache(maxsize=64)
+def _on_machine(path: FilePath, *_changed: int) -> Scenario:
+    tables = machine_tables(path)
+    complete(tables, Scenario())
+    return _validated(tables, path.name)
+
+
+def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
+    """Set keys of plain data, dotted; that of the machine first, from whose kinds the others count.
+
+    Raises `ScenarioError`.
+    """
+    if "machine" in overrides:
+        data["machine"] = overrides["machine"]
+    default = on_machine(data)
+    for key, value in overrides.items():
+        override(data, key, value, default)
 
 
 def resolve(data: dict[str, Any], source: str) -> Scenario:
@@ -273,7 +255,14 @@ def resolve(data: dict[str, Any], source: str) -> Scenario:
 
 def validated(data: dict[str, Any], source: str) -> Scenario:
     """A scenario from plain data whose path and ground are still to be checked. Raises `ScenarioError`."""
-    complete(data, Scenario())
+    own, default = deepcopy(data), on_machine(data)
+    complete(data, default)
+    scenario = _validated(data, source)
+    forget(scenario, own)
+    return scenario
+
+
+def _validated(data: dict[str, Any], source: str) -> Scenario:
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
         text = json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
@@ -300,51 +289,6 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
             scenario.path.check()
         except ValueError as error:
             raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
-        errors = [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]
+        errors = [*path_errors(scenario), *(ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
-
-
-def prefixed(table: str, text: str) -> str:
-    """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
-    return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
-
-
-def _path_errors(s: Scenario) -> list[str]:
-    """Reasons why the tractor cannot drive the path."""
-    numbers = {"duration_s": s.path.duration_s, "max_curvature": s.path.max_curvature}
-    for name, value in numbers.items():
-        if not (isinstance(value, float | int) and 0.0 <= value < inf):
-            return [f"path: {name} of kind {s.path.kind!r} must be finite and not negative, got {one_line(value)}"]
-    found = []
-    if s.ticks > LONGEST_S / TICK_S:
-        found.append(f"path: takes {s.ticks * TICK_S:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
-    if s.path.speed_m_s > s.driveline.full_speed_m_s:
-        top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
-        found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
-    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths whose speed follows from limits keep to it
-    if (aside := min(s.path.max_curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
-        found.append(
-            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {s.path.max_curvature:.3g} 1/m, needs "
-            f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
-        )
-    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
-    if needed >= s.tractor.steer_limit_deg:
-        place = s.path.sharpest
-        found.append(
-            f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
-            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
-            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
-        )
-    return found
-
-
-def _ground_errors(s: Scenario) -> list[str]:
-    """Reasons why there is no ground, or none under the tractor at its start."""
-    start = start_of(s.path)
-    try:
-        if s.terrain.ground().covers(start.x, start.y):
-            return []
-    except ValueError as error:
-        return [prefixed("terrain", str(error))]
-    return [f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger"]

@@ -28,7 +28,7 @@ def check_tractor(scenario: Scenario) -> None:
     s = scenario
     if isinstance(s.plant, Mujoco):
         with naming(s):
-            build(s.plant.tyre, s.machine, LEVEL, s.step_s, payloads=loadings(s.fault))
+            build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
 
 
 @contextmanager

@@ -217,5 +217,5 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)
     with naming(s):
         if isinstance(s.plant, Bicycle):
-            return BicyclePlant(s.plant, s.machine, ground, clock)
-        return MujocoPlant(s.plant, s.machine, ground, clock, s.seed, loadings(s.fault))
+            return BicyclePlant(s.plant, s.vehicle, ground, clock)
+        return MujocoPlant(s.plant, s.vehicle, ground, clock, s.seed, loadings(s.fault))

@@ -46,10 +46,10 @@ def test_kernels_make_no_arrays(tyre):
     s = load_scenario("straight_line")
     day = NOMINAL._replace(drawbar=300.0, side_force=200.0)
     for ground in (s.terrain.ground(), Rough(half_size_m=20.0).ground()):
-        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), s.machine, ground)
+        plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=0.5), s.vehicle, ground)
         plant.reset(s.path.at(0.0))
         assert arrays_made(lambda plant=plant: [plant.advance(Drive(7.0, 8.0), day) for _ in range(20)]) == 0
-    bicycle = BicyclePlant(Bicycle(), s.machine, s.terrain.ground())
+    bicycle = BicyclePlant(Bicycle(), s.vehicle, s.terrain.ground())
     bicycle.reset(s.path.at(0.0))
     assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
 

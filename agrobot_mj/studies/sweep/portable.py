@@ -5,7 +5,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agrobot_mj.scenario.overrides import FILE_KEY, explicit_values, relocate_files
+from agrobot_mj.scenario.overrides import FILE_KEYS, explicit_values, relocate_files
 from agrobot_mj.studies.sweep.schema import Sweep, changed_values, last, resolved
 
 
@@ -37,7 +37,7 @@ def portable(sweep: Sweep) -> PortableSweep:
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
     """A value of a dotted key with the paths of files in it replaced by their names."""
     if isinstance(value, str):
-        return names.get(value, value) if last(key) == FILE_KEY else value
+        return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):
         return {inner: renamed(inner, each, names) for inner, each in value.items()}
     return [renamed("", each, names) for each in value] if isinstance(value, list | tuple) else value
