@@ -54,6 +54,11 @@ class LqrState(NamedTuple):
 class Lqr(Following):
     """Linear-quadratic regulator of cross-track error, heading and steering angle."""
 
+    sized: ClassVar = {
+        "front_cornering_stiffness_n_rad": {"front_load": 1},
+        "rear_cornering_stiffness_n_rad": {"rear_load": 1},
+    }
+
     kind: Literal["lqr"] = "lqr"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
     """C_f of the front axle [N/rad]. Estimate, that of the bicycle plant."""

@@ -6,7 +6,7 @@ gains are estimates for the delays, lags and dead bands of `hydraulics` and `dri
 """
 
 from math import radians
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
@@ -93,7 +93,12 @@ class SpeedState(NamedTuple):
 
 
 class SpeedLoop(Spec):
-    """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B)."""
+    """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B).
+
+    Gains on speeds that are not given go with the inverse of the machine's full speed.
+    """
+
+    sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
     """Speed [m/s] to pedal reference [-]. Estimate."""

@@ -27,6 +27,8 @@ from agrobot_mj.core.spec import NonNegative, Positive
 class PurePursuit(Following):
     """Pure pursuit at the rear axle."""
 
+    sized: ClassVar = {"lookahead_m": {"length": 1}}
+
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     lookahead_s: NonNegative = 0.28
     """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""

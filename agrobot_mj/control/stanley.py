@@ -25,6 +25,8 @@ from agrobot_mj.core.spec import NonNegative, Positive
 class Stanley(Following):
     """Stanley's law at the front axle; in reverse at the rear axle."""
 
+    sized: ClassVar = {"yaw_damping_s": {"length": 1}, "reverse_heading_gain": {"length": 0.5}}
+
     kind: Literal["stanley"] = "stanley"
     gain_per_s: Positive = 0.66
     """k, speed towards the path per offset [1/s]. Estimate (0.3-1): below 1 / (4 lags) of the steering."""

@@ -1,8 +1,10 @@
 """Base class of all configuration: frozen, strict about unknown keys, finite numbers only."""
 
 import re
-from math import isclose
-from typing import Annotated, Any, get_args
+from collections.abc import Mapping
+from math import isclose, prod
+from operator import attrgetter
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -67,6 +69,25 @@ class Spec(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
+    sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
+    """Keys, dotted, that follow the size of the machine where they are not given: powers of its `Ratios`."""
+
+    def following(self, ratios: Mapping[str, float]) -> Self:
+        """This part on a machine whose measures are those of the compact tractor times `ratios`, parts inside too."""
+        parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
+        found = self.model_copy()
+        found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
+        for key, powers in self.sized.items():
+            name, _, inner = key.partition(".")
+            field = type(self).model_fields[name]
+            factor = prod(ratios[measure] ** power for measure, power in powers.items())
+            value = factor * (attrgetter(inner)(field.default) if inner else field.default)
+            low, high = (
+                next((getattr(m, end) for m in field.metadata if hasattr(m, end)), None) for end in ("ge", "le")
+            )
+            fill(found, key.split("."), min(value if low is None else max(value, low), HUGE if high is None else high))
+        return found
+
     @classmethod
     def describe(cls, key: str) -> str:
         """Text below a key in the source, or what its field says, printable; empty where there is neither."""
@@ -80,6 +101,18 @@ class Spec(BaseModel):
             if "description" not in part and (text := cls.describe(key)):
                 part["description"] = text
         return found
+
+
+def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None:
+    """Set a key that was not given as its default would be: it does not count as given afterwards."""
+    name, *rest = keys
+    default = default or name not in part.model_fields_set
+    if rest:
+        inner = getattr(part, name).model_copy()  # defaults are shared
+        fill(inner, rest, value, default)
+        part.__dict__[name] = inner
+    elif default:
+        part.__dict__[name] = value
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:

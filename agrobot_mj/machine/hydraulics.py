@@ -16,7 +16,7 @@ steering rate. What carries load is sized to the front axle where it is not give
 """
 
 from math import exp, inf, pi, sqrt
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -40,7 +40,12 @@ and hoses of about 7e4."""
 
 
 class Valve(Spec):
-    """The electro-hydraulic proportional valve and its pump."""
+    """The electro-hydraulic proportional valve and its pump.
+
+    Flows that are not given go with the wheelbase, as the cylinder's arm does: machines of any size steer as fast.
+    """
+
+    sized: ClassVar = {key: {"length": 1} for key in ("pump_flow_l_min", "gain_left_l_min_v", "gain_right_l_min_v")}
 
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     """Transport delay, rounded to physics steps [s]. Estimate (0.1-0.3 in the literature)."""
@@ -73,7 +78,9 @@ class Valve(Spec):
 
 
 class Cylinder(Spec):
-    """The steering cylinder, seen at the bicycle's virtual wheel."""
+    """The steering cylinder, seen at the bicycle's virtual wheel; an arm that is not given goes with the wheelbase."""
+
+    sized: ClassVar = {"arm_m": {"length": 1}}
 
     bore_mm: Positive = 63.0
     """Bore of the cylinder [mm]. Estimate (50-70 for the class)."""
@@ -110,7 +117,7 @@ class Cylinder(Spec):
         """The oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
-        sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
+        sized: ClassVar = RELIEF_MARGIN * linkage.parked_torque(tractor)
         return OilColumn(
             relief_torque=sized if bar is None else bar * 1e5 * self.displacement,
             stiffness=STIFFNESS * size if self.stiffness_n_m_rad is None else self.stiffness_n_m_rad,

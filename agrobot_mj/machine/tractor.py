@@ -5,11 +5,11 @@
 """
 
 from math import radians, sqrt
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from pydantic import Field, model_validator
 
-from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill
 
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
@@ -31,7 +31,7 @@ class Springs(NamedTuple):
     damping: float
     """Vertical damping [N s/m]."""
 
-    def sized(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
+    def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
         """Vertical stiffness [N/m] and damping [N s/m], as given or for this static load [N] and free radius [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
@@ -69,7 +69,21 @@ REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
 
 
 class TractorParameters(Spec):
-    """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`."""
+    """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`.
+
+    Defaults are the compact tractor's. What is not given follows mass and wheelbase: lengths go with the wheelbase,
+    masses with the mass, the yaw inertia with mass times wheelbase squared, the other inertias with it. The antenna
+    stays as high above the rear wheels as it is, since drivers do not grow.
+    """
+
+    sized: ClassVar = {
+        **{key: {"length": 1} for key in ("track_m", "cg_height_m", "hitch_behind_m", "hitch_height_m")},
+        **{key: {"length": 1} for key in ("front_wheel_radius_m", "rear_wheel_radius_m")},
+        **{key: {"length": 1} for key in ("front_wheel_width_m", "rear_wheel_width_m")},
+        **{key: {"mass": 1} for key in ("front_wheel_mass_kg", "rear_wheel_mass_kg")},
+        "yaw_inertia_kg_m2": {"mass": 1, "length": 2},
+        **{key: {"yaw_inertia": 1} for key in ("roll_inertia_kg_m2", "pitch_inertia_kg_m2")},
+    }
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
     """Wheelbase L, front to rear axle [m]. Estimate (1.4-1.6 for the class)."""
@@ -119,6 +133,17 @@ class TractorParameters(Spec):
     """Height of the hitch above level ground [m]. Estimate (0.3-0.45)."""
 
     @model_validator(mode="after")
+    def _size_followed(self) -> "TractorParameters":
+        compact = {key: field.default for key, field in type(self).model_fields.items()}
+        mass, length = self.mass_kg / compact["mass_kg"], self.wheelbase_m / compact["wheelbase_m"]
+        given = "yaw_inertia_kg_m2" in self.model_fields_set
+        moment = self.yaw_inertia_kg_m2 / compact["yaw_inertia_kg_m2"] if given else mass * length**2
+        self.__dict__.update(self.following({"mass": mass, "length": length, "yaw_inertia": moment}).__dict__)
+        taller = 2 * (self.rear_wheel_radius_m - compact["rear_wheel_radius_m"])
+        fill(self, ["antenna_height_m"], compact["antenna_height_m"] + taller)
+        return self
+
+    @model_validator(mode="after")
     def _wheels_beside_each_other(self) -> "TractorParameters":
         for key in ("front_wheel_width_m", "rear_wheel_width_m"):
             if (width := getattr(self, key)) >= self.track_m:
@@ -154,14 +179,14 @@ class TractorParameters(Spec):
     def front_wheel(self) -> AxleWheel:
         """One front wheel."""
         radius, width, load = self.front_wheel_radius_m, self.front_wheel_width_m, self.front_axle_load / 2
-        springs = FRONT_TYRE.sized(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
+        springs = FRONT_TYRE.under(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
         return AxleWheel("front", radius, width, self.front_wheel_mass_kg, load, *springs)
 
     @property
     def rear_wheel(self) -> AxleWheel:
         """One rear wheel."""
         radius, width, load = self.rear_wheel_radius_m, self.rear_wheel_width_m, self.rear_axle_load / 2
-        springs = REAR_TYRE.sized(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
+        springs = REAR_TYRE.under(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
         return AxleWheel("rear", radius, width, self.rear_wheel_mass_kg, load, *springs)
 
     @property

@@ -48,6 +48,11 @@ class Bicycle(Spec):
     fast_step_s: ClassVar[float] = 0.005
     """Physics step of `physics = "fast"` [s]."""
 
+    sized: ClassVar = {
+        "front_cornering_stiffness_n_rad": {"front_load": 1},
+        "rear_cornering_stiffness_n_rad": {"rear_load": 1},
+    }
+
     kind: Literal["bicycle"] = "bicycle"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
     """C_alpha,f of the front axle [N/rad]. Estimate (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200 by

@@ -24,7 +24,7 @@ from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
-from agrobot_mj.core.spec import Spec, printable
+from agrobot_mj.core.spec import Spec, fill, printable
 from agrobot_mj.core.version import __version__
 from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault
@@ -33,6 +33,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.linkage import Linkage
+from agrobot_mj.machine.sizes import ratios_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
@@ -196,9 +197,17 @@ class Scenario(Spec):
         return (resolve if files else validated)(data, self.name or "scenario")
 
     @model_validator(mode="after")
+    def _size_followed(self) -> "Scenario":
+        ratios = ratios_of(self.tractor, self.driveline)
+        if any(ratio != 1.0 for ratio in ratios.values()):
+            parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
+            self.__dict__.update({name: part.following(ratios) for name, part in parts.items() if name != "tractor"})
+        return self
+
+    @model_validator(mode="after")
     def _gains_filled(self) -> "Scenario":
         for key, value in gains_of(self.law, self.gains).items():
-            _fill(self, key.split("."), value)
+            fill(self, key.split("."), value)
         return self
 
     @model_validator(mode="after")
@@ -206,16 +215,6 @@ class Scenario(Spec):
         if errors := misfits(self):
             raise ValueError("\n".join(errors))
         return self
-
-
-def _fill(part: Spec, keys: list[str], value: Any) -> None:
-    """Set a key that was not given as its default would be: it does not count as given afterwards."""
-    if len(keys) > 1:
-        inner = getattr(part, keys[0]).model_copy()  # defaults are shared
-        _fill(inner, keys[1:], value)
-        part.__dict__[keys[0]] = inner
-    elif keys[0] not in part.model_fields_set:
-        part.__dict__[keys[0]] = value
 
 
 def on_machine(data: Mapping[str, Any]) -> Scenario:

@@ -8,7 +8,7 @@ atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities.
 """
 
 from math import atan, nan, radians, sin, tan
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from pydantic import Field
 
@@ -30,6 +30,8 @@ class DualAntennaState(NamedTuple):
 
 class DualAntenna(Spec):
     """A second antenna on the roof, which the paper's tractor does not have; `[sensors.gnss.dual_antenna]`."""
+
+    sized: ClassVar = {"baseline_m": {"track": 1}}
 
     enabled: bool = False
     """Whether there is one; a fix has no heading without."""

@@ -12,7 +12,7 @@ Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in de
 """
 
 from math import atan2, exp, hypot, nan, radians
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.core.geometry import from_heading, to_body, to_heading, to_level, wrap
 from agrobot_mj.core.randomness import GaussMarkov, stream
@@ -62,6 +62,8 @@ class ImuState(NamedTuple):
 
 class Imu(Sensor):
     """Inertial unit on the chassis, which the paper's tractor does not have; `[sensors.imu]`."""
+
+    sized: ClassVar = {"up_m": {"length": 1}}
 
     enabled: bool = False
     """Whether there is a unit; roll and pitch read NaN without one."""

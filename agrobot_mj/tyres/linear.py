@@ -6,7 +6,7 @@ that both plants agree on level ground.
 """
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
@@ -46,6 +46,11 @@ class LinearLaw(NamedTuple):
 
 class Linear(TyreBase):
     """Linear tyre with relaxation length."""
+
+    sized: ClassVar = {
+        **{key: {"front_load": 1} for key in ("front_cornering_stiffness_n_rad", "front_slip_stiffness_n")},
+        **{key: {"rear_load": 1} for key in ("rear_cornering_stiffness_n_rad", "rear_slip_stiffness_n")},
+    }
 
     kind: Literal["linear"] = "linear"
     front_cornering_stiffness_n_rad: Positive = 7_400.0

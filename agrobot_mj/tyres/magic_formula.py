@@ -15,7 +15,7 @@ angle, s_y = atan(slip_y).
 
 from collections.abc import Iterator
 from math import atan, pi, sin, sqrt, tan
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field
 
@@ -157,6 +157,8 @@ class AxleTyre(Spec):
 
 class MagicFormula(CarcassTyre):
     """The default tyre: a small agricultural tyre on firm ground."""
+
+    sized: ClassVar = {"trail_m": {"length": 1}}
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))

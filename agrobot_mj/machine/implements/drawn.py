@@ -102,7 +102,7 @@ class Drawn(ImplementBase):
     def wheel(self) -> AxleWheel:
         """One wheel, with its static load on level ground."""
         radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
-        springs = TYRE.sized(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
+        springs = TYRE.under(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:

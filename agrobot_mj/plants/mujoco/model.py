@@ -41,6 +41,8 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer. A brake
 that holds a load by itself creeps in proportion: some 5 um/s on 10 deg."""
+FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
+"""Factors on the usual inertias of a mass and wheelbase among which possible ones are sought [-]."""
 BRAKED = ("rl", "rr")
 """Wheels with a brake."""
 
@@ -182,7 +184,8 @@ def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, drivelin
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
     """Give the chassis the mass, centre and inertia that the other bodies leave to it."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
-    inertia = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
+    whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
+    inertia = whole
     mass, moment = tractor.mass_kg, tractor.mass_kg * cg
     for body in spec.bodies:
         if body.name in ("world", "chassis"):
@@ -199,10 +202,20 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
         principal = np.linalg.eigvalsh(inertia)
         raise ValueError(
             "tractor: roll_, pitch_ and yaw_inertia_kg_m2 leave the chassis an impossible inertia "
-            f"(principal moments {np.round(principal, 1).tolist()} kg m2); raise them or make the wheels lighter"
+            f"(principal moments {np.round(principal, 1).tolist()} kg m2); {_fitting_inertia(tractor, whole - inertia)}"
         )
     chassis.mass, chassis.ipos, chassis.inertia = mass, centre, np.zeros(3)
     chassis.fullinertia = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+
+def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
+    """Inertias that leave the chassis a possible one, as a hint; `others` (3, 3) is what the other bodies have."""
+    usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
+    moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
+    fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
+    if (found := next(fitting, None)) is None:
+        return "raise them or make the wheels lighter"
+    return "for this mass and wheelbase {:.4g}, {:.4g} and {:.4g} would fit; set these".format(*found)
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
