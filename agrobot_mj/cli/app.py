@@ -17,7 +17,7 @@ app = typer.Typer(
     help="Does a guidance stack survive a real tractor? MuJoCo physics, the paper's controllers, Rerun recordings.",
 )
 ON_SCENARIOS: tuple[Callable[..., None], ...] = (
-    *(authoring.list_, authoring.explain, authoring.init, authoring.schema),
+    *(authoring.list_, authoring.explain, authoring.init, authoring.schema, authoring.machine),
     *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, links.link, links.ros2, links.export),
     *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
 )

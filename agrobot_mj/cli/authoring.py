@@ -38,6 +38,19 @@ def explain(
     print(explain_key(key))
 
 
+def machine(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name from `agrobot-mj list --machines`, or a file.")],
+) -> None:
+    """Print the data sheet of a machine.
+
+    Everything is measured in the simulator, with the bare machine on firm ground.
+    """
+    from agrobot_mj.bench.datasheet import data_sheet, sheet_text
+
+    for measured in data_sheet(utf8(name, "machine")):
+        print(sheet_text(measured), flush=True)
+
+
 def init(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")],
 ) -> None:

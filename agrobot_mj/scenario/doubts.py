@@ -5,12 +5,13 @@ from math import ceil
 
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S
-from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.overrides import explicit_values, flat
+from agrobot_mj.scenario.schema import Scenario, on_machine
 
 
 def doubts(scenario: Scenario) -> list[str]:
     """One line for each key that has no effect, or that does not fit the machine's size, beginning with it."""
-    return [*_faults(scenario), *_machine(scenario)]
+    return [*_faults(scenario), *_overruled(scenario), *_machine(scenario)]
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:
@@ -22,6 +23,16 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         elif not fault.active(first):
             window = f"{fault.start_s:g} to {fault.last_s:g} s"
             yield f"fault[{k}]: its window, {window}, holds no tick of {TICK_S:g} s; it will not act"
+
+
+def _overruled(scenario: Scenario) -> Iterator[str]:
+    """A machine of whose keys the scenario gives most otherwise, as the resolved file of another machine does."""
+    given = flat(explicit_values(on_machine({"machine": scenario.machine})))
+    used = dict(flat(scenario.model_dump(mode="json")))
+    other = [key for key, value in given if used.get(key) != value]
+    if len(other) > len(given) / 2:
+        first = f"{other[0]} = {used.get(other[0])!r}"
+        yield f"machine: the scenario itself gives {len(other)} of {len(given)} keys of {scenario.machine!r} ({first})"
 
 
 def _machine(scenario: Scenario) -> list[str]:

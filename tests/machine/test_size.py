@@ -1,12 +1,16 @@
 """What follows from the size of a machine where it is not given, and what is told where it does not fit."""
 
 from math import sqrt
+from operator import attrgetter
 
 import pytest
 
 from agrobot_mj.machine import Cylinder, Linkage, TractorParameters
 from agrobot_mj.machine.implements import Drawn, Mounted
 from agrobot_mj.machine.implements.base import wheel_loads
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.walk import keys
 
 COMPACT = TractorParameters()
 LARGE = TractorParameters(
@@ -84,3 +88,67 @@ def test_an_implement_behind_takes_load_off_the_front_axle():
     """150 kg, 0.5 m behind a hitch that is 0.55 m behind the axle, on a wheelbase of 1.4 m."""
     front, _ = wheel_loads(COMPACT, Mounted(mass_kg=150.0, cg_behind_m=0.5).hitched(COMPACT))
     assert front == pytest.approx(COMPACT.front_wheel.load - 150 * G * 1.05 / 1.4 / 2)
+
+
+def test_mass_and_wheelbase_alone_make_a_tractor_of_the_same_shape():
+    """Twice the length and eight times the mass: by similarity inertias go with the fifth power of the length."""
+    large = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8)
+    inertias = (large.roll_inertia_kg_m2, large.pitch_inertia_kg_m2, large.yaw_inertia_kg_m2)
+    assert inertias == pytest.approx((32 * 120, 32 * 340, 32 * 400))
+    assert (large.track_m, large.cg_height_m, large.rear_wheel_radius_m) == pytest.approx((2.0, 1.1, 0.84))
+    assert (large.front_wheel_mass_kg, large.rear_wheel_mass_kg) == pytest.approx((8 * 18, 8 * 45))
+    assert large.antenna_height_m == pytest.approx(2.0 + 2 * (0.84 - 0.42))
+    assert large.model_fields_set == {"mass_kg", "wheelbase_m"}
+
+
+def test_the_other_inertias_follow_a_yaw_inertia_that_is_given():
+    given = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8, yaw_inertia_kg_m2=16000.0)
+    assert (given.roll_inertia_kg_m2, given.pitch_inertia_kg_m2) == pytest.approx((40 * 120, 40 * 340))
+    assert TractorParameters(roll_inertia_kg_m2=100.0).yaw_inertia_kg_m2 == 400.0
+
+
+def test_lengths_that_follow_stay_within_the_ranges_of_their_keys():
+    assert TractorParameters(wheelbase_m=10.0).rear_wheel_radius_m == 2.0
+    assert TractorParameters(**TractorParameters(wheelbase_m=0.5).model_dump()).wheelbase_m == 0.5
+
+
+def test_machines_of_any_size_steer_as_fast_and_the_speed_loop_keeps_its_gain():
+    large = load_scenario("straight_line", {"tractor.wheelbase_m": 2.8, "tractor.mass_kg": 6000.0})
+    small = load_scenario("straight_line")
+
+    def rate(s):
+        return s.steering.valve.largest_flow / s.steering.cylinder.displacement
+
+    assert rate(large) == pytest.approx(rate(small))
+    fast = small.changed({"driveline.full_speed_m_s": 10.0})
+    for gain in ("outer.kp", "outer.ki", "feedforward_s_m"):
+        assert 2 * attrgetter(gain)(fast.speed) == pytest.approx(attrgetter(gain)(small.speed))
+    kept = fast.changed({"speed.outer": {"kp": 0.3, "ki": 0.2}})
+    assert (kept.speed.outer.kp, kept.speed.outer.ki) == (0.3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "key", "ratio"),
+    [
+        ({"plant.kind": "bicycle"}, "plant.front_cornering_stiffness_n_rad", 8.0),
+        ({"plant.tyre.kind": "linear"}, "plant.tyre.rear_slip_stiffness_n", 8.0),
+        ({"guidance.kind": "lqr"}, "guidance.rear_cornering_stiffness_n_rad", 8.0),
+        ({"guidance.kind": "pure_pursuit"}, "guidance.lookahead_m", 2.0),
+        ({"guidance.kind": "stanley"}, "guidance.yaw_damping_s", 2.0),
+        ({"guidance.kind": "stanley"}, "guidance.reverse_heading_gain", sqrt(2.0)),
+        ({}, "plant.tyre.trail_m", 2.0),
+        ({}, "sensors.gnss.dual_antenna.baseline_m", 2.0),
+        ({}, "sensors.imu.up_m", 2.0),
+    ],
+)
+def test_what_is_given_elsewhere_as_a_length_or_a_load_follows_unless_it_is_given(kinds, key, ratio):
+    small = load_scenario("straight_line", kinds)
+    large = small.changed({"tractor.wheelbase_m": 2.8, "tractor.mass_kg": 6000.0})
+    assert attrgetter(key)(large) == pytest.approx(ratio * attrgetter(key)(small))
+    assert attrgetter(key)(large.changed({key: attrgetter(key)(small)})) == attrgetter(key)(small)
+
+
+def test_every_key_that_follows_the_size_is_a_key():
+    for spec in {key.owner for key in keys(Scenario)}:
+        for name in spec.sized:
+            attrgetter(name)(spec())

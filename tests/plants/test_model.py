@@ -1,5 +1,7 @@
 """The compiled MJCF against `tractor.py`: the same tractor, twice."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -98,7 +100,7 @@ def test_knuckles_follow_ackermann():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"mass_kg": 100.0}, "mass_kg"),
+        ({"mass_kg": 100.0, "rear_wheel_mass_kg": 45.0, "front_wheel_mass_kg": 18.0}, "mass_kg"),
         ({"yaw_inertia_kg_m2": 40.0}, "inertia"),
         ({"roll_inertia_kg_m2": 900.0}, "inertia"),
     ],
@@ -106,6 +108,16 @@ def test_knuckles_follow_ackermann():
 def test_an_impossible_tractor_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         written(TractorParameters(**change))
+
+
+def test_inertias_that_cannot_be_are_refused_with_ones_that_can():
+    """They are those of a tractor in proportion: 16 times the inertias of the default on twice its length."""
+    with pytest.raises(ValueError, match=r"would fit; set these") as refused:
+        written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))
+    found = [float(x) for x in re.findall(r"([\d.e+]+)(?:,| and| would)", str(refused.value).partition("wheelbase")[2])]
+    assert found == pytest.approx([16 * 120, 16 * 340, 16 * 400], rel=1e-3)
+    keys = ("roll_inertia_kg_m2", "pitch_inertia_kg_m2", "yaw_inertia_kg_m2")
+    written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, **dict(zip(keys, found, strict=True))))
 
 
 def test_the_scene_drives_from_its_sliders():

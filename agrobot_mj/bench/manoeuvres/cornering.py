@@ -10,7 +10,6 @@ the balances of forces and moments at the same speeds. MuJoCo's own contact has 
 
 from collections.abc import Iterator
 from math import hypot
-from typing import Any
 
 import numpy as np
 
@@ -41,11 +40,11 @@ def hold_radius(radius: float, wheelbase: float) -> Steer:
     return rule
 
 
-def circle(plant: Any, truth: Truth, seconds: float) -> Array:
-    """Lateral acceleration [m/s2] and steering angle beyond L / R [rad] at each speed, shape (4, 2)."""
-    driver, L = Driver(plant, truth), plant.tractor.wheelbase_m
-    rule, rows = hold_radius(RADIUS_M, L), []
-    for speed in SPEEDS_M_S:
+def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
+    """Lateral acceleration [m/s2] and steering angle beyond L / R [rad] at each speed, shape (n, 2)."""
+    L = driver.plant.tractor.wheelbase_m
+    rule, rows = hold_radius(radius, L), []
+    for speed in speeds:
         driver.speed = float(speed)
         trace = driver.go(seconds, rule)
         u, gamma = trace.mean("speed", 2.0), trace.mean("yaw_rate", 2.0)
@@ -74,7 +73,7 @@ def theory(kind: str) -> float | None:
 def run(m: Trial) -> Iterator[Check]:
     """Understeer gradient of the bicycle and of every tyre; the quick version waits less for the steady state."""
     for subject, plant, truth in m.level_plants():
-        m.curves[subject] = rows = circle(plant, truth, 12.0 if m.quick else 30.0)
+        m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)
         measured = 1e3 * float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0])
         yield about.reported(measured) if wanted is None else about.near(measured, 1e3 * wanted, BAND)

@@ -43,8 +43,8 @@ class Trace:
 class Driver:
     """Drives a plant by true values: speed by PI on the pedal, steering angle through the valve's dead band."""
 
-    def __init__(self, plant: Any, truth: Truth, speed: float = 0.0) -> None:
-        self.plant, self.truth, self.speed = plant, truth, speed
+    def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
+        self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
@@ -84,7 +84,7 @@ class Driver:
     def pedal_voltage(self) -> float:
         """Voltage towards `speed`: PI to a pedal position, proportional with a step over its dead band."""
         error = self.speed - self.truth.speed
-        wanted = self.speed / FULL_SPEED + 0.1 * error + self.integral
+        wanted = self.speed / self.full_speed + 0.1 * error + self.integral
         self.integral += 0.1 * error * TICK_S
         push = 10.0 * (wanted - self.truth.pedal)
         return NEUTRAL_V + push + copysign(0.3, push)

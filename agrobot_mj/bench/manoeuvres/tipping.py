@@ -36,11 +36,11 @@ class Tilt(NamedTuple):
     """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
 
 
-def tilt(plant: MujocoPlant, left_side_up: bool) -> Tilt:
-    """Tilt gravity until the tractor rolls over or slides off."""
+def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Tilt:
+    """Tilt gravity until the tractor rolls over or slides off, up to `last_deg`."""
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start, grade, lifted = plant.truth(), 0.0, 0.0
-    while grade < TO_DEG:
+    while grade < last_deg:
         grade += TICK_S * (QUICKLY_DEG_S if grade < FROM_DEG else SLOWLY_DEG_S)
         across = radians(grade)
         plant.model.opt.gravity[:] = 0.0, -side * GRAVITY * sin(across), -GRAVITY * cos(across)
@@ -51,7 +51,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool) -> Tilt:
             lifted = grade
             if hypot(truth.x - start.x, truth.y - start.y) > SLID_M:
                 return Tilt(lifted, grade)
-    return Tilt(TO_DEG, None)
+    return Tilt(last_deg, None)
 
 
 def run(m: Trial) -> Iterator[Check]:

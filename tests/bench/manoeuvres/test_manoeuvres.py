@@ -9,6 +9,7 @@ from agrobot_mj.bench.manoeuvres.suite import MANOEUVRES
 SOME_TYRES = {
     "kingpins": {"magic_formula"},
     "machine size": {"magic_formula"},
+    "machines": {"magic_formula"},
     "tipping": {"linear", "magic_formula"},
     "implements": {"linear", "magic_formula"},
     "ruts": {"ruts"},

@@ -1,0 +1,167 @@
+"""Machines as files: below the scenario's own keys, stated in the resolved file, swapped without a trace."""
+
+import tomllib
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from agrobot_mj.cli.app import app
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import machine_files
+from agrobot_mj.scenario.doubts import doubts
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.machines import TABLES
+from agrobot_mj.scenario.schema import Scenario, resolve
+
+MINE = """
+title = "Mine"
+[tractor]
+mass_kg = 2000
+wheelbase_m = 2.0
+[implement]
+kind = "mounted"
+mass_kg = 150
+[driveline]
+full_speed_m_s = 6
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    (tmp_path / "mine.toml").write_text(MINE)
+    return str(tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize("name", machine_files())
+def test_a_shipped_machine_says_what_it_is_and_fits_its_weight(name):
+    text = machine_files()[name].read_text(encoding="utf-8")
+    assert text.startswith("# ")
+    assert tomllib.loads(text)["title"]
+    assert doubts(load_scenario("straight_line", {"machine": name, "implement": {"kind": "none"}})) == []
+
+
+@pytest.mark.parametrize("name", machine_files())
+def test_every_number_of_a_shipped_machine_has_a_source(name):
+    """Beside it, or above it in a group of lines without a gap."""
+    sourced = False
+    for line in machine_files()[name].read_text(encoding="utf-8").splitlines():
+        said = any(word in line for word in ("stimate", "Log", "Code", "Maker", "Regulation", "[Karkee"))
+        sourced = said or (sourced and "=" in line)
+        assert sourced or " = " not in line or '"' in line, line
+
+
+def test_the_default_is_the_compact_tractor_to_the_last_digit():
+    plain, named = load_scenario("figure_eight"), load_scenario("figure_eight", {"machine": "compact"})
+    assert plain.machine == "compact"
+    assert plain.model_dump() == named.model_dump()
+    assert plain.tractor == Scenario().tractor
+
+
+def test_the_scenario_wins_over_its_machine_and_the_machine_over_the_defaults(mine):
+    s = load_scenario("straight_line", {"machine": mine, "tractor.mass_kg": 1900.0})
+    assert (s.tractor.mass_kg, s.tractor.wheelbase_m, s.tractor.front_load_fraction) == (1900.0, 2.0, 0.38)
+    assert (s.implement.kind, s.implement.mass_kg, s.driveline.full_speed_m_s) == ("mounted", 150.0, 6.0)
+
+
+def test_a_table_of_another_kind_takes_nothing_from_the_machine(mine):
+    assert load_scenario("grain_cart", {"machine": mine}).implement == load_scenario("grain_cart").implement
+    assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
+
+
+def test_keys_without_a_kind_count_from_that_of_the_machine(mine):
+    assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
+
+
+def test_another_machine_leaves_nothing_of_the_first(mine):
+    own = {"tractor.track_m": 1.3}
+    swapped = load_scenario("straight_line", {"machine": mine, **own}).changed({"machine": "compact"})
+    assert swapped == load_scenario("straight_line", own)
+    assert swapped.changed({"machine": mine}) == load_scenario("straight_line", {"machine": mine, **own})
+
+
+def test_the_resolved_file_states_name_and_keys_and_is_the_same_run(mine):
+    s = load_scenario("straight_line", {"machine": mine})
+    data = tomllib.loads(s.to_toml())
+    assert (data["machine"], data["tractor"]["wheelbase_m"], data["steering"]["cylinder"]["bore_mm"]) == (mine, 2.0, 63)
+    again = resolve(data, "again")
+    assert again.model_dump() == s.model_dump()
+    assert again.hash8 == s.hash8
+
+
+def test_a_machine_of_a_file_lies_beside_the_results(mine, tmp_path):
+    text, files = load_scenario("straight_line", {"machine": mine}).portable()
+    assert tomllib.loads(text)["machine"] == "mine.toml"
+    assert {name: str(path) for name, path in files.items()} == {"mine.toml": mine}
+    assert load_scenario("straight_line", {"machine": "riding"}).portable()[1] == {}
+
+
+def test_a_scenario_names_a_machine_beside_it(mine, tmp_path):
+    (tmp_path / "field.toml").write_text('machine = "mine.toml"\n[path]\nkind = "line"\n')
+    assert load_scenario(tmp_path / "field.toml").tractor.mass_kg == 2000.0
+
+
+@pytest.mark.parametrize(
+    ("machine", "message"),
+    [
+        ("ridng", r"unknown 'ridng'; did you mean 'riding'\? \(known: compact, .*utility\)"),
+        ("no/such.toml", "no such file"),
+        (3, "machine: must be a text, got 3"),
+    ],
+)
+def test_an_unknown_machine_is_refused(machine, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario("straight_line", {"machine": machine})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[path]\nkind = "line"', f"mine.toml: path: no part of a machine \\(known: title, {', '.join(TABLES)}\\)"),
+        ("[tractor]\nmass_kg = -1", "mine.toml: tractor.mass_kg: must be at least 50, got -1"),
+        ("[tractor]\nmas_kg = 1000", "mine.toml: tractor.mas_kg: unknown key; did you mean 'mass_kg'"),
+        ("[tractor", "mine.toml: not valid TOML"),
+    ],
+)
+def test_what_is_wrong_with_a_machine_names_its_file(mine, tmp_path, text, message):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario("straight_line", {"machine": mine})
+
+
+def test_every_command_on_a_scenario_takes_a_machine():
+    group = typer.main.get_command(app)
+    for name in ("run", "compare", "limit", "link", "ros2", "tune", "replay", "identify"):
+        assert "--machine" in [option for each in group.commands[name].params for option in each.opts], name
+
+
+def test_the_command_line_lists_machines_and_refuses_an_unknown_one():
+    listed = CliRunner().invoke(app, ["list", "--machines"])
+    assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
+    with pytest.raises(ScenarioError, match="known: compact"):
+        CliRunner().invoke(app, ["run", "circle", "--machine", "ridng"], catch_exceptions=False)
+
+
+def test_a_machine_goes_before_overrides_whatever_their_order(mine, tmp_path):
+    out = ["--set", "duration_s=0.05", "--no-rrd", "--out", str(tmp_path / "out"), "-q", "--set", "plant.settle_s=0"]
+    options = ["--set", "implement.mass_kg=130", "--machine", mine, "--set", "tractor.mass_kg=1800"]
+    result = CliRunner().invoke(app, ["run", "straight_line", *options, *out], catch_exceptions=False)
+    assert result.exit_code in (0, 1)
+    ran = tomllib.loads((tmp_path / "out" / "scenario.toml").read_text())
+    assert (ran["machine"], ran["tractor"]["mass_kg"], ran["implement"]["mass_kg"]) == ("mine.toml", 1800.0, 130.0)
+    assert (tmp_path / "out" / "mine.toml").read_text() == MINE
+    again = load_scenario(tmp_path / "out" / "scenario.toml")
+    assert (
+        again.hash8
+        == load_scenario("straight_line", {"machine": mine, "tractor.mass_kg": 1800.0})
+        .changed({"implement.mass_kg": 130.0, "duration_s": 0.05, "plant.settle_s": 0.0})
+        .hash8
+    )
+
+
+def test_a_machine_whose_keys_the_scenario_gives_is_told(mine, tmp_path):
+    (tmp_path / "ran.toml").write_text(load_scenario("straight_line", {"machine": "utility"}).to_toml())
+    (told,) = [line for line in doubts(load_scenario(tmp_path / "ran.toml", {"machine": mine})) if "machine" in line]
+    assert told.startswith("machine: the scenario itself gives 5 of 5 keys of")
+    assert doubts(load_scenario(tmp_path / "ran.toml")) == []
+    assert doubts(load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 5400.0})) == []

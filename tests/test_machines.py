@@ -1,0 +1,197 @@
+"""Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
+
+from math import asin, cos, degrees, pi, sin, sqrt, tan
+
+import pytest
+from scipy.optimize import brentq
+
+from agrobot_mj.bench.datasheet import data_sheet
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import machine_files, scenario_files
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+
+OTHERS = sorted(set(machine_files()) - {"compact"})
+SOME = (
+    ("riding", "figure_eight"),
+    ("orchard", "side_slope_15"),
+    ("robot", "bumps"),
+    ("utility", "grain_cart"),
+    ("row_crop", "headland_k_turn"),
+)
+"""Pairs that are tried by default."""
+G = 9.81
+
+
+def drives(machine, name):
+    """Run 20 s; where the machine is too slow for the path, at the speed that the refusal names."""
+    given = {"machine": machine}
+    try:
+        scenario = load_scenario(name, given)
+    except ScenarioError as refused:
+        top = str(refused).partition("path.speed_m_s: must be at most driveline.full_speed_m_s (")[2]
+        scenario = load_scenario(name, {**given, "path.speed_m_s": float(top.partition(")")[0])})
+    log = run(scenario.changed({"duration_s": min(20.0, scenario.ticks * 0.05)}))
+    assert log.metrics["physics_warnings"] == 0
+    allowed = {"completed", "unfinished", scenario.expected_outcome}
+    assert log.outcome in allowed, f"{log.outcome} {log.metrics.get('stop_reason', '')}"
+
+
+@pytest.mark.parametrize(("machine", "name"), SOME)
+def test_a_machine_drives_a_scenario_of_the_library(machine, name):
+    drives(machine, name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_files())
+@pytest.mark.parametrize("machine", OTHERS)
+def test_every_machine_drives_every_scenario(machine, name):
+    drives(machine, name)
+
+
+def eight(machine):
+    """The level figure eight as large beside the machine's turning circle as the paper's beside its tractor's."""
+    scenario = load_scenario("figure_eight", {"machine": machine, "guidance.kind": "lqr", "path.turns": 1})
+    tightest = scenario.tractor.wheelbase_m / tan(scenario.tractor.steer_limit)
+    share = tightest / 1.4
+    path = {"path.radius_m": 10 * share, "path.straight_m": 28 * share, "terrain.half_size_m": 50 + 60 * share}
+    return scenario.changed(path)
+
+
+def tracks(machine):
+    log = run(eight(machine))
+    assert log.outcome == "completed"
+    assert log.metrics["xte_rms"] < 0.05
+
+
+def test_lqr_keeps_the_largest_machine_on_its_figure_eight():
+    tracks("row_crop")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", sorted(machine_files()))
+def test_lqr_keeps_every_machine_on_its_figure_eight(machine):
+    tracks(machine)
+
+
+def test_mass_and_wheelbase_alone_make_a_machine_that_follows_its_reference():
+    given = {"tractor.mass_kg": 6000.0, "tractor.wheelbase_m": 2.8, "path.speed_m_s": 2.0, "path.length_m": 100.0}
+    log = run(load_scenario("straight_line", given))
+    late = log.column("t") > 10.0
+    assert log.outcome == "completed"
+    assert abs(log.column("e_longitudinal")[late]).max() < 0.5
+    assert abs(log.column("e_lateral")[late]).max() < 0.5
+
+
+class ClosedForms:
+    """Numbers of a bare machine on the default tyres, from its keys and statics alone.
+
+    The tyres are straight lines: cornering stiffness k per load at the static load, which changes by a quarter of the
+    change of load, rolling resistance rho, trail t, grip mu that falls by 8 % for a doubled load, and patches of half
+    the length sqrt(2 r d) under the deflection d.
+    """
+
+    def __init__(self, machine):
+        s = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
+        self.s, p, tyre = s, s.tractor, s.plant.tyre
+        self.m, self.L, self.T, self.h = p.mass_kg, p.wheelbase_m, p.track_m, p.cg_height_m
+        self.rho, self.t = tyre.rolling_resistance, tyre.trail_m
+        self.k_f, self.k_r = tyre.front.lateral.stiffness_per_load, tyre.rear.lateral.stiffness_per_load
+        self.N_f, self.N_r = self.m * G * p.front_load_fraction, self.m * G * (1 - p.front_load_fraction)
+        self.l_r = self.L * p.front_load_fraction
+        self.l_f = self.L - self.l_r
+        self.R_f, self.R_r = p.front_wheel_radius_m, p.rear_wheel_radius_m
+        # a tyre deflects by the share of its radius that the compact tractor's does: 1398 N on 120 kN/m of 0.28 m
+        self.d_f, self.d_r = self.R_f * 1397.925 / 1.2e5 / 0.28, self.R_r * 2280.825 / 1.6e5 / 0.42
+        self.limit = p.steer_limit
+
+    def steering_rate(self):
+        c, v = self.s.steering.cylinder, self.s.steering.valve
+        area = pi / 4 * (c.bore_mm**2 - c.rod_mm**2 / 2) * 1e-6
+        return degrees(v.pump_flow_l_min / 60e3 / (area * c.arm_m))
+
+    def turning_radius(self):
+        """Sliding patches scrub against the turn; steered wheels drag outwards; both axles slip to hold it."""
+        half_f, half_r = sqrt(2 * self.R_f * self.d_f), sqrt(2 * self.R_r * self.d_r)
+        scrub = 2 / 3 * 0.75 * (self.N_f * half_f + self.N_r * half_r)
+        drag = self.rho * self.N_f * sin(self.limit)
+        F_f = (scrub / self.L + drag) / cos(self.limit)
+        slip_f, slip_r = F_f / (self.k_f * self.N_f), scrub / self.L / (self.k_r * self.N_r)
+        return self.L / (tan(self.limit - slip_f) - slip_r)
+
+    def understeer(self):
+        """m / L ((l_r + t + rho h) / C_f - (l_f - t - rho h) / C_r), resistance having moved load to the rear axle.
+
+        The outer wheels carry 2 m a h / T more than the inner ones and so roll harder, by a moment of rho m a h.
+        """
+        moved = self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
+        C_f = self.k_f * (self.N_f - moved) * (1 + 0.25 * moved / self.N_f)
+        C_r = self.k_r * (self.N_r + moved) * (1 - 0.25 * moved / self.N_r)
+        lever = self.t + self.rho * self.h
+        return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
+
+    def tip_over(self):
+        """About the line from the lower rear tyre to the pivot of the axle, less the lean on the lower tyre."""
+        p, share = self.s.tractor, self.m / 750
+        m_f = 2 * p.front_wheel_mass_kg + 33.5 * share
+        m_b, pivot = self.m - m_f, self.R_f - self.d_f
+        x_b, z_b = (self.m * self.l_r - m_f * self.L) / m_b, (self.m * self.h - m_f * pivot) / m_b
+        k = self.N_r / 2 / self.d_r
+
+        def over(theta):
+            lean = self.N_r * cos(theta) / (k * self.T)
+            return m_b * (z_b - pivot * x_b / self.L) * (tan(theta) + lean) - self.T / 2 * self.m * self.l_f / self.L
+
+        return degrees(brentq(over, 0.05, 1.2))
+
+    def holding(self):
+        """The brake's 3.55 m/s2 [EU2015] at the free radius, on wheels that roll on R - d / 3."""
+        return degrees(asin(3.55 / G * self.R_r / (self.R_r - self.d_r / 3)))
+
+    def climbing(self):
+        """Grip of the rear wheels, which a climb loads, against the weight's pull and the front wheels' resistance."""
+        mu = self.s.plant.tyre.rear.longitudinal.mu
+
+        def short(theta):
+            front = (self.N_f / G * cos(theta) - self.m * sin(theta) * self.h / self.L) * G
+            rear = self.m * G * cos(theta) - front
+            grip = mu * (1 - 0.08 * (rear / self.N_r - 1)) * rear
+            torque = self.s.driveline.strength(self.s.tractor).torque / (self.R_r - self.d_r)
+            return min(grip, torque) - self.m * G * sin(theta) - self.rho * front
+
+        return degrees(brentq(short, 0.1, 1.0))
+
+    def top_speed(self):
+        """Rim at the free radius, rolling on R - d / 3, with the slip of the pull that the front wheels ask for."""
+        slip = self.rho * self.N_f / (self.s.plant.tyre.rear.longitudinal.stiffness_per_load * self.N_r)
+        return self.s.driveline.full_speed_m_s * (1 - self.d_r / 3 / self.R_r) * (1 - slip)
+
+    def sheet(self):
+        return {
+            "mass": self.m,
+            "front axle load": self.N_f / 1e3,
+            "rear axle load": self.N_r / 1e3,
+            "turning radius of the rear axle": self.turning_radius(),
+            "steering rate, right": self.steering_rate(),
+            "steering rate, left": self.steering_rate(),
+            "understeer gradient": self.understeer(),
+            "tip-over angle, sideways": self.tip_over(),
+            "slope that the brake holds": self.holding(),
+            "slope that it climbs": self.climbing(),
+            "top speed": self.top_speed(),
+        }
+
+
+def agrees(machine):
+    measured = {line.name: line.value for line in data_sheet(machine)}
+    assert measured == pytest.approx(ClosedForms(machine).sheet(), rel=0.05)
+
+
+def test_a_data_sheet_agrees_with_closed_forms():
+    agrees("riding")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", sorted(machine_files()))
+def test_every_data_sheet_agrees_with_closed_forms(machine):
+    agrees(machine)
