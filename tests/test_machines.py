@@ -105,6 +105,10 @@ class ClosedForms:
         self.d_f, self.d_r = self.R_f * 1397.925 / 1.2e5 / 0.28, self.R_r * 2280.825 / 1.6e5 / 0.42
         self.limit = p.steer_limit
 
+    def moved(self):
+        """Load that rolling resistance moves from the front to the rear axle."""
+        return self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
+
     def steering_rate(self):
         c, v = self.s.steering.cylinder, self.s.steering.valve
         area = pi / 4 * (c.bore_mm**2 - c.rod_mm**2 / 2) * 1e-6
@@ -124,7 +128,7 @@ class ClosedForms:
 
         The outer wheels carry 2 m a h / T more than the inner ones and so roll harder, by a moment of rho m a h.
         """
-        moved = self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
+        moved = self.moved()
         C_f = self.k_f * (self.N_f - moved) * (1 + 0.25 * moved / self.N_f)
         C_r = self.k_r * (self.N_r + moved) * (1 - 0.25 * moved / self.N_r)
         lever = self.t + self.rho * self.h
@@ -153,7 +157,8 @@ class ClosedForms:
         mu = self.s.plant.tyre.rear.longitudinal.mu
 
         def short(theta):
-            front = (self.N_f / G * cos(theta) - self.m * sin(theta) * self.h / self.L) * G
+            front = self.N_f * cos(theta) - self.m * G * sin(theta) * self.h / self.L
+            front -= self.moved() * cos(theta)
             rear = self.m * G * cos(theta) - front
             grip = mu * (1 - 0.08 * (rear / self.N_r - 1)) * rear
             torque = self.s.driveline.strength(self.s.tractor).torque / (self.R_r - self.d_r)
