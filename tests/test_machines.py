@@ -21,6 +21,17 @@ SOME = (
     ("row_crop", "headland_k_turn"),
 )
 """Pairs that are tried by default."""
+HASTE, ASTRAY = "faster than commanded", "off the measured angle"
+TOO_MUCH = {
+    **{(machine, "furrows_across"): HASTE for machine in ("orchard", "robot", "row_crop", "utility")},
+    ("riding", "plough"): ASTRAY,
+    ("riding", "rollover"): "stuck",
+    ("row_crop", "rollover"): ASTRAY,
+    ("utility", "rollover"): ASTRAY,
+}
+"""Pairs that do not end well, and how: furrows pass under larger machines at 1.1 Hz, which is how they surge on their
+tyres (0.5 or 1.2 m/s is no trouble); a plough lifts the front wheels of a lawn tractor; across 27 degrees wide
+machines slide before they roll over."""
 G = 9.81
 
 
@@ -34,8 +45,11 @@ def drives(machine, name):
         scenario = load_scenario(name, {**given, "path.speed_m_s": float(top.partition(")")[0])})
     log = run(scenario.changed({"duration_s": min(20.0, scenario.ticks * 0.05)}))
     assert log.metrics["physics_warnings"] == 0
-    allowed = {"completed", "unfinished", scenario.expected_outcome}
-    assert log.outcome in allowed, f"{log.outcome} {log.metrics.get('stop_reason', '')}"
+    ended = f"{log.outcome} {log.metrics.get('stop_reason', '')}"
+    if (machine, name) in TOO_MUCH:
+        assert TOO_MUCH[machine, name] in ended
+    else:
+        assert log.outcome in {"completed", "unfinished", scenario.expected_outcome}, ended
 
 
 @pytest.mark.parametrize(("machine", "name"), SOME)
