@@ -19,7 +19,16 @@ app = typer.Typer(
 ON_SCENARIOS: tuple[Callable[..., None], ...] = (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema, authoring.machine),
     *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, links.link, links.ros2, links.export),
-    *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
+    *(
+        studies.rig,
+        fieldlogs.identify,
+        fieldlogs.replay,
+        fieldlogs.calibrate,
+        fieldlogs.twin,
+        studies.validate,
+        studies.tune,
+        sweeps.report,
+    ),
 )
 ON_RECORDINGS: tuple[Callable[..., None], ...] = (recordings.view, recordings.snapshot)
 for command in (*map(with_plugins, map(with_machine, ON_SCENARIOS)), *ON_RECORDINGS):
