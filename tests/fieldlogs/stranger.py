@@ -30,6 +30,7 @@ class Hidden(NamedTuple):
     heading_off: float
     """Compass degrees."""
     position_age: float
+    speed_age: float
     ahead: float
     left: float
     C_f: float
@@ -48,6 +49,7 @@ def hidden(seed):
         heading_age=rng.uniform(0.05, 0.3),
         heading_off=rng.uniform(-2, 2),
         position_age=rng.uniform(0.0, 0.2),
+        speed_age=rng.uniform(0.0, 0.2),
         ahead=rng.uniform(-0.3, 0.6),
         left=rng.uniform(-0.3, 0.3),
         C_f=rng.uniform(10e3, 20e3),
@@ -129,7 +131,7 @@ def write_log(seed, file, h=None):
     t = np.arange(1.0, steps[-1] - ROW_S, ROW_S)
     t = t + rng.uniform(0, 0.004, len(t))
     counts = np.rint(h.centre + np.degrees(np.interp(t, fine, sensor)) / h.scale + 0.5 * rng.standard_normal(len(t)))
-    told = np.abs(np.interp(t, fine, speed) + 0.01 * rng.standard_normal(len(t)))
+    told = np.abs(np.interp(t - h.speed_age, fine, speed) + 0.01 * rng.standard_normal(len(t)))
 
     fix_t = np.arange(0.5, t[-1], 0.1)
     at = fix_t - h.position_age
@@ -193,6 +195,7 @@ def answers(h):
         "heading.delay_s": h.heading_age,
         "heading.offset": h.heading_off,
         "position.delay_s": h.position_age,
+        "speed.delay_s": h.speed_age,
         "position.ahead_m": h.ahead,
         "position.left_m": h.left,
         "front_cornering_stiffness_n_rad": h.C_f,

@@ -120,7 +120,8 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
 def _names(data: VehicleData) -> tuple[str, ...]:
     """Parameters of the fit: ages against the gyro or else the steering."""
     channels = set(data.channels)
-    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
+    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading"}
+    ages |= {"position_delay_s": "position", "speed_delay_s": "position"}
     place = ("ahead_m", "left_m") if "position" in channels else ()
     return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
 
@@ -148,6 +149,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap) -> dict[str, Int
             found["heading.offset"] = (turn - pi * abs(sign), {"heading_offset": sign})
     if m.position is not None and "position_delay_s" in index:
         found["position.delay_s"] = (m.position.delay_s + value["position_delay_s"], {"position_delay_s": 1.0})
+        found["speed.delay_s"] = (m.speed.delay_s + value["speed_delay_s"], {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
     return {key: _quantity(key, middle, slopes, result, index) for key, (middle, slopes) in found.items()}

@@ -103,7 +103,7 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
 
 
 def _ages(c: Calibration) -> Iterator[str]:
-    for part in ("heading", "position"):
+    for part in ("heading", "position", "speed"):
         if (age := c.found.get(f"{part}.delay_s")) and age.identified and age.excludes(0.0):
             when = "old when it is written" if age.value > 0 else "ahead of the steering"
             yield f"The {part} is {age.text.lstrip('-')} s {when}."

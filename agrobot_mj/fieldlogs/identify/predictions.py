@@ -55,6 +55,7 @@ DYNAMICS = {
     "steer_lag_s": Parameter(0.05, 0.0, 1.0, 0.02),
     "backlash": Parameter(radians(0.2), 0.0, radians(20.0), 0.01),
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
+    "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
 """Those of the motion."""
 PARAMETERS = SENSORS | DYNAMICS
@@ -70,7 +71,15 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
     stiff = 1e-9
     C_f, C_r = (1.0 / max(p[f"{axle}_compliance"], stiff) for axle in ("front", "rear"))
     tyres = Lateral(C_f, C_r, p.get("front_relaxation_m", 0.0), p.get("rear_relaxation_m", 0.0))
-    return simulate(data.chassis, tyres, piece.u * (1.0 + p.get("speed_error", 0.0)), delta, STEP_S)
+    return simulate(data.chassis, tyres, speed(p, piece), delta, STEP_S)
+
+
+def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
+    """Speed at the model's steps [m/s]."""
+    found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
+        piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
+    )
+    return found
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
@@ -102,7 +111,7 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
     """East and north of the antenna along the recorded heading, each of shape (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading.at(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
-    u, c, s = piece.u * (1.0 + p.get("speed_error", 0.0)), np.cos(yaw), np.sin(yaw)
+    u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
     return _point(p, piece, x, y, yaw)
 

@@ -36,6 +36,7 @@ def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
     return found | {
         "backlash": BACKLASH,
         "speed_error": SPEED_ERROR,
+        "speed_delay_s": Prior(0.0, DELAY_S),
         "steer_offset": CENTRE,
         "steer_scale": SCALE,
         "steer_delay_s": Prior(0.0, DELAY_S),

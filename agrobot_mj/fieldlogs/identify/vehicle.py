@@ -44,7 +44,8 @@ SEPARABLE = 0.5
 PLAUSIBLE = 1.0, 60.0
 """Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
 AGE = Prior(0.0, 0.1)
-"""What is known of the ages of heading and position that the map does not tell [s]."""
+"""What is known of the ages of speed, heading and position that the map does not tell [s]."""
+AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
 """Time over which a change of heading counts as a yaw rate [s]."""
 
@@ -101,7 +102,7 @@ def identify_vehicle(
     chassis = chassis_of(scenario)
     first, second = split(cut.kept, share)
     data, rest = _checked(first, chassis), prepare(second, chassis)
-    result = fit(data, (*chosen, *_ages(data)), dict.fromkeys(("heading_delay_s", "position_delay_s"), AGE))
+    result = fit(data, (*chosen, *_ages(data)), dict.fromkeys(AGES, AGE))
     explained, left, slipless = judged(result, rest if rest.windows else data)
     channel = judged_channel(data)
     if not explained > LEAST_EXPLAINED:
@@ -124,7 +125,8 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 def _ages(data: VehicleData) -> list[str]:
     """Ages of channels behind the first, which is the clock that the steering's delay is told against."""
-    return [f"{name}_delay_s" for name in list(data.channels)[1:]]
+    later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
+    return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
