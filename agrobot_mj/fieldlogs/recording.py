@@ -4,6 +4,7 @@ Inputs (steering, speed) are complete up to short gaps; what is compared with (y
 any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
 """
 
+from collections.abc import Callable
 from math import inf, pi, radians
 from typing import Any, NamedTuple
 
@@ -65,9 +66,18 @@ class TimeSeries(NamedTuple):
 
     def at(self, t: Array) -> Array:
         """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        return self.smooth()(t)
+
+    def smooth(self) -> Callable[[Array], Array]:
+        """The series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
         # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
-        found: Array = Akima1DInterpolator(self.t, self.value)(np.clip(t, self.t[0], self.t[-1]))
-        return found
+        cubics = Akima1DInterpolator(self.t, self.value)
+
+        def at(t: Array) -> Array:
+            found: Array = cubics(np.clip(t, self.t[0], self.t[-1]))
+            return found
+
+        return at
 
     def between(self, start: float, end: float) -> "TimeSeries":
         """The part from `start` to `end` [s]."""

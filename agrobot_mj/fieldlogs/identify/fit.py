@@ -229,7 +229,7 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
     said = np.einsum("wwp,pq->wq", g, inverse)
     most = min(int(SLOW_S / WINDOW_S), len(r) // 3)
     alike = [(1 - k / (most + 1)) * (said[k:] * said[:-k]).sum(axis=0) for k in range(1, most + 1)]
-    growth = np.sqrt(np.maximum(1.0, 1.0 + 2.0 * np.sum(alike, axis=0) / (said**2).sum(axis=0)))
+    growth = np.sqrt(np.maximum(1.0, 1.0 + 2.0 * np.sum(alike, axis=0) / np.maximum((said**2).sum(axis=0), 1e-300)))
     grown: Array = covariance * np.outer(growth, growth)
     return grown
 
@@ -240,14 +240,23 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
     As much noise again is added, and one step of the fit taken from there: what it does is what the noise that is there
     has done already, to first order [Cook1994]. Noise passes for slowness of the tractor, and play takes it away.
     """
-    data, steps = problem.data, []
+    data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
         random = stream(k, "identify.steer")
         pieces = tuple(_with_noise(piece, data.steer_noise, random) for piece in data.pieces)
         noisy = Problem(data._replace(pieces=pieces), problem.names, problem.noise)
-        gradient = np.einsum("wnp,wn->p", _jacobian(noisy, x, units), noisy.blocks(x))
-        steps.append(-np.linalg.solve(information, gradient + units.weight * units.known(x)))
+        steps.append(-np.linalg.solve(information, _gradient(noisy, x, units) - clean))
     return np.mean(steps, axis=0), np.cov(np.array(steps).T)
+
+
+def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
+    """Gradient of half the sum of squares in units of the scales, by differences to one side."""
+    r, found = problem.blocks(x), np.empty(len(x))
+    for k, step in enumerate(0.05 * units.scale):
+        moved = x.copy()
+        moved[k] = x[k] + step if x[k] + step <= units.high[k] else x[k] - step
+        found[k] = ((problem.blocks(moved) - r) * r).sum() * units.scale[k] / (moved[k] - x[k])
+    return found
 
 
 def _with_noise(piece: FitPiece, sigma: float, random: np.random.Generator) -> FitPiece:

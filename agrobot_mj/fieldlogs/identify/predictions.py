@@ -64,7 +64,9 @@ PARAMETERS = SENSORS | DYNAMICS
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
     """Motion of the model with parameters `p` under the inputs of a piece."""
-    recorded = Akima1DInterpolator(piece.t, piece.steer, extrapolate=True)(piece.t - p.get("steer_delay_s", 0.0))
+    recorded = piece.steer
+    if later := p.get("steer_delay_s"):
+        recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
     recorded = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     delta = wheel_angle(recorded, STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
     delta = smoothed(delta, CUT_OFF_HZ)
@@ -110,7 +112,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
     """East and north of the antenna along the recorded heading, each of shape (n,) [m]."""
     assert piece.heading is not None
-    yaw = piece.heading.at(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
+    yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
     return _point(p, piece, x, y, yaw)

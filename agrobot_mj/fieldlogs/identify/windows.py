@@ -3,7 +3,7 @@
 A window has as many samples as every other of its channel and all channels of the log, at speed all the time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from math import sqrt
 from typing import NamedTuple
@@ -56,8 +56,8 @@ class FitPiece(NamedTuple):
     """Recorded wheel angle, without what is faster than `PLAY_CUT_OFF_HZ` [rad]."""
     u: Array
     """Recorded speed, without what is faster than `CUT_OFF_HZ` [m/s]."""
-    heading: TimeSeries | None
-    """Recorded heading [rad]."""
+    heading: Callable[[Array], Array] | None
+    """Recorded heading at other times [rad]."""
     windows: slice
     """Those of the channels' windows that are its own."""
 
@@ -124,7 +124,8 @@ def _low_pass(cut_off: float) -> Array:
 def _piece(recording: FieldRecording, windows: slice) -> FitPiece:
     t = np.arange(recording.start, recording.end, STEP_S)
     steer = smoothed(recording.steer.at(t), PLAY_CUT_OFF_HZ) if recording.steer else np.zeros(len(t))
-    return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), recording.heading, windows)
+    heading = recording.heading.smooth() if recording.heading else None
+    return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), heading, windows)
 
 
 def _white_noise(recordings: Sequence[FieldRecording]) -> float:
