@@ -42,6 +42,8 @@ WRITERS = {
     "rig": [("linear", "--out", HERE)],
     "identify": [(HERE,), (f"{MINE}/driven", "--vehicle", "--out", HERE), (HERE, "--vehicle")],
     "replay": [(f"{MINE}/driven", "--out", HERE)],
+    "calibrate": [(f"{MINE}/driven", "--out", HERE)],
+    "twin": [(f"{MINE}/driven", "--out", HERE)],
     "validate": [("--quick", "--out", HERE)],
     "tune": [("circle", "--guidance", "stanley", "--budget", 8, *BICYCLE, "--out", HERE)],
     "report": [(HERE,)],
@@ -53,6 +55,7 @@ CASES = [(name, arguments) for name, ways in WRITERS.items() for arguments in wa
 NAMES = (*SET, RECORDING, "comparison.json", "comparison.rrd", "bicycle-pd", "limit.json", "limit.png", "tuning.json")
 NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.csv", "run.mcap", "drive_1.png")
 NAMES = (*NAMES, *(f"replay.{end}" for end in ("json", "parquet", "png", "toml")), "report.html", "ranking.png")
+NAMES = (*NAMES, "map.toml", "calibration.json", "machine.toml", "twin.json")
 NAMES = (*NAMES, "curves.parquet", "validation.json", "validation.md", "importance.json", "lateral.png")
 FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/step_steer.png")
 

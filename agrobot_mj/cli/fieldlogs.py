@@ -1,6 +1,7 @@
 """Commands on logs, of runs and of real machines: `replay`, `calibrate`, `identify` and `twin`."""
 
 import sys
+from contextlib import nullcontext
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -96,15 +97,17 @@ def calibrate(
     Prints what they mean in plain words and the map with them, with 95 % intervals; the wheelbase must be known
     (--machine, or --set tractor.wheelbase_m=...). --out writes map.toml and calibration.json.
     """
+    from agrobot_mj.fieldlogs.calibrate import FILES, report, write_calibration
     from agrobot_mj.fieldlogs.calibrate import calibrate as find
-    from agrobot_mj.fieldlogs.calibrate import report, write_calibration
+    from agrobot_mj.simulation.storage import exclusive
 
+    folder = None if out is None else results_folder(out, "")
     scenario = _scenario(logs, base, sets)
     sources, log_map = _sources(logs, map_file)
-    folder = None if out is None else results_folder(out, "")
-    found = find(sources, log_map, scenario, start, end)
-    if folder is not None:
-        write_calibration(found, folder)
+    with exclusive(folder, FILES) if folder else nullcontext():
+        found = find(sources, log_map, scenario, start, end)
+        if folder:
+            write_calibration(found, folder)
     say(report(found, scenario.tractor))
 
 

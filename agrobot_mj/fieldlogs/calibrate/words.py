@@ -11,7 +11,6 @@ from agrobot_mj.fieldlogs.calibrate.calibration import Calibration
 from agrobot_mj.fieldlogs.identify.advice import advice
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, write_json
 
 FILES = ("map.toml", "calibration.json")
@@ -65,7 +64,6 @@ def numbers(c: Calibration) -> dict[str, Any]:
 
 def write_calibration(c: Calibration, folder: Path) -> None:
     """Write `map.toml` and `calibration.json` into a folder of results."""
-    reserve(folder, FILES)
     with atomic(folder / "map.toml") as part:
         part.write_text(map_lines(c), encoding="utf-8")
     write_json(folder / "calibration.json", numbers(c))

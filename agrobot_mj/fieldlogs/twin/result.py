@@ -6,7 +6,6 @@ from typing import Any
 from agrobot_mj.fieldlogs.calibrate.words import map_lines
 from agrobot_mj.fieldlogs.twin.page import page, short
 from agrobot_mj.fieldlogs.twin.twin import MACHINE, SCENARIO, WAY, Twin
-from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, write_json
 
 REPORT = "report.html"
@@ -16,7 +15,6 @@ FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml", "twin.json")
 
 def write_twin(t: Twin, folder: Path) -> None:
     """Write all files into a folder of results. Raises `ScenarioError` without plotly, before anything is written."""
-    reserve(folder, FILES)
     page(t).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         with atomic(folder / name) as part:
