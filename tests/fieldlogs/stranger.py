@@ -90,14 +90,15 @@ def drive(h, u, d):
         c, s_ = cos(d), sin(d)
         across, side = v + L_F * r, v - L_R * r
         F_f, F_r = k_f * q_f, k_r * q_r
+        leak = max(0.0, 0.3 - abs(u))  # a standing tyre on its springs would swing for ever
         return (
             u * cos(psi) - side * sin(psi),
             u * sin(psi) + side * cos(psi),
             r,
             (F_f * c + F_r) / MASS - u * r,
             (L_F * F_f * c - L_R * F_r) / INERTIA,
-            u * s_ - across * c - abs(u * c + across * s_) * q_f / h.sigma_f - 0.2 * q_f,
-            -side - abs(u) * q_r / h.sigma_r - 0.2 * q_r,
+            u * s_ - across * c - abs(u * c + across * s_) * q_f / h.sigma_f - leak * q_f,
+            -side - abs(u) * q_r / h.sigma_r - leak * q_r,
         )
 
     state, rows = (0.0,) * 7, []

@@ -7,7 +7,7 @@ from that of the gyro.
 """
 
 from collections.abc import Mapping, Sequence
-from math import inf, pi
+from math import exp, hypot, inf, pi, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,11 +18,12 @@ from agrobot_mj.fieldlogs.identify.fit import VehicleFit, fit
 from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.priors import priors
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
-from agrobot_mj.fieldlogs.identify.windows import VehicleData, prepare
+from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.fieldlogs.pieces import Pieces, pieces
 from agrobot_mj.fieldlogs.recording import ANGLES, read_recording
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 LEAST_WINDOWS = 3
@@ -114,7 +115,9 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
             f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
         )
     result = fit(data, _names(data), priors(t, rough.age))
-    return Calibration(_found(result, rough, log_map), log_map, cut._replace(kept=angles), rough, data, result)
+    return Calibration(
+        _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
+    )
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
@@ -126,7 +129,7 @@ def _names(data: VehicleData) -> tuple[str, ...]:
     return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
 
 
-def _found(result: VehicleFit, rough: RoughSteering, m: LogMap) -> dict[str, Interval]:
+def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -> dict[str, Interval]:
     """Quantities of the map from those of the fit."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
@@ -152,15 +155,29 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap) -> dict[str, Int
         found["speed.delay_s"] = (m.speed.delay_s + value["speed_delay_s"], {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
-    return {key: _quantity(key, middle, slopes, result, index) for key, (middle, slopes) in found.items()}
+    return {key: _quantity(key, middle, slopes, result, index, wander) for key, (middle, slopes) in found.items()}
 
 
-def _quantity(key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int]) -> Interval:
-    """A quantity with its interval, from its slopes on parameters of the fit."""
+def _wander(data: VehicleData) -> float:
+    """Half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their mounting.
+
+    The mean over T times its time constant of a first-order process has 2 / T (1 - (1 - e^-T) / T) of its variance.
+    """
+    if "heading" not in data.channels:
+        return 0.0
+    antennas = DualAntenna()
+    T = data.windows * WINDOW_S / antennas.wander_time_s
+    return 2.0 * sqrt(2 / T * (1 - (1 - exp(-T)) / T)) * antennas.wander_sigma_m / antennas.baseline_m
+
+
+def _quantity(
+    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], wander: float
+) -> Interval:
+    """A quantity with its interval, from its slopes on parameters of the fit and the wander of the antennas [rad]."""
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope
-    half = half_width(result.covariance, gradient, result.freedom)
+    half = hypot(half_width(result.covariance, gradient, result.freedom), slopes.get("heading_offset", 0.0) * wander)
     return Interval(middle, middle - half, middle + half, half < SURE[key.partition(".")[2]])
 
 
