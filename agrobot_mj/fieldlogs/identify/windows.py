@@ -81,11 +81,11 @@ class VehicleData(NamedTuple):
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
     """Windows of pieces that have a wheel angle, and a yaw rate from a gyro, a heading, or positions."""
     measured = [channels_of(recording) for recording in recordings]
-    names = [name for name in ("yaw_rate", "heading", "position") if all(name in each for each in measured)]
-    spacings = {name: _spacing([each[name] for each in measured]) for name in names}
+    names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
+    spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
     found, fitted, count = {name: list[TimeSeries]() for name in names}, list[FitPiece](), 0
     for recording, series in zip(recordings, measured, strict=True):
-        windows = {name: _windows(recording, series[name], spacings[name]) for name in names}
+        windows = {name: _windows(recording, series[name], spacings[name]) if name in series else {} for name in names}
         common = sorted(set.intersection(*map(set, windows.values()))) if names else []
         if not common:
             continue
