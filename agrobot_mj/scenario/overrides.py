@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.walk import places
@@ -149,7 +150,7 @@ def _name_files(data: Any, found: dict[str, Path]) -> None:
         return
     path = Path(file)
     numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
-    name = next(name for name in numbered if found.get(name, path) == path)
+    name = next(name for name in numbered if name != LEARNED and found.get(name, path) == path)
     found[name], data[FILE_KEY] = path, name
 
 

@@ -7,7 +7,7 @@ reads a file by name or path, applies dotted overrides and checks that the parts
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import atan, degrees, inf
 from operator import attrgetter
 from pathlib import Path as FilePath
@@ -17,9 +17,9 @@ import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
+from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SteeringLoop
 from agrobot_mj.control.gains import Gains, gains_of
-from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
+from agrobot_mj.control.pid import SpeedLoop
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.errors import ScenarioError
@@ -74,7 +74,7 @@ class Steering(Spec):
     """Steering cylinder."""
     linkage: Linkage = Linkage()
     """Kingpins and linkage between cylinder and wheels."""
-    loop: SteeringLoop = SteeringLoop()
+    loop: Loop = SteeringLoop()
     """Low-level angle controller."""
 
 
@@ -300,7 +300,7 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
             scenario.path.check()
         except ValueError as error:
             raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
-        errors = [*_path_errors(scenario), *(_ground_errors(scenario) if ground else [])]
+        errors = [*_path_errors(scenario), *_learner_errors(scenario), *(_ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 
@@ -337,6 +337,15 @@ def _path_errors(s: Scenario) -> list[str]:
             f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
         )
     return found
+
+
+def _learner_errors(s: Scenario) -> Iterator[str]:
+    """Reasons why what was learnt in an earlier run cannot be had."""
+    for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
+        try:
+            part.check()
+        except ValueError as error:
+            yield prefixed(table, str(error))
 
 
 def _ground_errors(s: Scenario) -> list[str]:
