@@ -128,9 +128,10 @@ class AdaptiveLoop(AngleLoop):
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)
-            gains, bands = ([float(known[f"{name}_{side}"][0, 1]) for side in SIDES] for name in _NAMES)
-            sides = [self._within(side._replace(gain=g, offset=g * d)) for side, g, d in zip(first, gains, bands)]
-            first = sides[0], sides[1]
+            (g_l, g_r), (d_l, d_r) = ([float(known[f"{name}_{side}"][0, 1]) for side in SIDES] for name in _NAMES)
+            left, right = first
+            left, right = left._replace(gain=g_l, offset=g_l * d_l), right._replace(gain=g_r, offset=g_r * d_r)
+            first = self._within(left), self._within(right)
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
@@ -174,7 +175,8 @@ class AdaptiveLoop(AngleLoop):
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
-        misses = [m + (min((s.rate(v) - rate) ** 2, 1.0) - m) / JUDGED for m, s in zip(state.misses, (side, first[number]), strict=True)]
+        squares = ((known.rate(v) - rate) ** 2 for known in (side, first[number]))
+        misses = [m + (min(square, 1.0) - m) / JUDGED for m, square in zip(state.misses, squares, strict=True)]
         sides = list(state.sides)
         sides[number] = self._within(_updated(side, v, rate, noise, self.forgetting))
         state = state._replace(sides=(sides[0], sides[1]), misses=(misses[0], misses[1]))
@@ -186,7 +188,8 @@ class AdaptiveLoop(AngleLoop):
         """Projected onto the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
-        return side._replace(gain=gain, offset=clip(side.offset / side.gain if side.gain > 0 else 0.0, 0.0, WIDEST_V) * gain)
+        dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
+        return side._replace(gain=gain, offset=gain * dead_band)
 
     def _first(self) -> tuple[Side, Side]:
         """The valve of the keys, as unsure as it is."""
@@ -197,7 +200,8 @@ class AdaptiveLoop(AngleLoop):
 
     def learned(self, state: AdaptiveState) -> Learned:
         """Gain [rad/(s V)] and dead band [V] of either side."""
-        return {name: np.array([[np.nan, value]]) for name, value in zip(_quantities(), self._valve(state), strict=True)}
+        values = zip(_quantities(), self._valve(state), strict=True)
+        return {name: np.array([[np.nan, value]]) for name, value in values}
 
     @staticmethod
     def _valve(state: AdaptiveState) -> tuple[float, ...]:

@@ -5,9 +5,9 @@ them, with two disturbances that change slowly: the crab angle b and the curvatu
 
     e_y' = u (e + b) + a w,   e' = w + u d,   w = u delta / L,
 
-each with an observer whose two poles lie at -omega: z' = ... + 2 omega (y - z), and the disturbance changes at omega^2 / u
-(y - z). The inner law then acts on the course e + b instead of the heading e, so that a crab leaves no offset, and the
-command contains -L d. Source of the structure: [Han2009].
+each with an observer whose two poles lie at -omega: z' = ... + 2 omega (y - z), while the disturbance changes by
+omega^2 (y - z) / u. The inner law then acts on the course e + b instead of the heading e, so that a crab leaves no
+offset, and the command contains -L d. Source of the structure: [Han2009].
 """
 
 from collections.abc import Sequence

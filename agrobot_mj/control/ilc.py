@@ -93,7 +93,11 @@ class Ilc(GuidanceLaw):
         ahead = self.map.value(state.lap, place.s, state.length)
         answered = self.map.value(state.lap, place.s - e.speed * self.answer_s, state.length)
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
-        feedback, wanted, limit = self.inner.feedback(inner, command), command.steer + ahead, situation.machine.steer_limit
+        feedback, wanted, limit = (
+            self.inner.feedback(inner, command),
+            command.steer + ahead,
+            situation.machine.steer_limit,
+        )
         free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
         answers = abs(situation.steer - state.steer) <= radians(self.max_steer_lag_deg)
         learning = free and answers and self._sound(e, place.offset)

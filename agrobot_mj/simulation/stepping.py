@@ -262,7 +262,9 @@ class Simulation:
     def log(self, wall_s: float = 0.0) -> Log:
         """The run so far, with its metrics; `wall_s` is the time that it took [s]."""
         plant, outcome = self.loop.plant, self.outcome or "aborted"
-        log = Log(self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned())
+        log = Log(
+            self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
+        )
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),

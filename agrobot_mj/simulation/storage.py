@@ -35,7 +35,16 @@ RECORDING = "run.rrd"
 """Name of a run's recording."""
 RUTS = "ruts.parquet"
 """Name of the map of ruts, of a run on soil that remembers."""
-SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, LEARNED, "signals.parquet", "scenario.toml")
+SET = (
+    "metrics.json",
+    "identified.json",
+    "vehicle.json",
+    "link.parquet",
+    RUTS,
+    LEARNED,
+    "signals.parquet",
+    "scenario.toml",
+)
 """Files beside the recording that belong to one run; the first is there only if all are."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files of a run, also those of earlier versions."""
