@@ -11,6 +11,7 @@ from agrobot_mj.control.cmd_vel import CmdVel
 from agrobot_mj.control.eso import Eso
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.ilc import Ilc
+from agrobot_mj.control.implement_ilc import ImplementIlc
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.learned_feedforward import LearnedFeedforward
@@ -21,12 +22,12 @@ from agrobot_mj.control.pd import Pd
 from agrobot_mj.control.pd_fnn import PdT1fnn, PdT2fnn
 from agrobot_mj.control.pd_isgn import PdIsgn
 from agrobot_mj.control.pi import Pi
-from agrobot_mj.control.pid import SteeringLoop
+from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc,
+    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc,
     Field(discriminator="kind"),
 ]
 """Every guidance law, by `kind`."""
@@ -56,6 +57,7 @@ __all__ = [
     "Guidance",
     "GuidanceLaw",
     "Ilc",
+    "ImplementIlc",
     "Kinematic",
     "LearnedFeedforward",
     "Loop",
@@ -69,6 +71,7 @@ __all__ = [
     "Pi",
     "PurePursuit",
     "Situation",
+    "SpeedLoop",
     "Stanley",
     "SteeringLoop",
     "YawController",

@@ -1,9 +1,9 @@
 """Steering loop that learns its valve: dead band and gain on each side, by recursive least squares.
 
 The valve's static map beyond its dead band d, steering to the side i:  rate = g_i (v - d_i),  v the voltage at the
-spool: the one sent, after the delay and the lag that are given here. What the wheels did in a piece of time in which v
-stayed beyond the dead band of one side is one equation for (g_i, g_i d_i). These are updated with forgetting, bounded,
-and projected onto LIMITS.
+spool: the one sent, after the delay and the lag that are given here. How far the wheels turned in a piece of time in
+which v stayed beyond the dead band of one side is one equation for (g_i, g_i d_i), which are updated with forgetting
+and projected onto bounds. Where they did not turn the equation does not hold: then d_i is moved towards v.
 
 The voltage is the inverse of the map for the rate that takes the error away in `answer_s`; the error is that of the
 angle predicted for the end of the delay, so that voltages under way are not sent a second time.
@@ -36,6 +36,9 @@ UNSURE = (0.5, 0.5)
 """Standard deviation of gain and dead band at first [share of the gain, V]. Estimate."""
 NOISE = radians(0.1)
 """Noise of the angle at either end of a piece of time [rad]. Estimate: 100 samples of a potentiometer."""
+MOVING, RAISED = radians(1.0), 0.2
+"""Mean rate from which the wheels have turned [rad/s], and share of the way to a voltage at which they did not by which
+the dead band is raised [-]. Estimate: twice the noise of the rate."""
 JUDGED, TRUST = 30.0, 1.5
 """Pieces of time over which both maps are compared, and how much worse the learnt one may be [-]. Estimate."""
 SIDES = ("left", "right")
@@ -178,7 +181,11 @@ class AdaptiveLoop(AngleLoop):
         squares = ((known.rate(v) - rate) ** 2 for known in (side, first[number]))
         misses = [m + (min(square, 1.0) - m) / JUDGED for m, square in zip(state.misses, squares, strict=True)]
         sides = list(state.sides)
-        sides[number] = self._within(_updated(side, v, rate, noise, self.forgetting))
+        if rate > MOVING:
+            side = _updated(side, v, rate, noise, self.forgetting)
+        else:
+            side = side._replace(offset=side.offset + RAISED * side.rate(v))
+        sides[number] = self._within(side)
         state = state._replace(sides=(sides[0], sides[1]), misses=(misses[0], misses[1]))
         if misses[0] > TRUST * misses[1] + noise:
             return state._replace(sides=first, misses=(0.0, 0.0), resets=state.resets + 1)

@@ -67,6 +67,8 @@ class Situation(NamedTuple):
     """Measured steering angle, left positive [rad]."""
     roll: float = nan
     """Measured roll, left side up positive; NaN without an inertial unit [rad]."""
+    implement: tuple[float, float] = (nan, nan)
+    """Measured place where the implement works, east and north; NaN without a receiver on it [m]."""
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Largest steering angle either way at which the turn stays below this lateral acceleration [rad]."""

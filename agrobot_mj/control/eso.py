@@ -3,7 +3,7 @@
 Errors of the CG beside the path, delta the steering angle beside its feed-forward value, a and L as the inner law has
 them, with two disturbances that change slowly: the crab angle b and the curvature d.
 
-    e_y' = u (e + b) + a w,   e' = w + u d,   w = u delta / L,
+    e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d),
 
 each with an observer whose two poles lie at -omega: z' = ... + 2 omega (y - z), while the disturbance changes by
 omega^2 (y - z) / u. The inner law then acts on the course e + b instead of the heading e, so that a crab leaves no
@@ -81,10 +81,10 @@ class Eso(Following):
             return memory._replace(seen=now)
         (z_y, z), u, omega = memory.seen, beside.speed, self.bandwidth_per_s
         a, L = self.slip_length(situation), self.effective_wheelbase(situation)
-        w = u * (tan(situation.steer - beside.bias) - tan(beside.steer_here)) / L
+        w = u * ((tan(situation.steer - beside.bias) - tan(beside.steer_here)) / L + memory.curvature)
         r_y, r = now[0] - z_y, now[1] - z
         z_y += dt * (u * (now[1] + memory.crab) + a * w + 2 * omega * r_y)
-        z += dt * (w + u * memory.curvature + 2 * omega * r)
+        z += dt * (w + 2 * omega * r)
         crab, curvature = memory.crab + dt * omega**2 / u * r_y, memory.curvature + dt * omega**2 / u * r
         bounds = LARGEST_CRAB, LARGEST_CURVATURE
         crab, curvature = (clip(x, -most, most) for x, most in zip((crab, curvature), bounds, strict=True))

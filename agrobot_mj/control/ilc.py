@@ -75,6 +75,7 @@ class Ilc(GuidanceLaw):
 
     def check(self) -> None:
         """Read the file. Raises ValueError."""
+        self.inner.check()
         if self.file is not None:
             require_quantity(self.file, STEER)
 

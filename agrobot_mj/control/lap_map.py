@@ -8,10 +8,10 @@ c the correction at each place, Z a filter of zero phase over the distance, a Ga
 `smoothing_m`. Places are GRID_M apart; the lap closes on itself.
 
 Guards. A map counts as worse where the error of its lap is larger than that of the best lap by `WORSE` and `MARGIN_M`:
-root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place in the best lap. It
-then goes back to the map of the best lap, over FADE_M, halves its gain and learns nothing until a whole lap has shown
-how good that one still is. Where the best map itself is worse, since the ground or the machine is another, it begins
-again from nothing. After GIVE_UP such returns it stops learning for good.
+root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place and the mean of the
+best lap. It then goes back to the map of the best lap, over FADE_M, halves its gain and learns nothing until a whole
+lap has shown how good that one still is. Where the best map itself is worse, since the ground or the machine is
+another, it begins again from nothing. After GIVE_UP such returns it stops learning for good.
 """
 
 from math import exp, inf, log, sqrt
@@ -143,8 +143,7 @@ class LapMap(Spec):
         square = keep * state.square + (1.0 - keep) * error * error
         state = state._replace(s=s, since=state.since + max(way, 0.0), square=square)
         state = _met(state, k, error, correction)
-        worse = sqrt(square) > WORSE_HERE * sqrt(state.best_square[k]) + MARGIN_HERE_M
-        return self._returned(state) if self.guard and worse and state.best_rms < inf else state
+        return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
         """The map of the quantity `name` for the next lap, and the best one with its error, by place."""
@@ -194,6 +193,12 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
         learnt = (0.0, 0.0) if correction is None else (1.0, correction)
         cell = Cell(cell.ticks + 1.0, cell.square + error * error, cell.learnt + learnt[0], cell.correction + learnt[1])
     return state._replace(cell=(max(k, 0), cell))
+
+
+def _worse_here(state: LapState, k: int) -> bool:
+    """Whether the error at the place `k` is larger than that of the best lap there, and than that lap's mean."""
+    best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
+    return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
 
 def _at(values: Array, turn: float) -> float:

@@ -101,6 +101,8 @@ class Truth(NamedTuple):
     """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of R, ENU [m/s]."""
+    implement: tuple[float, float] = (nan, nan)
+    """Place where the implement works, east and north; NaN without one [m]."""
 
 
 class Fix(NamedTuple):

@@ -6,8 +6,7 @@ reads a file by name or path, applies dotted overrides and checks that the parts
 
 import hashlib
 import json
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from math import atan, degrees, inf
 from operator import attrgetter
 from pathlib import Path as FilePath
@@ -17,9 +16,8 @@ import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SteeringLoop
+from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SpeedLoop, SteeringLoop
 from agrobot_mj.control.gains import Gains, gains_of
-from agrobot_mj.control.pid import SpeedLoop
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.errors import ScenarioError
@@ -38,6 +36,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.plants import Mujoco, Plant
+from agrobot_mj.scenario.equipment import equipment_errors, prefixed
 from agrobot_mj.scenario.overrides import check_overrides, complete, explicit_values, files, override, relocate_files
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
@@ -300,14 +299,9 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
             scenario.path.check()
         except ValueError as error:
             raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
-        errors = [*_path_errors(scenario), *_learner_errors(scenario), *(_ground_errors(scenario) if ground else [])]
+        errors = [*_path_errors(scenario), *equipment_errors(scenario), *(_ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
-
-
-def prefixed(table: str, text: str) -> str:
-    """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
-    return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 
 def _path_errors(s: Scenario) -> list[str]:
@@ -337,15 +331,6 @@ def _path_errors(s: Scenario) -> list[str]:
             f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
         )
     return found
-
-
-def _learner_errors(s: Scenario) -> Iterator[str]:
-    """Reasons why what was learnt in an earlier run cannot be had."""
-    for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
-        try:
-            part.check()
-        except ValueError as error:
-            yield prefixed(table, str(error))
 
 
 def _ground_errors(s: Scenario) -> list[str]:

@@ -132,7 +132,9 @@ class Loop:
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = self.path.ask(truth.t)
-        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
+        implement = tuple(measured.readings.get("implement_gnss", (nan, nan)))
+        seen = measured.steer, measured.roll, implement
+        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Ask the scenario's guidance law for a command; the supervisor may replace it."""

@@ -262,6 +262,7 @@ class MujocoPlant(RunningPlant):
             wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
             body_rates=m.body_rates,
             rear_velocity=m.rear.velocity,
+            **({"implement": self.implement.working_place} if self.implement else {}),
         )
 
     def poses(self) -> Array:
