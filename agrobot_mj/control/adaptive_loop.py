@@ -3,7 +3,8 @@
 The valve's static map beyond its dead band d, steering to the side i:  rate = g_i (v - d_i),  v the voltage at the
 spool: the one sent, after the delay and the lag that are given here. How far the wheels turned in a piece of time in
 which v stayed beyond the dead band of one side is one equation for (g_i, g_i d_i), which are updated with forgetting
-and projected onto bounds. Where they did not turn the equation does not hold: then d_i is moved towards v.
+and projected onto bounds. Where they hardly turned, or turned although v was within the dead band, the equation does
+not hold for all of the time: then d_i alone is moved, a little.
 
 The voltage is the inverse of the map for the rate that takes the error away in `answer_s`; the error is that of the
 angle predicted for the end of the delay, so that voltages under way are not sent a second time.
@@ -30,15 +31,18 @@ GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
 quick."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
 """Length of the pieces of time that are learnt from [s]. Estimate: 0.07 deg of noise are then 0.4 deg/s."""
-FASTEST_V = 3.5
-"""Voltage beyond which the pump may be the limit [V]. Estimate, that of `Valve` less a margin."""
+SLOWEST_V, FASTEST_V = 0.05, 3.5
+"""Voltages between which the wheels tell of the valve [V]. Estimate: below none turns, above the pump may be the limit.
+"""
 UNSURE = (0.5, 0.5)
 """Standard deviation of gain and dead band at first [share of the gain, V]. Estimate."""
 NOISE = radians(0.1)
 """Noise of the angle at either end of a piece of time [rad]. Estimate: 100 samples of a potentiometer."""
-MOVING, RAISED = radians(1.0), 0.2
-"""Mean rate from which the wheels have turned [rad/s], and share of the way to a voltage at which they did not by which
-the dead band is raised [-]. Estimate: twice the noise of the rate."""
+MOVING, SHIFT = radians(1.0), 0.2
+"""Mean rate from which the wheels have turned all the time [rad/s], and share of what was predicted wrongly by which
+the dead band is moved where they did not [-]. Estimate: twice the noise of the rate."""
+MOST = radians(6.0)
+"""Largest error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Estimate."""
 JUDGED, TRUST = 30.0, 1.5
 """Pieces of time over which both maps are compared, and how much worse the learnt one may be [-]. Estimate."""
 SIDES = ("left", "right")
@@ -65,10 +69,12 @@ class Side(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A piece of time in which the spool stayed beyond the dead band of one side."""
+    """A piece of time in which the spool stayed on one side, and on one side of its dead band."""
 
     side: int = 0
     """1 left, -1 right, 0 none."""
+    beyond: bool = False
+    """Whether the spool was beyond the dead band, as far as that is known."""
     time: float = 0.0
     """Its length [s]."""
     volts: float = 0.0
@@ -88,6 +94,8 @@ class AdaptiveState(NamedTuple):
     """Voltages beside neutral that the spool has not met yet, oldest first [V]."""
     spool: float = 0.0
     """Voltage beside neutral at the spool [V]."""
+    mean: float = 0.0
+    """Its mean over the last tick [V]."""
     steer: float | None = None
     """Last measured angle; None before the first tick [rad]."""
     piece: Piece = Piece()
@@ -147,30 +155,35 @@ class AdaptiveLoop(AngleLoop):
             volts = clip((abs(error) / self.answer_s + side.offset) / side.gain, 0.0, NEUTRAL_V)
             volts = volts if error > 0 else -volts
         arriving, *later = *state.under_way, volts
-        spool = arriving + exp(-dt / self.lag_s) * (state.spool - arriving)
-        state = state._replace(reference=wanted, under_way=tuple(later), spool=spool, steer=steer)
+        spool, mean = self._spool(state.spool, arriving, dt)
+        state = state._replace(reference=wanted, under_way=tuple(later), spool=spool, mean=mean, steer=steer)
         return state, NEUTRAL_V + volts
+
+    def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
+        """Voltage at the spool after `dt` [s] of the voltage that arrives there, and its mean meanwhile [V]."""
+        keep, rest = exp(-dt / self.lag_s), spool - arriving
+        return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
         """Angle [rad] by which the voltages under way will still turn the wheels."""
-        spool, angle, keep = state.spool, 0.0, exp(-dt / self.lag_s)
+        spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
-            spool = arriving + keep * (spool - arriving)
-            angle += dt * _rate(state.sides, spool)
+            spool, mean = self._spool(spool, arriving, dt)
+            angle += dt * _rate(state.sides, mean)
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
         """With the turn of the last tick added to the piece of time, and learnt from where that is over."""
-        v, turned = state.spool, steer - (state.steer or 0.0)
-        side = 1 if v > 0 else -1
-        inside = not state.sides[0 if v > 0 else 1].dead_band < abs(v) < FASTEST_V
+        v, turned = state.mean, steer - (state.steer or 0.0)
+        side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
+        beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
         piece = state.piece
-        if piece.side and (inside or side != piece.side or piece.time >= LONGEST_S - 0.5 * dt):
+        if piece.side and (inside or (side, beyond) != piece[:2] or piece.time >= LONGEST_S - 0.5 * dt):
             if piece.time >= SHORTEST_S - 0.5 * dt and self.learn:
                 state = self._fitted(state, piece)
             piece = Piece()
         if not inside:
-            piece = Piece(side, piece.time + dt, piece.volts + dt * abs(v), piece.turned + side * turned)
+            piece = Piece(side, beyond, piece.time + dt, piece.volts + dt * abs(v), piece.turned + side * turned)
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Piece) -> AdaptiveState:
@@ -181,10 +194,10 @@ class AdaptiveLoop(AngleLoop):
         squares = ((known.rate(v) - rate) ** 2 for known in (side, first[number]))
         misses = [m + (min(square, 1.0) - m) / JUDGED for m, square in zip(state.misses, squares, strict=True)]
         sides = list(state.sides)
-        if rate > MOVING:
+        if piece.beyond and rate > MOVING:
             side = _updated(side, v, rate, noise, self.forgetting)
-        else:
-            side = side._replace(offset=side.offset + RAISED * side.rate(v))
+        elif piece.beyond or rate > MOVING:
+            side = side._replace(offset=side.offset + SHIFT * (side.rate(v) - rate))
         sides[number] = self._within(side)
         state = state._replace(sides=(sides[0], sides[1]), misses=(misses[0], misses[1]))
         if misses[0] > TRUST * misses[1] + noise:
@@ -250,7 +263,7 @@ def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float)
     a, b, c = side.P
     g_1, g_2 = a * v - b, b * v - c  # P phi with phi = (v, -1)
     total = g_1 * v - g_2 + noise
-    miss = rate - (side.gain * v - side.offset)
+    miss = clip(rate - (side.gain * v - side.offset), -MOST, MOST)
     k_1, k_2 = g_1 / total, g_2 / total
     share = 1.0 / forgetting - 1.0
     P = (a - k_1 * g_1 + share * k_1 * g_1, b - k_1 * g_2 + share * k_1 * g_2, c - k_2 * g_2 + share * k_2 * g_2)

@@ -34,8 +34,9 @@ BEYOND_S = 3600.0
 
 LAP_GRID_M, LEAST_LAP_M = 0.05, 10.0
 """Grid on which headings are compared, and shortest lap [m]."""
-ALIKE = 0.9995
-"""Mean cosine of the differences of the headings from lap to lap: 1.8 deg rms [-]."""
+ALIKE = 0.01
+"""Largest difference of the headings from lap to lap, one less the mean cosine, over that between other places [-].
+Estimate: the way off the field after the last pass counts as different."""
 LEAST_TURN = 0.8
 """Turn without which a path has no places to tell apart [rad]. Estimate: 45 deg."""
 
@@ -231,14 +232,14 @@ def lap_length(s: Array, yaw: Array) -> float:
     headings = np.exp(1j * np.interp(LAP_GRID_M * np.arange(count), s, turned))
     padded = np.fft.fft(headings, 2 * count)
     lags = np.arange(1, 2 * count // 3)
-    likeness = np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
-    unlike = np.maximum.accumulate(likeness < ALIKE)  # what is alike from the beginning is a gentle bend
-    again = unlike & (likeness > ALIKE) & (lags * LAP_GRID_M >= LEAST_LAP_M)
-    if not again.any():
+    unlike = 1.0 - np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
+    alike = unlike < ALIKE * unlike.max()
+    left = np.maximum.accumulate(~alike)  # what is alike from the beginning is a gentle bend
+    again = np.flatnonzero(left & alike & (lags * LAP_GRID_M >= LEAST_LAP_M))
+    if not len(again):
         return length
-    first = int(np.argmax(again))
-    end = first + int(np.argmin(again[first:])) if not again[first:].all() else len(again)
-    return float(lags[first + int(np.argmax(likeness[first:end]))]) * LAP_GRID_M
+    first = again[: int(np.argmax(np.diff(again, append=again[-1] + 2) > 1)) + 1]
+    return float(lags[first[np.argmin(unlike[first])]]) * LAP_GRID_M
 
 
 def _sample(t: float, r: Reference) -> Sample:

