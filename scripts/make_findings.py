@@ -11,7 +11,7 @@ from estimates import by_seed, field, mean, ratio, select
 from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
 from findings.figures import write_claim_figures
 from findings.laws import laws
-from findings.learning import learning, printed
+from findings.learning import behind, learners, learning, printed
 from findings.ranking import ranking
 from findings.survival import survival
 from findings.validity import validity
@@ -82,6 +82,8 @@ PARTS: dict[str, Part] = {
     "importance": shares,
     "printed": printed,
     "learning": learning,
+    "learners": learners,
+    "behind": behind,
 }
 
 if __name__ == "__main__":
