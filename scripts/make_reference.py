@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from blocks import put
 
-from agrobot_mj.control import Controller, Guidance
+from agrobot_mj.control import Controller, Guidance, Loop
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.markdown import markdown_table
@@ -50,7 +50,8 @@ def reference() -> str:
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
     parts.append(_section("MuJoCo plant with an implement", IMPLEMENT_COLUMNS))
     parts.append(_section("Supervisor", Supervisor().columns))
-    for title, union in (("Guidance", Guidance), ("Yaw controller", Controller), ("Estimator", Estimator)):
+    unions = {"Guidance": Guidance, "Yaw controller": Controller, "Steering loop": Loop, "Estimator": Estimator}
+    for title, union in unions.items():
         for spec in every(union):
             part: Any = spec()
             columns = [column for column in part.columns if column.name not in own]
