@@ -68,7 +68,7 @@ class Side(NamedTuple):
         return max(self.gain * v - self.offset, 0.0)
 
 
-class Piece(NamedTuple):
+class Stretch(NamedTuple):
     """A piece of time in which the spool stayed on one side, and on one side of its dead band."""
 
     side: int = 0
@@ -98,7 +98,7 @@ class AdaptiveState(NamedTuple):
     """Its mean over the last tick [V]."""
     steer: float | None = None
     """Last measured angle; None before the first tick [rad]."""
-    piece: Piece = Piece()
+    piece: Stretch = Stretch()
     """The piece of time that is going on."""
     misses: tuple[float, float] = (0.0, 0.0)
     """Mean squared error of the rates predicted by the learnt map and by the first one [rad2/s2]."""
@@ -181,12 +181,12 @@ class AdaptiveLoop(AngleLoop):
         if piece.side and (inside or (side, beyond) != piece[:2] or piece.time >= LONGEST_S - 0.5 * dt):
             if piece.time >= SHORTEST_S - 0.5 * dt and self.learn:
                 state = self._fitted(state, piece)
-            piece = Piece()
+            piece = Stretch()
         if not inside:
-            piece = Piece(side, beyond, piece.time + dt, piece.volts + dt * abs(v), piece.turned + side * turned)
+            piece = Stretch(side, beyond, piece.time + dt, piece.volts + dt * abs(v), piece.turned + side * turned)
         return state._replace(piece=piece)
 
-    def _fitted(self, state: AdaptiveState, piece: Piece) -> AdaptiveState:
+    def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
         """With the equation of a piece of time: rate = gain v - offset, by recursive least squares."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time

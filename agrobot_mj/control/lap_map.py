@@ -28,10 +28,11 @@ GRID_M = 0.25
 """Distance between the places [m]. Estimate: a fifth of the narrowest filter that is of use."""
 WINDOW_M, FADE_M = 2.0, 2.0
 """Distance over which the error is averaged while driving, and over which another map fades in [m]. Estimate."""
-WORSE, MARGIN_M = 1.3, 0.02
-"""How much larger the error of a lap that counts as worse is [-, m]. Estimate: three times what noise makes of it."""
+WORSE, MARGIN_M = 1.1, 0.005
+"""How much larger the error of a lap that counts as worse is [-, m]. Estimate: what noise makes of it. In ruts, which
+each lap finds otherwise than the last, a wider margin lets it learn what does not come again."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""The same while driving, of the error over WINDOW_M [-, m]. Estimate."""
+"""How much larger the error over WINDOW_M may be while it drives [-, m]. Estimate."""
 GIVE_UP = 4
 """Returns to the best map after which it stops learning [-]. Estimate: the gain is then a sixteenth."""
 COMPLETE = 0.9
@@ -174,7 +175,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Back to the best map, or from that one to none; how good it is now has to be seen anew."""
+        """Back to the best map, or from that one to none; how good it is now has to be seen again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -214,8 +215,7 @@ def _smooth(values: Array, width: float) -> Array:
     """`values` (n,) round a lap, without what is narrower than the half-value `width` [places]; of zero phase."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
-    smooth: Array = np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
-    return smooth
+    return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
 def _names(name: str) -> tuple[str, str, str]:
@@ -228,4 +228,5 @@ def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
     if not known:
         return np.zeros(n)
     place, value = known[name].T
-    return np.interp(lap * (np.arange(n) + 0.5) / n, place, value)
+    found: Array = np.interp(lap * (np.arange(n) + 0.5) / n, place, value)
+    return found

@@ -1,6 +1,6 @@
 """What a learner has learnt, as a table that the next run can begin with: `learned.parquet`.
 
-One row a number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs to no
+A row for each number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs to no
 place) and the value, in the unit that the column's metadata of the log gives to a signal of that name.
 """
 

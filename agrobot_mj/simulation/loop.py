@@ -132,8 +132,8 @@ class Loop:
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = self.path.ask(truth.t)
-        implement = tuple(measured.readings.get("implement_gnss", (nan, nan)))
-        seen = measured.steer, measured.roll, implement
+        x, y = measured.readings["implement_gnss"]
+        seen = measured.steer, measured.roll, (x, y)
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:

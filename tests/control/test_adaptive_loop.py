@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.control import AdaptiveLoop, SteeringLoop
-from agrobot_mj.control.adaptive_loop import GAIN_SHARES, WIDEST_V, Piece
+from agrobot_mj.control.adaptive_loop import GAIN_SHARES, WIDEST_V, Stretch
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 
 SOUND = ((0.12, 0.105), (0.4, 0.4))
@@ -18,7 +18,7 @@ NOISE = radians(0.08)
 def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuck=False):
     """Wanted and true angles every tick, and the state: delay and lag 0.1 s, (gains, dead bands) left and right."""
     dt, angle, spool = 0.005, 0.0, 0.0
-    state = state._replace(steer=None, piece=Piece()) if state else loop.init()
+    state = state._replace(steer=None, piece=Stretch()) if state else loop.init()
     generator = np.random.default_rng(3)
     queue, angles, asked = deque([0.0] * round(0.1 / dt)), [], []
     for k in range(round(seconds / TICK_S)):
