@@ -76,7 +76,7 @@ class Situation(NamedTuple):
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / u**2))
 
 
-class Learning(Reporting):
+class Learner(Reporting):
     """Base of the parts that may learn, and whose knowledge outlasts a run."""
 
     def check(self) -> None:
@@ -87,7 +87,7 @@ class Learning(Reporting):
         return {}
 
 
-class GuidanceLaw(Learning):
+class GuidanceLaw(Learner):
     """Base of every guidance law, `[guidance] kind`."""
 
     kind: str
@@ -178,7 +178,7 @@ class YawController(Reporting):
         return state
 
 
-class AngleLoop(Learning):
+class AngleLoop(Learner):
     """Base of every steering loop, `[steering.loop] kind`: steering angle to valve voltage. Its state has `reference`,
     the present reference angle [rad]."""
 

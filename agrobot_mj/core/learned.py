@@ -1,7 +1,7 @@
 """What a learner has learnt, as a table that the next run can begin with: `learned.parquet`.
 
-A row for each number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs to no
-place) and the value, in the unit that the column's metadata of the log gives to a signal of that name.
+A row for each number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs
+to none) and the value, in the unit that the column's metadata of the log gives to a signal of that name.
 """
 
 from collections.abc import Mapping

@@ -54,7 +54,7 @@ WRONG: dict[str, dict[str, Any]] = {
 """Cases in which the model of the laws is wrong, by the name of the block."""
 LEARNER = "ILC, valve learnt"
 AGAIN = {**SLOPE, "terrain.grade_deg": 6.0, "fault": [WORN]}
-SWATHS_OF_TEN = {"path.kind": "contour", "path.length_m": 40, "path.swath_m": 6, "path.count": 10}
+SWATHS_OF_TEN = {"path.kind": "contour", "path.length_m": 40, "path.swath_m": 10, "path.count": 10}
 BEHIND: dict[str, dict[str, Any]] = {
     "trailer on a slope": {"set": AGAIN},
     "trailer, wear from lap 5 on": {"set": {**SLOPE, "terrain.grade_deg": 6.0, "fault": [{**WORN, "start_s": 290.0}]}},
