@@ -20,6 +20,7 @@ from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.randomness import branch, generators
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.metrics import RunView, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
@@ -219,6 +220,14 @@ class Simulation:
         self.rows.restore(state.rows)
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
         return self.measurement
+
+    def branch(self, number: int) -> None:
+        """Let all noise go on otherwise from here: every random generator of the stages by a stream of this number.
+
+        The past, what it was drawn of once (the ground, a bias) and the values that wander stay.
+        """
+        for generator in generators(vars(self.loop.stages)):
+            branch(generator, number)
 
     def abort(self) -> None:
         """End the run here, with the outcome `aborted`; a run that has ended keeps its own."""
