@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import matplotlib as mpl
 from estimates import by_seed, field, mean, ratio, select
 from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
+from findings.failures import failures
 from findings.figures import write_claim_figures
 from findings.laws import laws
 from findings.learning import learning, printed
@@ -79,6 +80,7 @@ PARTS: dict[str, Part] = {
     "ranking": ranking,
     "survival": survival,
     "validity": validity,
+    "failures": failures,
     "importance": shares,
     "printed": printed,
     "learning": learning,
