@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.metrics.base import RunView
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
@@ -27,6 +27,8 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.limit.condition import name_of
 from agrobot_mj.studies.limit.question import TRIAL_S
 
+SLOPE_TICKS = 5
+"""Ticks over which the slope of a closeness is taken [-]: a quarter of a second, longer than its noise. Estimate."""
 SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "xte_": lambda view: view.beside.offset,
     "safety.offset_": lambda view: view.beside.offset,
@@ -65,10 +67,14 @@ class Rises:
     """Measures how a run came close to a condition: what splitting needs to know of it."""
 
     closeness: Closeness
+    ahead_s: float = 0.0
+    """Time over which a rise of the closeness counts as going on [s]."""
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """`rises`: number of ticks driven and closeness after each tick that was closer than all before; `ticks`."""
         close = self.closeness(log)
+        before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
+        close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
         highest = np.maximum.accumulate(close)
         new = np.flatnonzero(np.diff(highest, prepend=-np.inf) > 0)
         return {"rises": [[int(k) + 1, float(close[k])] for k in new], "ticks": len(close)}

@@ -74,6 +74,16 @@ def test_rises_are_the_new_maxima(log):
     assert levels[-1] == close.max()
 
 
+def test_what_rises_is_close_before_it_is_there(log):
+    """By its slope over a quarter of a second; what falls is as close as it is."""
+    close = Closeness("xte_abs_max > 0.02")(log)
+    ahead = np.array([c + max(c - close[max(k - 5, 0)], 0.0) * 0.5 / 0.25 for k, c in enumerate(close)])
+    found = Rises(Closeness("xte_abs_max > 0.02"), 0.5)(log)["rises"]
+    highest = np.maximum.accumulate(ahead)
+    assert [level for _, level in found] == pytest.approx(sorted(set(highest)))
+    assert [ahead[k - 1] for k, _ in found] == pytest.approx([level for _, level in found])
+
+
 def test_a_tractor_about_to_roll_is_close_to_it():
     log = run(load_scenario("rollover", {"plant.settle_s": 0.5}))
     close = Closeness("outcome == rolled_over")(log)

@@ -23,7 +23,9 @@ from agrobot_mj.studies.limit.condition import Condition
 HALVINGS = 6
 """Steps of the bisection: to a hundredth and a half of the distance [-]."""
 CONFIRMED = 10
-"""Runs of the answer, and of what is about it [-]."""
+"""Runs of the answer, of the way to it, and of what is about it [-]."""
+MOST_CONFIRMED = 10
+"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is sought [-]."""
 NEAR = 0.1
 """Distance about the answer that is looked at, as a share of it along the way, and of the unit of each key [-]."""
 Place = tuple[float, ...]
@@ -54,9 +56,12 @@ class FalsifySearch:
         failing = [tried for tried in self.tried if tried.fails]
         if not failing:
             return self._answer("not_found", max(self.tried, key=lambda tried: tried.close), by_key, ())
-        best = self._bisected(min(failing, key=lambda tried: tried.distance))
-        sure, *around = self.drive([best.distances, *self._around(best)], CONFIRMED, told=False)
-        return self._answer("falsified", sure, by_key, tuple(around))
+        sure = self._confirmed(sorted(failing, key=lambda tried: tried.distance))
+        if not sure.fails:
+            return self._answer("not_found", sure, by_key, ())
+        best = self._bisected(sure)
+        around = self.drive(self._around(best), CONFIRMED, told=False)
+        return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, told: bool = True) -> list[Combination]:
         """Drive combinations; those of the search are noted and told."""
@@ -114,12 +119,20 @@ class FalsifySearch:
             tol=1e-3,
         )
 
+    def _confirmed(self, failing: Sequence[Combination]) -> Combination:
+        """The mildest that fails under more seeds, too; the last one tried if none does."""
+        for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
+            (sure,) = self.drive([tried.distances], CONFIRMED, told=False)
+            if sure.fails:
+                break
+        return sure
+
     def _bisected(self, best: Combination) -> Combination:
-        """The mildest that fails on the way from mild to the best of the search."""
+        """The mildest that fails on the way from mild to this one."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            (tried,) = self.drive([tuple(middle * d for d in best.distances)], self.q.seeds)
+            (tried,) = self.drive([tuple(middle * d for d in best.distances)], CONFIRMED, told=False)
             low, high = (low, middle) if tried.fails else (middle, high)
             mildest = tried if tried.fails else mildest
         return mildest
@@ -148,8 +161,8 @@ def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
     if found.verdict == "fails_at_start":
         return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"
     if found.verdict == "not_found":
-        closest = f"the closest to it is {best.shown} (closeness {best.close:.2g}, of which 0 is about the condition)"
-        return f"{name}: none of the {len(found.tried)} combinations tried fails; {closest}"
+        closest = f"{best.shown} comes close ({best.share} runs fail, closeness {best.close:.2g}; 0 is the condition)"
+        return f"{name}: none of the {len(found.tried)} combinations tried fails in most of its runs; {closest}"
     text = f"{name}: the mildest combination found that fails is {best.shown}, at a distance of {best.distance:.2f}"
     text += f" ({best.share} runs fail)"
     holds = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if not tried.fails]

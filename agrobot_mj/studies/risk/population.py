@@ -14,6 +14,9 @@ from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.risk.question import RiskQuestion
 from agrobot_mj.studies.risk.splitting import Split, Wanted, split
 
+AHEAD_S = 1.0
+"""Time ahead for which runs are judged by where they are going [s]. Estimate (0.5-2: heading to position)."""
+
 
 class Run(NamedTuple):
     """A run that was driven."""
@@ -86,7 +89,7 @@ def populations(
     done: Callable[[Population], object],
 ) -> list[Population]:
     """All splittings of a question, each done; they go on together, so that many runs are driven at a time."""
-    base, rises = base_text(scenario), Rises(Closeness(q.until, q.score))
+    base, rises = base_text(scenario), Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:
         due = [one for each in going for one in each.due]

@@ -22,8 +22,11 @@ CONDITION = Condition(UNTIL, ["xte_abs_max"])
 SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
 
 
-def plant(error, noise=0.0):
-    """Runs whose largest error is a function of the distances (a, b, c) from mild, with noise of this size by seed."""
+def plant(error, noise=0.0, unlucky=0.0):
+    """Runs whose largest error is a function of the distances (a, b, c) from mild, with noise of this size by seed.
+
+    Under the first seed it is larger by `unlucky`.
+    """
 
     def do(tasks):
         found = []
@@ -31,6 +34,7 @@ def plant(error, noise=0.0):
             values = [task.overrides.get(key, mild) for key, (mild, _) in RANGES.items()]
             at = [(v - mild) / (hard - mild) for v, (mild, hard) in zip(values, RANGES.values(), strict=True)]
             size = error(*at) + noise * np.random.default_rng(task.overrides["seed"]).standard_normal()
+            size += unlucky * (task.overrides["seed"] == SCENARIO.seed)
             numbers = {"outcome": "completed", "error": None, "xte_abs_max": size}
             found.append(Done({**numbers, "rises": [[1, size / 0.3 - 1]], "ticks": 20}, {}))
         return found
@@ -38,10 +42,10 @@ def plant(error, noise=0.0):
     return do
 
 
-def search(error, keys=(A, B), noise=0.0, **more):
+def search(error, keys=(A, B), noise=0.0, unlucky=0.0, **more):
     varied = tuple(Varied.ranged(key, *RANGES[key]) for key in keys)
     question = FalsifyQuestion(varied, UNTIL, **{"seeds": 1, "budget": 120, **more})
-    return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise), lambda tried: None).run()
+    return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise, unlucky), lambda tried: None).run()
 
 
 def planted(a, b, c=0.0):
@@ -89,6 +93,17 @@ def test_noise_is_judged_by_most_of_the_runs():
     found = search(planted, noise=0.03, seeds=3)
     assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.1)
     assert all(tried.runs == 3 for tried in found.tried)
+
+
+def test_what_fails_under_one_seed_alone_is_no_answer():
+    """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
+    found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
+    assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
+    assert found.mildest.distances[0] == pytest.approx(0.8, abs=0.02)
+    assert found.mildest.failed == found.mildest.runs == CONFIRMED
+    chance = search(lambda a, b, c: 0.3 + a - 1.2, unlucky=0.5)
+    assert chance.verdict == "not_found"
+    assert "1 of 10 runs fail" in chance.statement
 
 
 def test_distances_count_in_standard_deviations():
