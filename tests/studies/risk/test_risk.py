@@ -64,11 +64,12 @@ def risk_of(process, first_seed=1, **more):
 
 @pytest.mark.parametrize("process", [WHOLE, NORMAL], ids=["whole steps", "normal steps"])
 def test_runs_known_by_their_branches_give_the_probability_over_twenty_repetitions(process):
+    """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
     assert error < 0.2 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
-    assert sum(f.low <= process.exact <= f.high for f in found) >= 17
+    assert sum(f.low <= process.exact <= f.high for f in found) >= 15
 
 
 def test_it_is_ten_times_cheaper_than_plain_runs_at_one_in_ten_thousand():

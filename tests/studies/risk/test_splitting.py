@@ -101,7 +101,7 @@ def test_the_probabilities_are_those_of_theory():
     normal = Process(steps=400, top=40.0)
     corrected = 2 * NormalDist().cdf(-(normal.top + 0.5826) / sqrt(normal.steps))
     assert normal.exact == pytest.approx(corrected, rel=0.02)
-    assert 1e-5 < WHOLE.exact < 1e-3
+    assert 1e-4 < WHOLE.exact < 2e-3
     assert 1e-5 < NORMAL.exact < 1e-3
 
 
@@ -109,5 +109,5 @@ def test_the_probabilities_are_those_of_theory():
 @pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), (20, 5)])
 def test_it_has_no_bias_however_few_the_paths(process, n, worst):
     mean, error = means(process, n, worst, 1000)
-    assert error < 0.1 * process.exact
+    assert error < 0.15 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
