@@ -123,11 +123,14 @@ class Fix(NamedTuple):
 
 
 class Quality:
-    """GNSS solution quality, as logged in `gnss_quality`."""
+    """GNSS solution quality, as logged in `gnss_quality`; DGPS, a corrected code solution, is worse than FLOAT."""
 
-    NONE = 0
-    FLOAT = 1
-    FIX = 2
+    NONE, FLOAT, FIX, DGPS = range(4)
+
+
+def worse(a: int, b: int) -> int:
+    """The worse one of two qualities."""
+    return min(a, b, key=(Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX).index)
 
 
 class PointMass(NamedTuple):
