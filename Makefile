@@ -107,8 +107,8 @@ gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and writ
 acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
 	@$(PY) scripts/make_acquisition.py
 
-safety: $(STAMP) ## Fail sensors and actuators one by one (an hour), and write the tables of docs/safety.md
-	@$(PY) scripts/make_safety.py
+safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
+	@$(PY) scripts/make_safety.py $(STUDY)
 
 library: $(STAMP) ## Run every scenario and write the gallery, docs/library.md, again
 	@$(PY) scripts/make_library.py

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import matplotlib as mpl
 from estimates import by_seed, field, mean, ratio, select
 from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
+from findings.failures import failures
 from findings.figures import write_claim_figures
 from findings.laws import laws
-from findings.learning import learning, printed
+from findings.learning import behind, learners, learning, printed
 from findings.ranking import ranking
 from findings.survival import survival
 from findings.validity import validity
@@ -79,9 +80,12 @@ PARTS: dict[str, Part] = {
     "ranking": ranking,
     "survival": survival,
     "validity": validity,
+    "failures": failures,
     "importance": shares,
     "printed": printed,
     "learning": learning,
+    "learners": learners,
+    "behind": behind,
 }
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""References that the code has: columns and metrics in docs/columns.md, tables of numbers in docs/models.md."""
+"""What follows from the code: docs/columns.md, tables of numbers in docs/models.md, and models/drawn/."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from blocks import put
+from drawn_models import files
 
-from agrobot_mj.control import Controller, Guidance
+from agrobot_mj.control import Controller, Guidance, Loop
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.markdown import markdown_table
@@ -50,7 +51,8 @@ def reference() -> str:
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
     parts.append(_section("MuJoCo plant with an implement", IMPLEMENT_COLUMNS))
     parts.append(_section("Supervisor", Supervisor().columns))
-    for title, union in (("Guidance", Guidance), ("Yaw controller", Controller), ("Estimator", Estimator)):
+    unions = {"Guidance": Guidance, "Yaw controller": Controller, "Steering loop": Loop, "Estimator": Estimator}
+    for title, union in unions.items():
         for spec in every(union):
             part: Any = spec()
             columns = [column for column in part.columns if column.name not in own]
@@ -135,3 +137,5 @@ if __name__ == "__main__":
     (DOCS / "columns.md").write_text(reference(), encoding="utf-8")
     models = DOCS / "models.md"
     models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

@@ -1,4 +1,5 @@
-"""docs/safety.md: fail sensors and actuators one by one (sweep `faults`), and drive where nothing fails (`sane`)."""
+"""docs/safety.md: fail sensors and actuators one by one (sweep `faults`), let receivers fail as those of a real tractor
+did (`receivers`), and drive where nothing fails (`sane`)."""
 
 import json
 from collections import Counter, defaultdict
@@ -33,9 +34,14 @@ def safety(study: Study) -> Blocks:
 
 def failure(row: Row) -> str:
     """The failure of a run: its kind and keys."""
-    (fault,) = json.loads(row["fault"]) if isinstance(row["fault"], str) else row["fault"]
-    keys = ", ".join(f"`{k} = {v}`" for k, v in fault.items() if k not in ("kind", "start_s") and v is not None)
-    return f"`{fault['kind']}`" + (f", {keys}" if keys else "")
+    faults = json.loads(row["fault"]) if isinstance(row["fault"], str) else row["fault"]
+    return " and ".join(map(_one, faults))
+
+
+def _one(fault: Row) -> str:
+    keys = [f"`{k} = {v}`" for k, v in fault.items() if k not in ("kind", "start_s", "end_s") and v is not None]
+    lasts = [f"for {fault['end_s'] - fault['start_s']:.3g} s"] if fault.get("end_s") else []
+    return ", ".join([f"`{fault['kind']}`", *keys, *lasts])
 
 
 def beyond(row: Row) -> list[str]:
@@ -75,6 +81,21 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
     return markdown_table(HEADS, lines)
 
 
+def receivers(study: Study) -> Blocks:
+    """Receivers as they fail: the way to rest where it stops, and how far off the path it gets."""
+    groups = defaultdict(list)
+    for row in study.rows("receivers"):
+        groups[failure(row)].append(row)
+    lines = []
+    for name, some in groups.items():
+        stopped = [row for row in some if row["outcome"] == "stopped"]
+        ways = (spread(row[f"safety.{key}"] for row in rows) for key, rows in (("way", stopped), ("offset_max", some)))
+        reason = "".join(reason for reason, _ in stops(some).most_common(1))
+        lines.append((name, len(some), len(stopped), spread(row["safety.stop_s"] for row in some), *ways, reason))
+    heads = ("failure", "runs", "stopped", "after [s]", "way to rest [m]", "off the path, largest [m]", "reason")
+    return {"receivers": markdown_table(heads, lines)} if lines else {}
+
+
 def bars_table(rows: list[Row]) -> str:
     """Runs beyond a bar, by failure and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
@@ -92,4 +113,4 @@ def sane_text(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    publish(["safety"], {"safety": safety}, __doc__)
+    publish(["safety"], {"safety": safety, "receivers": receivers}, __doc__)

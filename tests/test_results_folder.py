@@ -142,7 +142,7 @@ def test_signals_wait_until_files_are_in_place(call, monkeypatch):
 
 
 def test_a_stopped_comparison_says_so(call, monkeypatch):
-    monkeypatch.setattr(tasks, "run", lambda *arguments: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(tasks, "run", lambda *arguments, **options: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
     assert (status, err) == (130, "stopped before its end\n")
 

@@ -20,6 +20,7 @@ from agrobot_mj.simulation.storage import RECORDING, SET, atomic, exclusive, wri
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
 LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--seeds", 1, "--jobs", 1)
+VARIED = ("--vary", "path.speed_m_s=1:3", "--vary", "path.radius_m=8:11")
 HERE, MINE = "HERE", "MINE"
 """Stand for the stranger's folder, and for the folder with sources of one's own."""
 WRITERS = {
@@ -34,6 +35,8 @@ WRITERS = {
         ("--merge", HERE),
     ],
     "limit": [("circle", *LIMIT, *BICYCLE, "--out", HERE)],
+    "risk": [("circle", "--until", "xte_abs_max > 5", "--particles", 2, "--repeats", 2, *BICYCLE, "--out", HERE)],
+    "falsify": [("circle", *VARIED, "--until", "xte_abs_max > 5", "--budget", 20, *BICYCLE, "--out", HERE)],
     "importance": [(HERE,)],
     "link": [("straight_line", "--pace", "answered", "--wait", 0, *BICYCLE, "--out", HERE)],
     "ros2": [("circle", "--wait", 0, *BICYCLE, "--out", HERE)],
@@ -42,17 +45,20 @@ WRITERS = {
     "rig": [("linear", "--out", HERE)],
     "identify": [(HERE,), (f"{MINE}/driven", "--vehicle", "--out", HERE), (HERE, "--vehicle")],
     "replay": [(f"{MINE}/driven", "--out", HERE)],
+    "calibrate": [(f"{MINE}/driven", "--out", HERE)],
+    "twin": [(f"{MINE}/driven", "--out", HERE)],
     "validate": [("--quick", "--out", HERE)],
     "tune": [("circle", "--guidance", "stanley", "--budget", 8, *BICYCLE, "--out", HERE)],
     "report": [(HERE,)],
 }
 """Ways in which each command writes into a folder."""
-READERS = {"list", "explain", "init", "schema", "view"}
+READERS = {"list", "explain", "init", "schema", "machine", "view"}
 """Commands that write into none; `init` writes only a file that is not there yet."""
 CASES = [(name, arguments) for name, ways in WRITERS.items() for arguments in ways]
 NAMES = (*SET, RECORDING, "comparison.json", "comparison.rrd", "bicycle-pd", "limit.json", "limit.png", "tuning.json")
 NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.csv", "run.mcap", "drive_1.png")
 NAMES = (*NAMES, *(f"replay.{end}" for end in ("json", "parquet", "png", "toml")), "report.html", "ranking.png")
+NAMES = (*NAMES, "map.toml", "calibration.json", "machine.toml", "twin.json")
 NAMES = (*NAMES, "curves.parquet", "validation.json", "validation.md", "importance.json", "lateral.png")
 FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/step_steer.png")
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from agrobot_mj.bench.manoeuvres.base import ORIGIN
 from agrobot_mj.bench.manoeuvres.cornering import circle
-from agrobot_mj.bench.manoeuvres.driver import Driver, hold
+from agrobot_mj.bench.manoeuvres.driver import REST, Driver, hold
 from agrobot_mj.bench.manoeuvres.tipping import tilt
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
@@ -28,12 +28,14 @@ from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
-CREEPING_M_S, ROLLING_M_S, MOVED_M_S = 0.5, 1.0, 0.01
-"""Speeds of turning and climbing, of steering, and that from which a braked machine counts as rolling off [m/s]."""
+CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
+"""Speeds of turning and climbing, of steering, and that of wheels that the brake no longer holds [m/s]."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle [-], and the highest speed on it, or 0.8 of the full speed where that is less."""
-QUICKLY_DEG_S, SLOWLY_DEG_S, STEEPEST_DEG = 4.0, 0.5, 60.0
-"""Rates at which a slope grows, on the first 10 degrees and beyond, and its end."""
+QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG, STEEPEST_DEG = 4.0, 0.25, 15.0, 60.0
+"""Rates at which a slope grows, below and above the third, and its end."""
+CLIMBING = 0.7
+"""Share of its speed at which a machine no longer climbs [-]: its wheels slip past the peak of their pull."""
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the friction, on which a machine tips over before it slides."""
 
@@ -127,7 +129,7 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
     """Tilt gravity backwards, as if the ground rose ahead: the slope of each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
-        grade += TICK_S * (QUICKLY_DEG_S if grade < 10.0 else SLOWLY_DEG_S)
+        grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
         plant.model.opt.gravity[:] = -GRAVITY * sin(radians(grade)), 0.0, -GRAVITY * cos(radians(grade))
         yield grade
 
@@ -136,14 +138,16 @@ def _holding(scenario: Scenario) -> float:
     """Slope at which the brake alone, on the rear wheels, no longer holds, nose up [deg]."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
-    return next((grade for grade in _slope(plant) if abs(plant.advance(braked).speed) > MOVED_M_S), nan)
+    return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Slope on which the machine falls to half of its creeping speed [deg]."""
+    """Slope on which a creeping machine falls below `CLIMBING` of its speed, the pedal held [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
-    return next((grade for grade in _slope(driver.plant) if driver.go(TICK_S)["speed"][-1] < CREEPING_M_S / 2), nan)
+    return next(
+        (grade for grade in _slope(driver.plant) if driver.plant.advance(REST).speed < CLIMBING * CREEPING_M_S), nan
+    )
 
 
 def _top_speed(scenario: Scenario) -> float:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli import authoring, fieldlogs, links, recordings, runs, studies, sweeps
+from agrobot_mj.cli import authoring, failures, fieldlogs, links, recordings, runs, studies, sweeps
 from agrobot_mj.cli.options import with_machine, with_plugins
 from agrobot_mj.core.version import __version__
 
@@ -18,8 +18,9 @@ app = typer.Typer(
 )
 ON_SCENARIOS: tuple[Callable[..., None], ...] = (
     *(authoring.list_, authoring.explain, authoring.init, authoring.schema, authoring.machine),
-    *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, links.link, links.ros2, links.export),
-    *(studies.rig, fieldlogs.identify, fieldlogs.replay, studies.validate, studies.tune, sweeps.report),
+    *(runs.run, runs.compare, sweeps.sweep, sweeps.limit, sweeps.importance, failures.risk, failures.falsify),
+    *(links.link, links.ros2, links.export, studies.rig, studies.validate, studies.tune, sweeps.report),
+    *(fieldlogs.identify, fieldlogs.replay, fieldlogs.calibrate, fieldlogs.twin),
 )
 ON_RECORDINGS: tuple[Callable[..., None], ...] = (recordings.view, recordings.snapshot)
 for command in (*map(with_plugins, map(with_machine, ON_SCENARIOS)), *ON_RECORDINGS):

@@ -4,10 +4,14 @@ from typing import Annotated
 
 from pydantic import Field
 
+from agrobot_mj.control.adaptive_loop import AdaptiveLoop
 from agrobot_mj.control.agopengps import AgOpenGps
-from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
+from agrobot_mj.control.base import AngleLoop, GuidanceLaw, Situation, YawController
 from agrobot_mj.control.cmd_vel import CmdVel
+from agrobot_mj.control.eso import Eso
 from agrobot_mj.control.feedforward import Feedforward
+from agrobot_mj.control.ilc import Ilc
+from agrobot_mj.control.implement_ilc import ImplementIlc
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.learned_feedforward import LearnedFeedforward
@@ -18,11 +22,12 @@ from agrobot_mj.control.pd import Pd
 from agrobot_mj.control.pd_fnn import PdT1fnn, PdT2fnn
 from agrobot_mj.control.pd_isgn import PdIsgn
 from agrobot_mj.control.pi import Pi
+from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward,
+    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc,
     Field(discriminator="kind"),
 ]
 """Every guidance law, by `kind`."""
@@ -38,15 +43,24 @@ Controller = Annotated[
 ]  # fmt: skip
 """Every yaw controller, by `kind`."""
 
+Loop = Annotated[SteeringLoop | AdaptiveLoop, Field(discriminator="kind")]
+"""Every steering loop, by `kind`."""
+
 __all__ = [
+    "AdaptiveLoop",
     "AgOpenGps",
+    "AngleLoop",
     "CmdVel",
     "Controller",
+    "Eso",
     "Feedforward",
     "Guidance",
     "GuidanceLaw",
+    "Ilc",
+    "ImplementIlc",
     "Kinematic",
     "LearnedFeedforward",
+    "Loop",
     "Lqr",
     "Nmpc",
     "OpenLoop",
@@ -57,6 +71,8 @@ __all__ = [
     "Pi",
     "PurePursuit",
     "Situation",
+    "SpeedLoop",
     "Stanley",
+    "SteeringLoop",
     "YawController",
 ]

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from math import atan, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -44,6 +45,10 @@ class Route(Protocol):
         """Distance that the reference has passed at time `t` [s], to some centimetres [m]."""
         ...
 
+    def lap(self) -> float:
+        """Distance after which the path's heading comes again, its whole length where it does not [m]."""
+        ...
+
 
 class Situation(NamedTuple):
     """Everything that a guidance law may know in one tick."""
@@ -62,6 +67,8 @@ class Situation(NamedTuple):
     """Measured steering angle, left positive [rad]."""
     roll: float = nan
     """Measured roll, left side up positive; NaN without an inertial unit [rad]."""
+    implement: tuple[float, float] = (nan, nan)
+    """Measured place where the implement works, east and north; NaN without a receiver on it [m]."""
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Largest steering angle either way at which the turn stays below this lateral acceleration [rad]."""
@@ -69,7 +76,18 @@ class Situation(NamedTuple):
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / u**2))
 
 
-class GuidanceLaw(Reporting):
+class Learner(Reporting):
+    """Base of the parts that may learn, and whose knowledge outlasts a run."""
+
+    def check(self) -> None:
+        """Read what the part takes from files. Raises ValueError, naming the key."""
+
+    def learned(self, state: Any) -> Learned:
+        """What it has learnt, see `core.learned`; nothing for a part that does not learn."""
+        return {}
+
+
+class GuidanceLaw(Learner):
     """Base of every guidance law, `[guidance] kind`."""
 
     kind: str
@@ -158,3 +176,18 @@ class YawController(Reporting):
         For anti-windup; a controller without an integral that could wind up has nothing to do.
         """
         return state
+
+
+class AngleLoop(Learner):
+    """Base of every steering loop, `[steering.loop] kind`: steering angle to valve voltage. Its state has `reference`,
+    the present reference angle [rad]."""
+
+    kind: str
+
+    def init(self) -> Any:
+        """State at rest, straight ahead."""
+        raise NotImplementedError
+
+    def update(self, state: Any, wanted: float, steer: float, dt: float) -> tuple[Any, float]:
+        """State and valve voltage [V] from the commanded and the measured angle [rad] after `dt` [s]."""
+        raise NotImplementedError

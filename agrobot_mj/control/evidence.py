@@ -1,7 +1,8 @@
 """Evidence for the supervisor that needs no estimator: what fixes say of themselves.
 
 Position less travelled velocity is a sum that forgets what lies behind; a receiver that jumps or drifts does not keep
-it small. And a position that a moving tractor is given twice, to the last digit, is an old one. SI units.
+it small, where it claims to be fixed. And a position that a moving tractor is given twice, to the last digit, is an old
+one, whatever quality it claims. SI units.
 """
 
 from math import exp, hypot, isfinite
@@ -47,17 +48,22 @@ class Evidence(NamedTuple):
             return self
         t = fix.t if isfinite(fix.t) else measured.t
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
-        if last is None or time > GAP_S or not self.quality == measured.quality == Quality.FIX:
+        if last is None or time > GAP_S:
             return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
         if time <= 0.0:
             return self
-        keep, repeated = exp(-time / DRIFT_TIME_S), self.moving and (fix.x, fix.y) == (last.x, last.y)
-        return Evidence(
+        repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
+        found = Evidence(
             fix=fix,
             t=t,
             quality=measured.quality,
-            east=keep * self.east + fix.x - last.x - 0.5 * time * (fix.vx + last.vx),
-            north=keep * self.north + fix.y - last.y - 0.5 * time * (fix.vy + last.vy),
             moving=repeated or speed > MOVING_M_S,
             repeated_s=self.repeated_s + time if repeated else 0.0,
+        )
+        if not self.quality == measured.quality == Quality.FIX:
+            return found
+        keep = exp(-time / DRIFT_TIME_S)
+        return found._replace(
+            east=keep * self.east + fix.x - last.x - 0.5 * time * (fix.vx + last.vx),
+            north=keep * self.north + fix.y - last.y - 0.5 * time * (fix.vy + last.vy),
         )

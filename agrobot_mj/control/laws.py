@@ -1,5 +1,6 @@
 """The guidance laws that need no other law inside; a law around another takes one of them."""
 
+from agrobot_mj.control.eso import Eso
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.lqr import Lqr
@@ -13,6 +14,7 @@ InnerLaw = (
     | PurePursuit
     | Stanley
     | Lqr
+    | Eso
     | Nmpc
 )  # fmt: skip
 """Guidance laws by `kind`, without those that contain another."""

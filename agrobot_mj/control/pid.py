@@ -6,8 +6,9 @@ gains are estimates for the delays, lags and dead bands of `hydraulics` and `dri
 """
 
 from math import radians
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
+from agrobot_mj.control.base import AngleLoop
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
@@ -142,9 +143,10 @@ class SteeringState(NamedTuple):
     """Present reference angle of the loop, limited in rate [rad]."""
 
 
-class SteeringLoop(Spec):
+class SteeringLoop(AngleLoop):
     """Steering angle error -> valve voltage."""
 
+    kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
     """Angle [rad] to voltage [V]. Estimate."""
     deadband_compensation_v: NonNegative = 0.3

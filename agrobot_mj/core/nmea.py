@@ -13,9 +13,9 @@ START = datetime(2026, 6, 1, 12, tzinfo=UTC)
 KNOTS = 3600 / 1852
 """One metre per second in knots [kn per m/s]."""
 MINUTE_DECIMALS = 7
-NO_FIX, GPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 4, 5
+NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5
 """Quality in GGA."""
-MODES = {NO_FIX: "N", RTK_FIX: "R", RTK_FLOAT: "F"}
+MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
 """Letter of a quality in RMC and VTG, "A" for the others."""
 
 

@@ -4,9 +4,11 @@ The stream of a name depends on the seed and on that name alone: adding, removin
 no other stream, and the same seed gives the same numbers in every process (Python's own `hash` is salted).
 """
 
+import io
+import pickle
 from hashlib import blake2b
 from math import exp, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 from numpy.random import Generator, SeedSequence, default_rng
 
@@ -18,6 +20,39 @@ def stream(seed: int, name: str) -> Generator:
     """
     key = int.from_bytes(blake2b(name.encode(), digest_size=16).digest(), "little")
     return default_rng(SeedSequence(seed, spawn_key=(key,)))
+
+
+def generators(state: Any) -> list[Generator]:
+    """Every random generator in a state that can be pickled, wherever in it, each once."""
+    finder = _Finder(io.BytesIO())
+    finder.dump(state)
+    return finder.found
+
+
+class _Finder(pickle.Pickler):
+    """Collects generators instead of writing them."""
+
+    def __init__(self, nowhere: io.BytesIO) -> None:
+        super().__init__(nowhere, protocol=pickle.HIGHEST_PROTOCOL)
+        self.found: list[Generator] = []
+
+    def reducer_override(self, given: Any) -> Any:
+        """Note a generator; all else is pickled as ever."""
+        if not isinstance(given, Generator):
+            return NotImplemented
+        self.found.append(given)
+        return int, ()
+
+
+def branch(generator: Generator, number: int) -> None:
+    """Let a generator go on, in place, by a stream that depends on its seed, its name and `number` alone."""
+    bits = generator.bit_generator
+    seed = cast(SeedSequence, bits.seed_seq)
+    bits.state = type(bits)(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _BRANCH, number))).state
+
+
+_BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
+"""Key under which branches lie, apart from what `spawn` makes."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:

@@ -101,6 +101,8 @@ class Truth(NamedTuple):
     """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of R, ENU [m/s]."""
+    implement: tuple[float, float] = (nan, nan)
+    """Place where the implement works, east and north; NaN without one [m]."""
 
 
 class Fix(NamedTuple):
@@ -123,11 +125,14 @@ class Fix(NamedTuple):
 
 
 class Quality:
-    """GNSS solution quality, as logged in `gnss_quality`."""
+    """GNSS solution quality, as logged in `gnss_quality`; DGPS, a corrected code solution, is worse than FLOAT."""
 
-    NONE = 0
-    FLOAT = 1
-    FIX = 2
+    NONE, FLOAT, FIX, DGPS = range(4)
+
+
+def worse(a: int, b: int) -> int:
+    """The worse one of two qualities."""
+    return min(a, b, key=(Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX).index)
 
 
 class PointMass(NamedTuple):

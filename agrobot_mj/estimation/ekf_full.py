@@ -222,10 +222,9 @@ class EkfFull(StateEstimator):
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
-        return {
-            Quality.FIX: _fix_noise(s, fixed, lean, self.gnss_correlation_time_s),
-            Quality.FLOAT: _fix_noise(s_float, floating, lean, self.gnss_float_correlation_time_s),
-        }
+        loose = _fix_noise(s_float, floating, lean, self.gnss_float_correlation_time_s)
+        tight = _fix_noise(s, fixed, lean, self.gnss_correlation_time_s)
+        return {Quality.FIX: tight, Quality.FLOAT: loose, Quality.DGPS: loose}
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""

@@ -122,7 +122,7 @@ class PoseEstimator(StateEstimator):
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
-        sigma = self.gnss_float_sigma_m if measurement.quality == Quality.FLOAT else self.gnss_sigma_m
+        sigma = self.gnss_sigma_m if measurement.quality == Quality.FIX else self.gnss_float_sigma_m
         lever = self._lever(state, measurement, dt)
         fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
         noise = _fix_noise(sigma, self.gnss_velocity_sigma_m_s)

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.faults.gnss import GnssDrift, GnssFloat, GnssFrozen, GnssJump, GnssLatency, GnssLoss
+from agrobot_mj.faults.gnss import GnssDgps, GnssDrift, GnssFloat, GnssFrozen, GnssJump, GnssLatency, GnssLoss
 from agrobot_mj.faults.line import (
     Delayed,
     GyroBias,
@@ -20,7 +20,8 @@ from agrobot_mj.faults.machine import Drawbar, Friction, Payload, SideForce, Sof
 from agrobot_mj.faults.script import Script, ScriptState, clashes, loadings
 
 Fault = Annotated[
-    GnssDrift
+    GnssDgps
+    | GnssDrift
     | GnssFloat
     | GnssFrozen
     | GnssJump

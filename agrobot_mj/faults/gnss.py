@@ -1,11 +1,15 @@
-"""Faults of the GNSS receiver's solution: missing, floating, offset, repeated or late."""
+"""Faults of the GNSS receiver's solution: missing, floating, without corrections, offset, repeated or late.
+
+Sizes and durations of [Jones2026] are those of a riding tractor's logs, which docs/real_machine.md prints.
+"""
 
 from typing import Annotated, Literal, NamedTuple
 
 from numpy.random import Generator
 from pydantic import Field
 
-from agrobot_mj.core.signals import TICK_S, Conditions, Quality
+from agrobot_mj.core.randomness import GaussMarkov
+from agrobot_mj.core.signals import TICK_S, Conditions, Quality, worse
 from agrobot_mj.core.spec import HUGE, Latency
 from agrobot_mj.faults.base import Scripted
 
@@ -28,7 +32,7 @@ class GnssLoss(Scripted):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Withhold the solution."""
-        return None, conditions._replace(gnss_quality=min(conditions.gnss_quality, Quality.NONE))
+        return None, conditions._replace(gnss_quality=worse(conditions.gnss_quality, Quality.NONE))
 
 
 class GnssJump(Scripted):
@@ -66,10 +70,40 @@ class GnssFrozen(Scripted):
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
     """Velocity it reports: `nothing` for standstill, the last `velocity` again, or the `live_velocity`."""
+    quality: Literal["fix", "dgps"] = "fix"
+    """Quality that it claims; with `dgps` and `live_velocity` the heading of two antennas goes on as fixed, as for 37 s
+    of a tractor that stood [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the solution."""
-        return None, conditions._replace(gnss_frozen=self.keep)
+        claimed = Quality.FIX if self.quality == "fix" else Quality.DGPS
+        quality = worse(conditions.gnss_quality, claimed)
+        return None, conditions._replace(gnss_frozen=self.keep, gnss_quality=quality)
+
+
+class GnssDgps(Scripted):
+    """Solution without carrier phases, 2 in GGA: the corrections are late or do not fit.
+
+    The position wanders off from the fixed one. The heading of two antennas, which need no base station, goes on.
+    """
+
+    kind: Literal["gnss_dgps"] = "gnss_dgps"
+    wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
+    """Standard deviation of the wander, per axis, once it has grown [m]. Estimate (0.02-0.4: up to 0.59 off at rest,
+    0.05 and up to 0.2 at the end of 1.4 s while driving [Jones2026])."""
+    wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
+    """Correlation time of the wander [s]. Estimate (1-10)."""
+
+    def init(self, generator: Generator) -> GaussMarkov:
+        """On the fixed position at first."""
+        return GaussMarkov(generator, (0.0, 0.0))
+
+    def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
+        """Degrade the solution, and move on with the wander."""
+        state = state.after(dt, self.wander_time_s)
+        quality = worse(conditions.gnss_quality, Quality.DGPS)
+        east, north = (self.wander_sigma_m * value for value in state.value)
+        return state, shifted(conditions._replace(gnss_quality=quality), east, north)
 
 
 class GnssLatency(Scripted):
@@ -136,7 +170,7 @@ class GnssFloat(Scripted):
         if not state.floating:
             return state, conditions
         (x, y), (dx, dy) = conditions.gnss_offset, state.offset
-        quality = min(conditions.gnss_quality, Quality.FLOAT)
+        quality = worse(conditions.gnss_quality, Quality.FLOAT)
         return state, conditions._replace(gnss_quality=quality, gnss_offset=(x + dx, y + dy))
 
     def _jump(self, state: FloatState, t: float) -> FloatState:

@@ -91,7 +91,8 @@ class Delayed(LineFault):
 class Lost(LineFault):
     """Reading that is missing, which the tractor's computer notices: a cut wire, a sensor without power.
 
-    A lost heading is that from two antennas; the position of the receiver is sound.
+    A lost heading is that from two antennas; the position of the receiver is sound. Of 672 such losses in an hour half
+    lasted 0.2 s, one in twenty 0.6 s and the longest 3.4 s [Jones2026].
     """
 
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss"]

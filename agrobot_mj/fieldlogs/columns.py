@@ -20,6 +20,7 @@ from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MOST_ROWS = 5_000_000
 """Rows of a log that are read: three days at 20 Hz."""
 MOST_CSV_BYTES = 1_000_000_000
@@ -81,6 +82,20 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
     `why` names the key that asks for a column, for the message. Raises `FieldLogError` for a file that cannot be read,
     a missing column, one that holds no numbers, and more than `MOST_ROWS` rows.
     """
+    cells = _cells(source, wanted, why)
+    return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
+
+
+def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
+    """Whether the cell of each row is one of these numbers or words, shape (n,); raises as `read_columns`."""
+    cells = _cells(source, [column], {column: why})(column)
+    if not pa.types.is_string(cells.type):
+        return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
+    return np.isin(np.array(cells.to_pylist(), dtype=object).astype(str), [str(a) for a in accepted])
+
+
+def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) -> Callable[[str], pa.ChunkedArray]:
+    """What gives the cells of each of the wanted columns; raises as `read_columns`."""
     name, known = source_name(source), column_names(source)
     for column in wanted:
         if column not in known:
@@ -99,7 +114,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
         rows, cells = table.num_rows, table.column
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
-    return {column: _floats(name, column, cells(column)) for column in dict.fromkeys(wanted)}
+    return cells
 
 
 def loaded(source: Source) -> Source:
@@ -224,6 +239,8 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
         ticks = cells.cast(pa.int64())
         first = (ticks[0].as_py() if len(ticks) else 0) or 0
         return _numpy(ticks, first) / per_second
+    if pa.types.is_boolean(kind):
+        cells, kind = cells.cast(pa.int8()), pa.int8()
     if pa.types.is_null(kind):
         raise FieldLogError(f"{name}: {column!r} is empty in every row; name another column")
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):

@@ -20,6 +20,7 @@ Delay = Annotated[float, Field(ge=-5, le=5)]
 """Age of a value [s]; negative for values that the logger dates too early."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
+Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]
 Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
@@ -63,6 +64,11 @@ class SteerColumn(MeasuredColumn):
             raise ValueError('wheelbase_m: goes with unit = "1/m", a curvature; give both or neither')
         return self
 
+    def as_read(self) -> "SteerColumn":
+        """The column without what turns its readings into angles; a curvature stays one, as its angle."""
+        unit = self.unit if self.unit == "1/m" else "rad"
+        return self.model_copy(update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0})
+
 
 class ValveColumn(MeasuredColumn):
     """Voltage of the steering valve, or what stands for it, e.g. a PWM count."""
@@ -102,6 +108,12 @@ class HeadingColumn(MeasuredColumn):
     """Unit of the numbers."""
     convention: Literal["compass", "enu"] = "compass"
     """From north clockwise, or from east counter-clockwise."""
+    offset: Factor = 0.0
+    """Reading when the tractor points north, or east by the other convention [in the column's unit]."""
+    quality: Name | None = None
+    """Column of the quality of the heading."""
+    accepted: Accepted = (1,)
+    """Numbers or words of rows that count, where there is such a column; true is 1."""
 
 
 class PositionColumns(Spec):
@@ -131,8 +143,8 @@ class PositionColumns(Spec):
     """Height of the point above level ground; None is the scenario's antenna height [m]."""
     quality: Name | None = None
     """Column of the quality of the solution."""
-    accepted: tuple[int, ...] = (4,)
-    """Qualities of rows that count, where there is such a column: 4 is RTK fixed in GGA."""
+    accepted: Accepted = (4,)
+    """Numbers or words of rows that count, where there is such a column: 4 is RTK fixed in GGA."""
     delay_s: Delay = 0.0
     """Age of the value [s]."""
 

@@ -4,6 +4,7 @@ Inputs (steering, speed) are complete up to short gaps; what is compared with (y
 any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
 """
 
+from collections.abc import Callable
 from math import inf, pi, radians
 from typing import Any, NamedTuple
 
@@ -13,7 +14,16 @@ from scipy.signal import savgol_filter
 
 from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.columns import FieldLogError, Source, check_time, column_names, read_columns, source_name
+from agrobot_mj.fieldlogs.columns import (
+    FieldLogError,
+    Mask,
+    Source,
+    accepted_rows,
+    check_time,
+    column_names,
+    read_columns,
+    source_name,
+)
 from agrobot_mj.fieldlogs.maps import (
     HeadingColumn,
     LogMap,
@@ -45,8 +55,6 @@ COURSE_S = 2.0
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 
-Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-
 
 class TimeSeries(NamedTuple):
     """Values at their own times."""
@@ -58,9 +66,18 @@ class TimeSeries(NamedTuple):
 
     def at(self, t: Array) -> Array:
         """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        return self.smooth()(t)
+
+    def smooth(self) -> Callable[[Array], Array]:
+        """The series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
         # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
-        found: Array = Akima1DInterpolator(self.t, self.value)(np.clip(t, self.t[0], self.t[-1]))
-        return found
+        cubics = Akima1DInterpolator(self.t, self.value)
+
+        def at(t: Array) -> Array:
+            found: Array = cubics(np.clip(t, self.t[0], self.t[-1]))
+            return found
+
+        return at
 
     def between(self, start: float, end: float) -> "TimeSeries":
         """The part from `start` to `end` [s]."""
@@ -121,19 +138,27 @@ class FieldRecording(NamedTuple):
         return self._replace(start=first, end=last, **cut)
 
 
-def read_recording(source: Source, log_map: LogMap | None, antenna_height: float) -> FieldRecording:
+def read_recording(
+    source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
+) -> FieldRecording:
     """The log under a map; under the one that fits of those that come with the package where it is None.
 
-    Raises `FieldLogError`, or `ScenarioError` where no map fits.
+    With `readings` the wheel angle is what its sensor reads, in its own unit. Raises `FieldLogError`, or
+    `ScenarioError` where no map fits.
     """
     name = source_name(source)
     m = log_map or built_in(column_names(source), name)
     keys = named_columns(m)
-    data = read_columns(source, list(keys), keys)
+    good = {
+        column: accepted_rows(source, column, part.accepted, keys[column])
+        for part in (m.position, m.heading)
+        if part is not None and (column := part.quality)
+    }
+    data = read_columns(source, [column for column in keys if column not in good], keys)
     t = data[m.time.column] * SECONDS[m.time.unit]
     check_time(name, m.time.column, t, "time.unit of the map")
-    r = _Reader(name, t - t[0], data)
-    steer = r.steer(m.steer) if m.steer else None
+    r = _Reader(name, t - t[0], data, good)
+    steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
     voltage = r.voltage(m.valve) if m.valve else None
     speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
     position = r.position(m.position) if m.position else None
@@ -164,12 +189,14 @@ class _Reader(NamedTuple):
     name: str
     t: Array
     data: dict[str, Array]
+    good: dict[str, Mask]
+    """Which rows have an accepted quality, by its column."""
 
-    def steer(self, c: SteerColumn) -> TimeSeries:
+    def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         reading = sign * c.scale * (self.data[c.column] - c.offset)
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
-        series = self._known("steer", c, angle, LARGEST_STEER, "rad")
+        series = self._known("steer", c, angle, largest, "rad")
         return TimeSeries(series.t, _sharpened(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
@@ -187,16 +214,18 @@ class _Reader(NamedTuple):
         return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
     def heading(self, c: HeadingColumn) -> TimeSeries:
-        angle = ANGLES[c.unit] * self.data[c.column]
+        angle = ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        if c.quality:
+            angle[~self.good[c.quality]] = np.nan
         series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
-        return TimeSeries(series.t, np.unwrap(series.value))
+        return _fresh(TimeSeries(series.t, np.unwrap(series.value)))
 
     def position(self, c: PositionColumns) -> TimeSeries:
         first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
         a, b = self.data[first or ""], self.data[second or ""]
         good = np.isfinite(a) & np.isfinite(b)
         if c.quality:
-            good &= np.isin(self.data[c.quality], c.accepted)
+            good &= self.good[c.quality]
         if good.sum() < 4:
             what = f"with {c.quality!r} in {list(c.accepted)}; see position.accepted" if c.quality else "in them"
             raise FieldLogError(f"{self.name}: {first!r} and {second!r} have {good.sum()} positions {what}")
@@ -221,7 +250,7 @@ class _Reader(NamedTuple):
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
                 "quality's column (position.quality), so that rows without a fix are left out"
             )
-        return TimeSeries(self.t[good] - c.delay_s, places)
+        return _fresh(TimeSeries(self.t[good] - c.delay_s, places))
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
         """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
@@ -233,6 +262,13 @@ class _Reader(NamedTuple):
                 f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?"
             )
         return TimeSeries(self.t[good] - c.delay_s, values[good])
+
+
+def _fresh(series: TimeSeries) -> TimeSeries:
+    """The series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
+    new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
+    kept = np.concatenate(([True], new))
+    return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= 4 else series
 
 
 def _sharpened(series: TimeSeries, length: float) -> Array:

@@ -117,7 +117,7 @@ class Cylinder(Spec):
         """The oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
-        sized: ClassVar = RELIEF_MARGIN * linkage.parked_torque(tractor)
+        sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
         return OilColumn(
             relief_torque=sized if bar is None else bar * 1e5 * self.displacement,
             stiffness=STIFFNESS * size if self.stiffness_n_m_rad is None else self.stiffness_n_m_rad,

@@ -5,14 +5,18 @@
 """
 
 from math import radians, sqrt
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill
+from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
+Body = Literal["open", "roll_bar", "cab", "robot"]
+"""What a machine looks like: a seat in the open, one below a roll bar or in a cab, or a deck without a seat."""
+WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
+"""Masses from which a tractor is drawn with a roll bar and with a cab [kg]. Estimate."""
 
 
 class Springs(NamedTuple):
@@ -131,6 +135,11 @@ class TractorParameters(Spec):
     """Distance of the hitch behind the rear axle [m]. Estimate (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Estimate (0.3-0.45)."""
+    body: Body | None = None
+    """Body that is drawn; by the mass when left out. It changes nothing but the picture, and what touches the ground
+    when the tractor has fallen."""
+    mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
+    """MuJoCo model of the machine's own body, which gives sizes and masses; docs/bodies.md says what it must have."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -149,6 +158,17 @@ class TractorParameters(Spec):
             if (width := getattr(self, key)) >= self.track_m:
                 raise ValueError(f"{key}: must be below track_m ({self.track_m:g}), else wheels overlap, got {width:g}")
         return self
+
+    @property
+    def size(self) -> float:
+        """Length over that of the default tractor, by which views and arrows of a recording grow [-]."""
+        return self.wheelbase_m / COMPACT.wheelbase_m
+
+    @property
+    def style(self) -> Body:
+        """Body that is drawn, as given or by the mass."""
+        light: Body = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
+        return self.body or ("cab" if self.mass_kg >= WITH_CAB_KG else light)
 
     @property
     def cg_to_rear_axle(self) -> float:

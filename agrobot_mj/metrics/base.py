@@ -123,6 +123,12 @@ def abs_p95(values: Array) -> float | None:
     return float(np.percentile(np.abs(finite), 95)) if finite.size >= LEAST else None
 
 
+def abs_max(values: Array) -> float | None:
+    """Largest magnitude of the finite values; None of fewer than LEAST."""
+    finite = _finite(values)
+    return float(np.abs(finite).max()) if finite.size >= LEAST else None
+
+
 def _finite(values: Array) -> Array:
     return values[np.isfinite(values)]
 

@@ -28,6 +28,7 @@ class Safety(Metric):
         Column("safety.offset_end", "m", "distance from the path at the end"),
         Column("safety.off_s", "s", f"time from the first tick {OFF_M:g} m off the path to the end"),
         Column("safety.speed_end", "m/s", "speed at the end"),
+        Column("safety.way", "m", "way driven from the first fault to the end"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
@@ -51,6 +52,7 @@ class Safety(Metric):
                 "offset_end": float(offset[-1]),
                 "off_s": float(len(offset) - off[0]) * TICK_S if off.size else 0.0,
                 "speed_end": float(speed[-1]),
+                "way": float(speed[first:].sum()) * TICK_S,
             }
         }
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_p95, mean, rms, rows_until
+from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_max, abs_p95, mean, rms, rows_until
 
 COMPLETE = 0.99
 """Share of a turn that a run must cover for the turn to count as complete."""
@@ -30,6 +30,7 @@ class Tracking(Metric):
         Column("longitudinal_rms", "m", "root mean square of the time-based longitudinal error"),
         Column("xte_rms", "m", "root mean square of the cross-track error, the distance of the CG from the path"),
         Column("xte_abs_p95", "m", "95th percentile of the magnitude of the cross-track error"),
+        Column("xte_abs_max", "m", "largest magnitude of the cross-track error"),
         Column("yaw_rate_error_rms", "rad/s", "root mean square of the yaw-rate reference less the estimated yaw rate"),
         Column("per_turn", "-", "list: the same for each `turn` that was reached, if `complete`"),
     )
@@ -66,7 +67,7 @@ def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float 
     }
     yield lateral, view.column("e_lateral")
     yield {"longitudinal_rms": rms}, view.column("e_longitudinal")
-    yield {"xte_rms": rms, "xte_abs_p95": abs_p95}, view.cg_on_path.offset
+    yield {"xte_rms": rms, "xte_abs_p95": abs_p95, "xte_abs_max": abs_max}, view.cg_on_path.offset
     yield {"yaw_rate_error_rms": rms}, view.column("e_yaw_rate")
 
 

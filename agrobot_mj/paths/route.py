@@ -32,6 +32,14 @@ BEND = 1.4
 BEYOND_S = 3600.0
 """Time beyond the path's duration up to which it is sampled for a distance that it may never reach [s]."""
 
+LAP_GRID_M, LEAST_LAP_M = 0.05, 10.0
+"""Grid on which headings are compared, and shortest lap [m]."""
+ALIKE = 0.01
+"""Largest difference of the headings from lap to lap, one less the mean cosine, over that between other places [-].
+Estimate: the way off the field after the last pass counts as different."""
+LEAST_TURN = 0.8
+"""Turn without which a path has no places to tell apart [rad]. Estimate: 45 deg."""
+
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
 """Columns of the samples, as in `Sample`."""
 
@@ -97,6 +105,7 @@ class SampledRoute:
         self._until = 0.0
         self._search = bound(_search, self._samples, *(0.0,) * 6)
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
+        self._lap: float | None = None
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s]."""
@@ -133,6 +142,14 @@ class SampledRoute:
         """Distance that the reference has passed at time `t` [s], to a sample [m]."""
         k = self.number_at(t)
         return float(self.distances[k])
+
+    def lap(self) -> float:
+        """Distance after which the path's heading comes again, its whole length where it does not [m]."""
+        if self._lap is None:
+            self._grow(until=self.path.duration_s)
+            known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
+            self._lap = lap_length(known[:, S], known[:, YAW])
+        return self._lap
 
     @property
     def distances(self) -> Array:
@@ -199,6 +216,30 @@ class SampledRoute:
             self._room = np.concatenate([self._samples, np.empty((end, len(self._samples[0])))])
         self._room[count:end] = new
         self._samples = self._room[:end]
+
+
+def lap_length(s: Array, yaw: Array) -> float:
+    """Least distance [m] after which the headings `yaw` [rad] at the distances `s` [m], each of shape (n,), come again.
+
+    The last distance where they do not over half a lap, or where the path has no bends. Laps may lie beside each other:
+    two passes of a field and their turns are one.
+    """
+    length = float(s[-1])
+    count = int(length / LAP_GRID_M)
+    turned = np.unwrap(yaw)
+    if count < 2 * LEAST_LAP_M / LAP_GRID_M or np.ptp(turned) < LEAST_TURN:
+        return length
+    headings = np.exp(1j * np.interp(LAP_GRID_M * np.arange(count), s, turned))
+    padded = np.fft.fft(headings, 2 * count)
+    lags = np.arange(1, 2 * count // 3)
+    unlike = 1.0 - np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
+    alike = unlike < ALIKE * unlike.max()
+    left = np.maximum.accumulate(~alike)  # what is alike from the beginning is a gentle bend
+    again = np.flatnonzero(left & alike & (lags * LAP_GRID_M >= LEAST_LAP_M))
+    if not len(again):
+        return length
+    first = again[: int(np.argmax(np.diff(again, append=again[-1] + 2) > 1)) + 1]
+    return float(lags[first[np.argmin(unlike[first])]]) * LAP_GRID_M
 
 
 def _sample(t: float, r: Reference) -> Sample:

@@ -5,14 +5,25 @@ Recordings draw a `Scene` and move its bodies; they know nothing of the plant.
 
 from typing import NamedTuple
 
+from agrobot_mj.core.signals import Array, Index
+
+
+class Mesh(NamedTuple):
+    """A surface of triangles."""
+
+    vertices: Array
+    """Shape (n, 3), in the geom's frame [m]."""
+    triangles: Index
+    """Indices of vertices, shape (m, 3)."""
+
 
 class Geom(NamedTuple):
-    """One primitive, fixed in its body."""
+    """One primitive or mesh, fixed in its body."""
 
     name: str
     body: str
     kind: str
-    """box, cylinder, capsule, sphere or ellipsoid."""
+    """box, cylinder, capsule, sphere, ellipsoid or mesh."""
     size: tuple[float, float, float]
     """Half sizes as MuJoCo has them [m]."""
     pos: tuple[float, float, float]
@@ -20,6 +31,8 @@ class Geom(NamedTuple):
     quat: tuple[float, float, float, float]
     """w x y z in the body's frame."""
     rgba: tuple[float, float, float, float]
+    mesh: Mesh | None = None
+    """The surface, if it is one."""
 
 
 class Scene(NamedTuple):

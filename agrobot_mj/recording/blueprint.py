@@ -38,7 +38,7 @@ TABS = {
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 """Further plots of a tab, which alone do not create it."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the following camera from the tractor: forward, left, up [m]."""
+"""Initial position of the following camera from the default tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which that camera looks at first, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
@@ -65,6 +65,10 @@ class Shown(NamedTuple):
     """Frames of plots, by path; the viewer chooses the others."""
     outcome: str = ""
     """Outcome of the run, once it is known."""
+    size: float = 1.0
+    """Size of the tractor over the default one's [-]."""
+    followed: str = FOLLOWED
+    """Entity that the camera follows."""
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
@@ -84,7 +88,9 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
     beside = _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s)
     return layout(
-        scenes(places, yaw), beside, *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts))
+        scenes(places, yaw, shown.size, shown.followed),
+        beside,
+        *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
     )
 
 
@@ -120,15 +126,17 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
 
-def scenes(places: Array, yaw: float, followed: str = FOLLOWED, growing: Sequence[str] = GROWING) -> rrb.Vertical:
+def scenes(
+    places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
+) -> rrb.Vertical:
     """The scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
 
-    `growing` are the entities that stay from their time on.
+    `size` is the tractor's over the default one's; `growing` are the entities that stay from their time on.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
-        position=places[0] + np.array([east, north, FOLLOW_FROM[2]]),
-        look_target=places[0] + LOOK_AT,
+        position=places[0] + size * np.array([east, north, FOLLOW_FROM[2]]),
+        look_target=places[0] + size * np.array(LOOK_AT),
         tracking_entity=followed,
     )
     low, high = places.min(axis=0), places.max(axis=0)

@@ -27,7 +27,7 @@ from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.motion import sound_rows
-from agrobot_mj.recording.world.scene import reference_line, send_scene, shapes
+from agrobot_mj.recording.world.scene import followed, reference_line, send_scene, shapes
 from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
@@ -168,7 +168,8 @@ def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
     yaw = longest.column("yaw")[:1]
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.entity}" for run in runs]
-    left = scenes(reference, heading, f"{runs[-1].place}/chassis/boxes", growing)
+    size, seen = max(run.log.scenario.tractor.size for run in runs), f"{runs[-1].place}/{followed(runs[-1].log.scene)}"
+    left = scenes(reference, heading, size, seen, growing)
     plots = [each for plot in COMPARED for each in _shared(plot, runs, t)]
     beside, tab = (
         [plot_view(plot, end_s, frame_, BESIDE) for plot, frame_ in some] for some in (plots[:BESIDE], plots)

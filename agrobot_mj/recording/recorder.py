@@ -22,7 +22,7 @@ from agrobot_mj.recording.plots.states import LANES, States
 from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
 from agrobot_mj.recording.world.motion import BodyMotion
-from agrobot_mj.recording.world.scene import reference_line, send_scene
+from agrobot_mj.recording.world.scene import followed, reference_line, send_scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
@@ -95,5 +95,6 @@ class Recording:
         if outcome:  # until then nobody knows which plots will stay constant
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
-        shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome)
+        size, seen = self.scenario.tractor.size, f"world/bodies/{followed(self.motion.scene)}"
+        shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome, size, seen)
         self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))

@@ -1,6 +1,7 @@
 """Keys of a scenario that contradict each other, though each is valid by itself."""
 
 import re
+from collections.abc import Iterator
 from math import atan, degrees, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -102,6 +103,17 @@ def path_errors(s: "Scenario") -> list[str]:
             f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
         )
     return found
+
+
+def equipment_errors(s: "Scenario") -> Iterator[str]:
+    """Reasons why the equipment of a scenario is not there; reads the files of what was learnt in earlier runs."""
+    for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
+        try:
+            part.check()
+        except ValueError as error:
+            yield prefixed(table, str(error))
+    if s.sensors.implement_gnss.enabled and s.implement.kind == "none":
+        yield 'sensors.implement_gnss: there is no implement to carry it; set implement.kind = "mounted" or "drawn"'
 
 
 def ground_errors(s: "Scenario") -> list[str]:

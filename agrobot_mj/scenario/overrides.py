@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.plants.mujoco.own_files import own_files
 from agrobot_mj.scenario.walk import places
 
-FILE_KEYS = ("file", "machine")
+FILE_KEYS = ("file", "machine", "mjcf")
 """Keys of these names hold the path of a file, relative to the scenario's own folder or to the library's."""
 
 
@@ -146,8 +148,9 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Every file that plain data names."""
-    return [library_file(table[key]) for table, key in _naming_files(data)]
+    """Every file that plain data names, and those that go with it."""
+    found = [(key, library_file(table[key])) for table, key in _naming_files(data)]
+    return [file for key, path in found for file in (path, *_beside(key, path))]
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
@@ -159,9 +162,18 @@ def relocate_files(data: Any) -> dict[str, Path]:
     for table, key in _naming_files(data):
         if (path := Path(table[key])).is_absolute():
             numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
-            name = next(name for name in numbered if found.get(name, path) == path)
+            name = next(name for name in numbered if name != LEARNED and found.get(name, path) == path)
             found[name], table[key] = path, name
+            found |= {other.name: other for other in _beside(key, path)}
     return found
+
+
+def _beside(key: str, path: Path) -> tuple[Path, ...]:
+    """Files without which one under this key is nothing: those that a machine's own body names."""
+    try:
+        return own_files(str(path)).others if key == "mjcf" else ()
+    except ValueError:  # the body itself says what is wrong with it
+        return ()
 
 
 def _naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:

@@ -16,9 +16,8 @@ import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from agrobot_mj.control import Controller, Guidance, Kinematic, PdT2fnn
+from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SpeedLoop, SteeringLoop
 from agrobot_mj.control.gains import Gains, gains_of
-from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
@@ -37,7 +36,15 @@ from agrobot_mj.machine.sizes import ratios_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.contradictions import LONGEST_S, ground_errors, misfits, path_errors, prefixed
+from agrobot_mj.scenario.bodies import embody
+from agrobot_mj.scenario.contradictions import (
+    LONGEST_S,
+    equipment_errors,
+    ground_errors,
+    misfits,
+    path_errors,
+    prefixed,
+)
 from agrobot_mj.scenario.machines import COMPACT, machine_file, machine_tables
 from agrobot_mj.scenario.overrides import (
     check_overrides,
@@ -75,7 +82,7 @@ class Steering(Spec):
     """Steering cylinder."""
     linkage: Linkage = Linkage()
     """Kingpins and linkage between cylinder and wheels."""
-    loop: SteeringLoop = SteeringLoop()
+    loop: Loop = SteeringLoop()
     """Low-level angle controller."""
 
 
@@ -262,15 +269,18 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
 
 
 def _validated(data: dict[str, Any], source: str) -> Scenario:
+    added = embody(data, source)
     try:
         # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
         text = json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # UnicodeEncodeError among them
         raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
     try:
-        return Scenario.model_validate_json(text)
+        scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         raise ScenarioError(explain(error, source, data, Scenario)) from None
+    scenario.tractor.model_fields_set.difference_update(added)
+    return scenario
 
 
 def _as_plain(value: Any) -> Any:
@@ -288,6 +298,6 @@ def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:
             scenario.path.check()
         except ValueError as error:
             raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
-        errors = [*path_errors(scenario), *(ground_errors(scenario) if ground else [])]
+        errors = [*path_errors(scenario), *equipment_errors(scenario), *(ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))

@@ -5,6 +5,7 @@ from agrobot_mj.sensors.canopy import Canopy
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
+from agrobot_mj.sensors.implement_gnss import ImplementGnss
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
 from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
@@ -15,6 +16,7 @@ __all__ = [
     "DualAntenna",
     "Gnss",
     "Gyro",
+    "ImplementGnss",
     "Imu",
     "PedalPotentiometer",
     "Potentiometer",

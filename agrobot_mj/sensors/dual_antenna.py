@@ -4,7 +4,8 @@ The receiver knows the vector from the right antenna to the left one to millimet
 degrees for the heading. Error = relative position across the baseline (white, and a slow first-order Gauss-Markov part
 [Brown2012], since each antenna has multipath of its own) over the baseline, and a constant error of the mounting. A
 roof that rolls and pitches at once turns the baseline: with pitch theta and roll phi its plan lies
-atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities.
+atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities between the two, and so survives the loss
+of the base station's corrections [Jones2026].
 """
 
 from math import atan, nan, radians, sin, tan
@@ -60,6 +61,6 @@ class DualAntenna(Spec):
         aside = self.wander_sigma_m * wander.value[0] + self.sigma_m * wander.generator.standard_normal()
         error = atan(aside / self.baseline_m) + radians(self.mounting_deg)
         leaning = -atan(sin(truth.pitch) * tan(truth.roll))
-        heading = wrap(truth.yaw + leaning + error) if quality == Quality.FIX else nan
+        heading = wrap(truth.yaw + leaning + error) if quality in (Quality.FIX, Quality.DGPS) else nan
         line, heading = state.line.carried(heading, distortion, dt)
         return DualAntennaState(wander, line), wrap(heading)

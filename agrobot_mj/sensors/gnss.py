@@ -1,8 +1,9 @@
 """RTK-GNSS receiver: position and velocity of the antenna, which swings with roll and pitch.
 
 Position error per axis = white part + first-order Gauss-Markov parts [Brown2012], velocity error white; a float
-solution has its own pair of position errors. The default is the paper's 2 cm, most of it white; a real receiver jitters
-by millimetres and wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`.
+solution has its own pair of position errors, and a solution without corrections (the fault `gnss_dgps`) that of a fix
+and what the fault adds. The default is the paper's 2 cm, most of it white; a real receiver jitters by millimetres and
+wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`.
 ENU [m, m/s]; the solution is delivered whole ticks late.
 """
 
@@ -13,7 +14,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import Column, Conditions, Fix, Frozen, Quality, Truth
+from agrobot_mj.core.signals import Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.canopy import Canopy, CanopyState
@@ -147,7 +148,7 @@ class Gnss(Sensor):
         found = []
         for canopy, state in zip(self.canopy, states, strict=True):
             after, best = canopy.look(state, truth.antenna[0], truth.antenna[1], dt)
-            quality = min(quality, best)
+            quality = worse(quality, best)
             found.append(after)
         return tuple(found), quality
 
@@ -155,7 +156,7 @@ class Gnss(Sensor):
         self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: tuple[float, ...], heading: float
     ) -> Fix:
         """The solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
-        fixed = quality == Quality.FIX
+        fixed = quality != Quality.FLOAT
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
         east, north = (state.fixed if fixed else state.floating).value

@@ -13,6 +13,7 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.sensors.gyro import Gyro
+from agrobot_mj.sensors.implement_gnss import ImplementGnss
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
 from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
@@ -49,6 +50,8 @@ class Sensors(Spec):
     """Speed of the driven wheels, off by default."""
     radar_speed: RadarSpeed = RadarSpeed()
     """Speed over ground, off by default."""
+    implement_gnss: ImplementGnss = ImplementGnss()
+    """A second receiver, on the implement, off by default."""
 
     @property
     def all(self) -> dict[str, Sensor]:

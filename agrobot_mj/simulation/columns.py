@@ -115,7 +115,7 @@ _ESTIMATE = _signals(
 _CONDITIONS = _signals(
     ("gnss_x", "m", "GNSS solution of the antenna, east; null without", lambda k: _fixed(k)[0]),
     ("gnss_y", "m", "GNSS solution of the antenna, north; null without", lambda k: _fixed(k)[1]),
-    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 0 none", lambda k: float(k.measured.quality)),
+    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", lambda k: float(k.measured.quality)),
     ("faults_active", "-", "number of scripted faults that act", lambda k: float(k.faults)),
 )
 _ERRORS = _signals(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.long_array import PIECE, LongArray
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.plants.scene import Scene
@@ -127,6 +128,8 @@ class Log:
     """Metrics of the run, see `metrics.metrics`."""
     ruts: RutMap | None = None
     """Ruts on the field at the end of the run; None on ground that does not remember."""
+    learned: Learned = field(default_factory=dict)
+    """What guidance law and steering loop have learnt; empty where they do not learn."""
 
     @cached_property
     def signals(self) -> pa.Table:

@@ -13,9 +13,10 @@ from typing import Any
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.brake import BrakeState
-from agrobot_mj.control.pid import SpeedState, SteeringState
+from agrobot_mj.control.pid import SpeedState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
 from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import (
     NEUTRAL_V,
     TICK_S,
@@ -58,7 +59,7 @@ class Stages:
     guidance: Any
     supervisor: SupervisorState
     speed: SpeedState
-    steering: SteeringState
+    steering: Any
     brake: BrakeState
     wiring: Wiring
     """Lines to the valves."""
@@ -131,7 +132,9 @@ class Loop:
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
         reference = self.path.ask(truth.t)
-        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, measured.steer, measured.roll)
+        x, y = measured.readings["implement_gnss"]
+        seen = measured.steer, measured.roll, (x, y)
+        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Ask the scenario's guidance law for a command; the supervisor may replace it."""
@@ -185,7 +188,7 @@ class Loop:
         """Signals that the stages and the plant report in addition to those of every log."""
         s = self.scenario
         stages = (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
-        return (*stages, *self.plant.columns)
+        return (*stages, *s.steering.loop.columns, *self.plant.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
@@ -195,8 +198,14 @@ class Loop:
             *self.supervisor.report(state.supervisor),
             *s.estimator.report(state.estimator),
             *s.sensors.report(state.sensors.sensors),
+            *s.steering.loop.report(state.steering),
             *self.plant.report(),
         )
+
+    def learned(self) -> Learned:
+        """What guidance law and steering loop have learnt."""
+        state = self.stages
+        return {**self.guidance.learned(state.guidance), **self.scenario.steering.loop.learned(state.steering)}
 
     def check_reports(self) -> None:
         """Raise `ScenarioError` if a stage does not report one number for each of its columns."""

@@ -1,13 +1,14 @@
 """A complete run of a scenario, followed by watchers."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.branching import Branch, steps
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
@@ -38,26 +39,33 @@ def run(
     scenario: Scenario,
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
+    branches: Sequence[Branch] | None = None,
 ) -> Log:
     """Run a scenario to its end; writes nothing by itself.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
-    returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
-    for a guidance law that is an external program.
+    returns True the run ends as `aborted`. With `branches` the noise goes on otherwise from these ticks, and states
+    are kept for other runs to begin with; an empty sequence only keeps them. Raises `ScenarioError` if the parameters
+    describe no possible tractor, and for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
         raise ScenarioError(f'guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
-        sim.reset()
-        while not sim.done:
-            sim.step()
+        for _ in _ticks(sim) if branches is None else steps(sim, branches):
             if should_stop():
                 sim.abort()
             tell()
 
     return run_with_watchers(Simulation(scenario), watchers, drive)
+
+
+def _ticks(sim: Simulation) -> Iterator[None]:
+    sim.reset()
+    while not sim.done:
+        sim.step()
+        yield
 
 
 def run_with_watchers(

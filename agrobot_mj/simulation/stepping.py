@@ -20,6 +20,7 @@ from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.randomness import branch, generators
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.metrics import RunView, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
@@ -220,6 +221,14 @@ class Simulation:
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
         return self.measurement
 
+    def branch(self, number: int) -> None:
+        """Let all noise go on otherwise from here: every random generator of the stages by a stream of this number.
+
+        The past, what it was drawn of once (the ground, a bias) and the values that wander stay.
+        """
+        for generator in generators(vars(self.loop.stages)):
+            branch(generator, number)
+
     def abort(self) -> None:
         """End the run here, with the outcome `aborted`; a run that has ended keeps its own."""
         self.outcome = self.outcome or "aborted"
@@ -262,7 +271,9 @@ class Simulation:
     def log(self, wall_s: float = 0.0) -> Log:
         """The run so far, with its metrics; `wall_s` is the time that it took [s]."""
         plant, outcome = self.loop.plant, self.outcome or "aborted"
-        log = Log(self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts())
+        log = Log(
+            self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
+        )
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),

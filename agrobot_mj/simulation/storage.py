@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.core.learned import LEARNED, learned_table
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import MARK, check_output, disown_empty, owned, remove, reserve
@@ -34,7 +35,10 @@ RECORDING = "run.rrd"
 """Name of a run's recording."""
 RUTS = "ruts.parquet"
 """Name of the map of ruts, of a run on soil that remembers."""
-SET = ("metrics.json", "identified.json", "vehicle.json", "link.parquet", RUTS, "signals.parquet", "scenario.toml")
+SET = (
+    *("metrics.json", "identified.json", "vehicle.json", "link.parquet"),
+    *(RUTS, LEARNED, "signals.parquet", "scenario.toml"),
+)
 """Files of one run beside the recording; the first exists only if all do."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(\.part)?")
 """Names of temporary files of a run, also those of earlier versions."""
@@ -82,7 +86,8 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     writers: dict[str, Writer] = {
         **{name: partial(_copy, path) for name, path in data_files.items()},
         "signals.parquet": partial(_signals, log),
-        **({RUTS: lambda path: pq.write_table(ruts, path, compression="zstd")} if (ruts := log.rut_table) else {}),
+        **({LEARNED: _table(learned_table(log.learned))} if log.learned else {}),
+        **({RUTS: _table(ruts)} if (ruts := log.rut_table) else {}),
         "scenario.toml": lambda path: _write(path, text),
         **(more or {}),
         "metrics.json": _json(log.metrics),
@@ -213,6 +218,10 @@ def _reason(error: OSError) -> str:
 
 def _json(content: Any) -> Writer:
     return lambda path: _write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def _table(table: Any) -> Writer:
+    return lambda path: pq.write_table(table, path, compression="zstd")
 
 
 def _signals(log: Log, path: Path) -> None:

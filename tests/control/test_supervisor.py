@@ -65,10 +65,11 @@ def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word
     assert supervisor.stopped(state)
 
 
-def watched(ticks, frozen=10**9, **readings):
+def watched(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
     """State after so many ticks straight on at 1.2 m/s in which one reading or more is as given, a number or a list.
 
-    The position follows the speed of the fixes, with a centimetre of noise, up to the tick from which it is `frozen`.
+    The position follows the speed of the fixes, with a centimetre of noise, up to the tick from which it is `frozen`
+    and of the `claimed` quality.
     """
     sound = {"fix": 1.2, "north": 0.0, "gyro": 0.0, "wheel": 1.2, "pedal": 0.24, "steer": 0.0, "speed": 1.2} | readings
     supervisor, noise = Supervisor(), np.random.default_rng(3)
@@ -79,7 +80,8 @@ def watched(ticks, frozen=10**9, **readings):
         x = way + 0.01 * noise.standard_normal() if k < frozen else x
         fix = Fix(x, now["north"], now["fix"], 0.0, TICK * k)
         given = (now["steer"], now["pedal"], now["gyro"])
-        measured = Measurement(TICK * k, fix, Quality.FIX, *given, wheel_speed=now["wheel"])
+        quality = claimed if k >= frozen else Quality.FIX
+        measured = Measurement(TICK * k, fix, quality, *given, wheel_speed=now["wheel"])
         situation = seen(steer=now["steer"], speed=now["speed"])
         state, _ = supervisor.update(state, situation, measured, Command(0.0, 1.2), 0.24, TICK)
     return state
@@ -95,6 +97,7 @@ def test_healthy_evidence_stops_nothing():
     ("readings", "within_s", "word"),
     [
         ({"frozen": 40, "fix": [1.2] * 40 + [0.0]}, 0.5, "repeat one position"),
+        ({"frozen": 40, "fix": [1.2] * 41, "claimed": Quality.DGPS}, 0.5, "repeat one position"),
         ({"north": [0.0] * 40 + [0.6]}, 0.05, "off the way of their velocity"),
         ({"north": [0.0] * 40 + [0.005 * k for k in range(200)]}, 9.0, "off the way of their velocity"),
         ({"wheel": [1.2] * 40 + [0.0]}, 0.3, "wheels 1.2 m/s slower"),

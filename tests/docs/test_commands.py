@@ -60,6 +60,8 @@ SHORT = {
     "run": "--set duration_s=30 --quiet",
     "compare": "--set duration_s=0.5 --no-rrd --quiet",
     "limit": "--set duration_s=0.5 --seeds 2 --jobs 1 --tolerance 20 --quiet",
+    "risk": "--set duration_s=0.5 --particles 4 --repeats 2 --jobs 1 --quiet",
+    "falsify": "--set duration_s=0.5 --budget 20 --seeds 1 --jobs 1 --quiet",
     "tune": "--budget 8 --seeds 1 --set duration_s=4 --quiet",
     "sweep": "--jobs 1 --quiet",
 }

@@ -12,7 +12,9 @@ from agrobot_mj.core.version import __version__
 ROOT = Path(__file__).parents[2]
 PAGES = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "docs").glob("*.md"))}
 STANDING = [
-    (page, name) for page, text in PAGES.items() for name in re.findall(r"^<!-- (standing(?: \w+)?) -->$", text, re.M)
+    (page, name)
+    for page, text in PAGES.items()
+    for name in re.findall(r"^<!-- (standing(?: \w+)?) -->\n(?!Not driven yet;)", text, re.M)
 ]
 OUT_OF_DATE = "> **Out of date"
 

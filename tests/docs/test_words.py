@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-BOUND = 30_000
-"""Two hours and a half of reading."""
+BOUND = 33_000
+"""Two hours and three quarters of reading."""
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
 """What a page says that a script writes as a whole."""

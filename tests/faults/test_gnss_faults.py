@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scripted import scripted
 
-from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality, Truth
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality, Truth, worse
 from agrobot_mj.faults import GnssFloat, GnssLatency
+from agrobot_mj.faults.gnss import GnssDgps, GnssFrozen
 from agrobot_mj.sensors import Gnss
 
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -107,6 +108,32 @@ def test_fix_and_float_errors_are_independent_and_always_evolve():
     assert abs(np.corrcoef(np.transpose(first))[0, 1]) < 5 / sqrt(1000)
     whole, mixed = delivered(gnss, 90 * floats), delivered(gnss, 30 * floats + 30 * [NOMINAL] + 30 * floats)
     assert mixed[60:] == whole[60:]
+
+
+# --- without corrections ------------------------------------------------------------------------------------------
+
+
+def test_without_corrections_the_position_wanders_off_from_the_fixed_one():
+    """Variance of a Gauss-Markov process that starts at zero: sigma^2 (1 - exp(-2 t / T))."""
+    ticks, T = 60, 2.0
+    fault = GnssDgps(wander_time_s=T)
+    offsets = np.array([[day.gnss_offset for day in days(fault, ticks, seed)] for seed in range(800)])
+    t = TICK_S * (1 + np.arange(ticks))
+    assert offsets.std(axis=(0, 2)) == pytest.approx(0.15 * np.sqrt(1 - np.exp(-2 * t / T)), rel=0.12)
+    assert days(GnssDgps(), 1)[0].gnss_quality == Quality.DGPS
+
+
+def test_a_frozen_receiver_may_contradict_itself():
+    """Position frozen and of quality 2, velocity alive: what one part of a receiver says another one need not."""
+    day = days(GnssFrozen(quality="dgps", keep="live_velocity"), 1)[0]
+    told = delivered(PERFECT, [NOMINAL] + 20 * [day])
+    assert {(fix.x, quality) for fix, quality in told[1:]} == {(0.0, Quality.DGPS)}
+    assert {fix.vx for fix, _ in told} == {1.0}
+
+
+def test_qualities_are_ordered_by_what_they_are_worth():
+    order = (Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX)
+    assert all(worse(a, b) == worse(b, a) == a for k, a in enumerate(order) for b in order[k:])
 
 
 # --- latency ------------------------------------------------------------------------------------------------------

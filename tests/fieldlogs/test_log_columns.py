@@ -47,7 +47,6 @@ def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
         (["3,5"] * 100, "'bad' holds decimal commas"),
         ([[1.0, 2.0]] * 100, "'bad' holds list"),
         ([None] * 100, "'bad' is empty in every row"),
-        ([True] * 100, "'bad' holds bool"),
     ],
 )
 def test_what_is_no_number_is_told_by_its_column(write, values, told):

@@ -85,7 +85,7 @@ def test_consistency_and_saturation_are_means() -> None:
 def test_per_turn_has_every_error_of_the_total() -> None:
     m = metrics(four_ticks(), outcome="completed")
     total = {"lateral_mse", "lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"}
-    total |= {"yaw_rate_error_rms"}
+    total |= {"xte_abs_max", "yaw_rate_error_rms"}
     assert next(iter(m)) == "outcome"
     assert set(m) >= total | {
         "outcome",
@@ -170,7 +170,7 @@ def test_a_handful_of_values_gives_no_statistic(statistic: Any) -> None:
 
 def test_a_run_stopped_at_once_has_no_errors() -> None:
     m = metrics(FakeLog(FigureEight(), np.arange(LEAST - 1) * 0.05, x=0.3, e_lateral=0.01))
-    assert [m[name] for name in ("lateral_rms", "lateral_abs_p95", "xte_rms", "xte_abs_p95")] == [None] * 4
+    assert [m[name] for name in ("lateral_rms", "lateral_abs_p95", "xte_rms", "xte_abs_max")] == [None] * 4
     assert m["progress"] < 0.01
 
 
@@ -213,11 +213,17 @@ def test_cross_track_is_analytic_on_a_circle() -> None:
     )
 
 
+def test_the_largest_error_is_that_of_one_tick_to_either_side() -> None:
+    t = np.arange(0, 10, 0.05)
+    y = np.where(t == t[70], -0.7, 0.1)
+    assert metrics(FakeLog(Line(speed_m_s=1), t, x=t, y=y))["xte_abs_max"] == pytest.approx(0.7)
+
+
 def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
     path = Line(speed_m_s=1)
     t = np.arange(0, 10, 0.05)
     m = metrics(FakeLog(path, t, x=t - 2, y=0.1, e_longitudinal=2, e_lateral=0.1))
-    assert (m["xte_rms"], m["xte_abs_p95"]) == pytest.approx((0.1, 0.1))
+    assert (m["xte_rms"], m["xte_abs_p95"], m["xte_abs_max"]) == pytest.approx((0.1, 0.1, 0.1))
     assert m["longitudinal_rms"] == pytest.approx(2)
     assert m["per_turn"][0]["xte_rms"] == pytest.approx(0.1)
 

@@ -30,6 +30,11 @@ def test_a_stop_is_timed_from_the_fault():
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
+def test_the_way_is_that_since_the_fault():
+    slowing = np.where(np.arange(400) < 200, 1.2, 0.0)
+    assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["way"] == pytest.approx(1.2 * 100 * TICK_S)
+
+
 def test_reports_nothing_without_a_fault_or_a_supervisor():
     assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()

@@ -2,11 +2,14 @@ import numpy as np
 import pytest
 from recorded import replay
 
-from agrobot_mj.recording.world.wheels import contacts
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
+from agrobot_mj.recording.world.forces import Forces
+from agrobot_mj.recording.world.wheels import Wheels, contacts
 from agrobot_mj.terrain.grid import plane
 from agrobot_mj.tyres.patch import WheelMotion, find_patch
 
 WHEELS = ("fl", "fr", "rl", "rr")
+LARGE = {"mass_kg": 6000.0, "wheelbase_m": 2.8}
 CALM, HARD = 0x4DF08AFF, 0xE02010FF
 N_PER_M = 1000.0
 """Of the arrows along the ground; those of the loads are half as long."""
@@ -85,6 +88,13 @@ def test_arrows_start_at_the_wheels(eight):
     leftward = -np.sin(yaw) * offset[..., 0] + np.cos(yaw) * offset[..., 1]
     assert (leftward[:, [0, 2]] > 0.1).all()
     assert (leftward[:, [1, 3]] < -0.1).all()
+
+
+def test_arrows_are_as_long_for_a_share_of_the_weight_whatever_the_size(short):
+    wheels = Wheels(short.rows, short.scene, short.scenario.terrain.ground())
+    small, large = (Forces(wheels, t).arrows(np.arange(5)) for t in (COMPACT, TractorParameters(**LARGE)))
+    for k in (1, 3):
+        np.testing.assert_allclose(large[k], small[k] * 2.0 * 750.0 / 6000.0)
 
 
 def test_colours_show_the_friction_in_use(short, tmp_path):

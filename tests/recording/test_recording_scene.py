@@ -5,9 +5,9 @@ from rerun.blueprint import TextDocumentView
 
 from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
-from agrobot_mj.plants.scene import Geom
+from agrobot_mj.plants.scene import Geom, Mesh, Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
-from agrobot_mj.recording.world.scene import reference_line, shapes
+from agrobot_mj.recording.world.scene import followed, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
 
@@ -62,6 +62,20 @@ def test_shapes_have_mujocos_sizes():
     start = drawn["capsules"].translations.as_arrow_array().to_pylist()[0]
     along = np.array([np.sin(0.6), 0.0, np.cos(0.6)])
     np.testing.assert_allclose(np.add(start, 0.2 * along), place, atol=1e-6)
+
+
+def test_a_mesh_is_placed_and_a_camera_follows_it():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    surface = Mesh(corners, np.array([[0, 1, 2]]))
+    quarter = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+    shed = Geom("shed", "chassis", "mesh", (1.0, 1.0, 0.1), (1.0, 2.0, 3.0), quarter, (1.0, 0.0, 0.0, 1.0), surface)
+    drawn = shapes([shed])["meshes/0"]
+    placed = drawn.vertex_positions.as_arrow_array().to_pylist()
+    np.testing.assert_allclose(placed, [[1, 2, 3], [1, 3, 3], [0, 2, 3]], atol=1e-6)
+    np.testing.assert_allclose(drawn.vertex_normals.as_arrow_array().to_pylist(), 3 * [[0, 0, 1]], atol=1e-6)
+    assert followed(Scene(("chassis",), (shed,))) == "chassis/meshes/0"
+    box = shed._replace(kind="box", mesh=None)
+    assert followed(Scene(("chassis",), (shed, box))) == "chassis/boxes"
 
 
 @pytest.mark.parametrize(("track", "x", "y"), [("true", "x", "y"), ("estimated", "x_hat", "y_hat")])

@@ -63,9 +63,13 @@ def test_values_that_do_not_fit_the_size_are_reported_by_key(changes, key):
 def test_stiffnesses_of_another_machine_are_reported(table):
     kind = {"plant.tyre.kind": "linear"} if table == "plant.tyre" else {"plant.kind": "bicycle", "terrain.kind": "flat"}
     keys = [f"{table}.{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")]
-    assert hinted_keys(kind) == keys
-    measured = dict(zip(keys, (40e3, 70e3) if table == "plant.tyre" else (80e3, 140e3), strict=True))
-    assert hinted_keys(kind, **measured) == []
+    of_compact, measured = (
+        dict(zip(keys, [pair * C_alpha for C_alpha in each], strict=True))
+        for pair in [1 if table == "plant.tyre" else 2]
+        for each in ((7400.0, 15e3), (40e3, 70e3))
+    )
+    assert hinted_keys(kind, **of_compact) == keys
+    assert hinted_keys(kind, **measured) == hinted_keys(kind) == []
 
 
 def test_a_clamped_coefficient_is_reported_with_its_value():

@@ -41,6 +41,10 @@ def test_it_needs_fixed_ambiguities():
     assert np.isfinite(headings(on, 5)).all()
 
 
+def test_it_needs_no_corrections_of_a_base_station():
+    assert np.isfinite(headings(DualAntenna(enabled=True), 5, quality=Quality.DGPS)).all()
+
+
 @pytest.mark.parametrize("baseline", [0.5, 2.0])
 def test_the_error_is_the_position_error_over_the_baseline(baseline):
     dual, n = DualAntenna(enabled=True, baseline_m=baseline, wander_sigma_m=0.0, mounting_deg=0.5), 4000

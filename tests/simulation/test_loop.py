@@ -147,7 +147,7 @@ def test_asking_to_stop_aborts_and_keeps_the_rows():
 
 def test_an_impossible_tractor_is_bad_input():
     with pytest.raises(ScenarioError, match=r"straight_line: tractor\.mass_kg: .*raise it"):
-        build_plant(short(tractor__mass_kg=100.0))
+        build_plant(short(tractor__rear_wheel_mass_kg=400.0))
 
 
 # --- watchers -----------------------------------------------------------------------------------------------------

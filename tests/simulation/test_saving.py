@@ -25,6 +25,7 @@ FAULTS = [
     {"kind": "gnss_loss", "start_s": 0.7, "end_s": 1.4},
 ]
 LATE = {"estimator.kind": "ekf_full", "sensors.gnss.latency_s": 0.3, **SENSORS}
+LINE = {"guidance.kind": "implement_ilc", "sensors.implement_gnss.enabled": True}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{f"tyre {tyre.model_fields['kind'].default}": ("circle", _) for tyre in every(Tyre)
        for _ in [{"plant.tyre.kind": tyre.model_fields["kind"].default}]},
@@ -37,6 +38,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "late fixes": ("side_slope", LATE),
     "faults": ("circle", {"fault": FAULTS}),
     "learning": ("figure_eight", {"guidance.kind": "learned_feedforward"}),
+    "learning by place": ("figure_eight", {"guidance.kind": "ilc", "steering.loop.kind": "adaptive"}),
+    "observing": ("figure_eight", {"guidance.kind": "eso"}),
+    "learning an implement's line": ("seeder_contour", LINE),
     "planning": ("circle", {"plant.kind": "bicycle", "guidance.kind": "nmpc"}),
     "mounted tool": ("trailer_s_bend", {"implement.kind": "mounted", "implement.linkage": "float"}),
     "drawn tool, receiver on it": ("seeder_receiver", {}),

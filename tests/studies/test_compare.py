@@ -141,7 +141,7 @@ def test_odd_names_give_safe_distinct_folders(circle):
         (["a: plant.kind=mujoco"], {}, "plant.kind: name it with --plants"),
         (["a: seed=3"], {}, "seed: name it with --seeds"),
         (["a:", "a:"], {}, "'a': is given twice"),
-        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "a law of that name"),
+        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "also the name of a compared law"),
         (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
         (["a: terrain.kind=slope"], {}, "knows only flat ground"),

@@ -11,7 +11,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine.tasks import Done, failure
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.question import Question, check, metric_names
+from agrobot_mj.studies.limit.question import Question, as_value, check, metric_names
 from agrobot_mj.studies.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.statistics import runs_needed, wilson_interval
 
@@ -103,6 +103,15 @@ def test_the_number_of_runs_needed_is_minimal(reliability, confidence):
     n = runs_needed(reliability, confidence)
     assert wilson_interval(n, n, confidence)[0] >= reliability
     assert n == 1 or wilson_interval(n - 1, n - 1, confidence)[0] < reliability
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "taken"),
+    [(KEY, 0.1 + 0.2, 0.3), ("sensors.gnss.latency_s", 0.1234, 0.1), ("sensors.steering_pot.samples", 43.6, 44)],
+)
+def test_values_are_such_as_the_key_takes(key, value, taken):
+    assert as_value(SCENARIO, key, value) == taken
+    SCENARIO.changed({key: taken})
 
 
 # --- the search ---------------------------------------------------------------------------------------------------

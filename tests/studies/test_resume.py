@@ -47,7 +47,7 @@ def driven(monkeypatch, tmp_path):
     (tmp_path / "laws.py").write_text(LAWS)
     real, seen = tasks.run, Driven()
 
-    def run(scenario, *watchers):
+    def run(scenario, *watchers, branches=None):
         if len(seen) == seen.most:
             raise KeyboardInterrupt
         seen.append((scenario.seed, scenario.law))

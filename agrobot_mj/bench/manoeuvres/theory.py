@@ -66,7 +66,8 @@ def parts(tractor: TractorParameters) -> Parts:
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    axle, pivot = model.body("front_axle").id, model.joint("axle_roll").id
+    pivot = model.joint("axle_roll").id
+    axle = model.jnt_bodyid[pivot]
     m, m_f = tractor.mass_kg, float(model.body_subtreemass[axle])
     front = data.subtree_com[axle]
     whole = np.array([tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m])

@@ -1,5 +1,1 @@
-"""Identification of a vehicle's lateral dynamics from a recording."""
-
-from agrobot_mj.fieldlogs.identify.vehicle import identify_vehicle_command
-
-__all__ = ["identify_vehicle_command"]
+"""Identification of a steering valve from a run, and of a vehicle's lateral dynamics from recordings."""

@@ -69,6 +69,8 @@ class LateralMotion(NamedTuple):
     """R along the first heading [m]."""
     rear_y: Array
     """R to the left of it [m]."""
+    side: Array
+    """Speed of R to the left of the heading [m/s]."""
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
@@ -93,14 +95,14 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
     """Motion under speed `u` [m/s] and wheel angle `delta` [rad], both (n,) at steps `dt` [s], from steady rolling."""
-    out = np.zeros((4, len(u)))
+    out = np.zeros((5, len(u)))
     advance(chassis, tyres, u, delta, dt, out)
     return LateralMotion(*out)
 
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """All steps; writes yaw rate, yaw, and R into `out` (4, n)."""
+    """All steps; writes yaw rate, yaw, R and its speed to the left into `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
@@ -108,7 +110,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
     v, a_f, a_r = l_r * r, 0.0, 0.0
     psi, x, y, h = 0.0, 0.0, 0.0, GAMMA * dt
     for k in range(u.shape[0]):
-        out[0, k], out[1, k], out[2, k], out[3, k] = r, psi, x, y
+        out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = r, psi, x, y, v - l_r * r
         if k + 1 == u.shape[0]:
             break
         r0, psi0, side0 = r, psi, v - l_r * r

@@ -1,31 +1,32 @@
-"""What `agrobot-mj identify --vehicle` does: fit one part of a recording, judge on the rest, say it in a table."""
+"""Identification of a vehicle from recordings: fit one part of them, judge on the rest."""
 
 from collections.abc import Sequence
 from math import degrees, inf
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source
-from agrobot_mj.fieldlogs.identify.fit import VehicleData, VehicleFit, fit, predictions, prepare
+from agrobot_mj.fieldlogs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.fieldlogs.identify.model import Chassis2, understeer_gradient
+from agrobot_mj.fieldlogs.identify.predictions import Channels, predictions
+from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, half_width
+from agrobot_mj.fieldlogs.identify.windows import VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap
-from agrobot_mj.fieldlogs.recording import read_recording
+from agrobot_mj.fieldlogs.pieces import pieces, split
+from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.ownership import check_output, reserve
-from agrobot_mj.simulation.storage import write_json
 
 CHOICES = {
     "front": "front_compliance",
     "rear": "rear_compliance",
     "relaxation": "front_relaxation_m rear_relaxation_m",
     "offset": "steer_offset",
+    "scale": "steer_scale",
     "delay": "steer_delay_s",
     "lag": "steer_lag_s",
     "backlash": "backlash",
@@ -43,20 +44,19 @@ SEPARABLE = 0.5
 """Half width of an interval over the value, up to which a stiffness counts as identified [-]. Estimate."""
 PLAUSIBLE = 1.0, 60.0
 """Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
-LEVEL = 0.95
+AGE = Prior(0.0, 0.1)
+"""What is known of the ages of speed, heading and position that the map does not tell [s]."""
+AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
+RATE_S = 1.0
+"""Time over which a change of heading counts as a yaw rate [s]."""
+
+
+class TooLittleError(FieldLogError):
+    """A log that is too short, or too slow, for stiffnesses."""
 
 
 class NothingExplainedError(ScenarioError):
     """The fit explains nothing: no result."""
-
-
-class FoundQuantity(NamedTuple):
-    """A quantity with its interval, in the unit of its key; None where there is none."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    identified: bool
 
 
 class IdentifiedVehicle(NamedTuple):
@@ -74,10 +74,14 @@ class IdentifiedVehicle(NamedTuple):
     """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
     geometry: str
     """`small angles` or `tangent`."""
+    notes: tuple[str, ...]
+    """What was kept of the logs."""
+    kept: tuple[FieldRecording, ...]
+    """The pieces themselves."""
 
 
 def identify_vehicle(
-    source: Source,
+    source: Source | Sequence[Source],
     log_map: LogMap | None,
     scenario: Scenario,
     names: Sequence[str] = DEFAULT,
@@ -91,27 +95,39 @@ def identify_vehicle(
     Raises `FieldLogError` for a log that cannot tell, `NothingExplainedError` for a fit that explains nothing.
     """
     chosen = _chosen(names)
-    recording = read_recording(source, log_map, scenario.tractor.antenna_height_m).between(start_s, end_s)
-    if recording.steer is None:
-        raise FieldLogError(f"{recording.name}: its map has no [steer]; a vehicle is identified from the wheel angle")
-    t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
-    chassis = Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
-    middle = recording.start + share * (recording.end - recording.start)
-    data = _checked(prepare(recording.between(recording.start, middle), chassis))
-    rest = prepare(recording.between(middle, recording.end), chassis)
-    result = fit(data, chosen)
-    channel = "yaw_rate" if "yaw_rate" in data.channels else "position"
-    explained, left, slipless = _judged(result, rest if rest.channels else data, channel)
+    sources = source if isinstance(source, Sequence) else [source]
+    read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
+    if without := [each.name for each in read if each.steer is None]:
+        raise FieldLogError(f"{without[0]}: its map has no [steer]; a vehicle is identified from the wheel angle")
+    cut = pieces(read, start_s, end_s)
+    chassis = chassis_of(scenario)
+    first, second = split(cut.kept, share)
+    data, rest = _checked(first, chassis), prepare(second, chassis)
+    result = fit(data, (*chosen, *_ages(data)), dict.fromkeys(AGES, AGE))
+    explained, left, slipless = judged(result, rest if rest.windows else data)
+    channel = judged_channel(data)
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
-            f"{recording.name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
+            f"{read[0].name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
             f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %: no result. Check sign and unit of the "
             "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
-    found = _found(result, chassis)
-    check_stiffness(recording.name, found, chassis)
+    found = vehicle_quantities(result, chassis)
+    check_stiffness(read[0].name, found, chassis)
     geometry = "small angles" if chassis.small_angles else "tangent"
-    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, geometry)
+    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, geometry, cut.notes, cut.kept)
+
+
+def chassis_of(scenario: Scenario) -> Chassis2:
+    """What a scenario says of its vehicle."""
+    t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
+    return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
+
+
+def _ages(data: VehicleData) -> list[str]:
+    """Ages of channels behind the first, which is the clock that the steering's delay is told against."""
+    later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
+    return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
@@ -127,20 +143,6 @@ def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis
             )
 
 
-def identify_vehicle_command(
-    source: Source, log_map: LogMap | None, scenario: Scenario, folder: Path | None, **options: Any
-) -> str:
-    """As `identify_vehicle`; writes `vehicle.json` into `folder`, if given, and returns a table."""
-    if folder is not None:
-        check_output(folder, ("vehicle.json",))
-    found = identify_vehicle(source, log_map, scenario, **options)
-    if folder is not None:
-        reserve(folder, ("vehicle.json",))
-        content = found._asdict() | {"found": {name: each._asdict() for name, each in found.found.items()}}
-        write_json(folder / "vehicle.json", content)
-    return table(found, scenario)
-
-
 def _chosen(names: Sequence[str]) -> list[str]:
     for name in names:
         if name not in CHOICES:
@@ -150,88 +152,78 @@ def _chosen(names: Sequence[str]) -> list[str]:
     return [parameter for name in names for parameter in CHOICES[name].split()]
 
 
-def _checked(data: VehicleData) -> VehicleData:
-    """Raise `FieldLogError` unless there is enough to fit."""
-    name = data.recording.name
-    windows = len(next(iter(data.channels.values())).t) if data.channels else 0
-    if windows < LEAST_WINDOWS:
-        raise FieldLogError(
-            f"{name}: the part for the fit has {windows} whole windows of 5 s at speed with all of its columns, needs "
-            f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
+def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
+    """Windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
+    data, name = prepare(recordings, chassis), recordings[0].name
+    if data.windows < LEAST_WINDOWS:
+        raise TooLittleError(
+            f"{name}: the part for the fit has {data.windows} whole windows of 5 s at speed with all of its columns, "
+            f"needs {LEAST_WINDOWS}; take a longer log or several, --share 0.9, or leave a column with gaps out of the "
+            "map"
         )
-    if (moved := degrees(float(np.std(data.steer)))) < LEAST_STEER_DEG:
+    if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
     return data
 
 
-def _judged(result: VehicleFit, data: VehicleData, channel: str) -> tuple[float, float, float]:
+def judged_channel(data: VehicleData) -> str:
+    """The channel by which a fit is judged: the yaw rate, be it a gyro's or the heading's, else the position."""
+    return "position" if set(data.channels) == {"position"} else "yaw_rate"
+
+
+def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
     """Share of the variance explained, and rms left, of the fit and of wheels without slip [deg/s, or m]."""
-    measured = data.channels[channel].value
-    centred = measured - measured.mean(axis=(0, 1))
-    scale = 180 / np.pi if channel == "yaw_rate" else 1.0
-    if channel == "position":
-        centred = measured - measured.mean(axis=1, keepdims=True)
-    off = predictions(result.values, data)[channel] - measured
-    off -= off.mean(axis=(0, 1))
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
-    bare = predictions(slipless, data)[channel] - measured
-    bare -= bare.mean(axis=(0, 1))
+    measured = _rates({name: each.value for name, each in data.channels.items()}, data)
+    off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
+    if judged_channel(data) == "position":
+        centred, scale = measured - measured.mean(axis=1, keepdims=True), 1.0
+    else:
+        centred, scale = measured - measured.mean(axis=(0, 1)), 180 / np.pi
+    off, bare = (each - each.mean(axis=(0, 1)) for each in (off, bare))
     explained = 1.0 - float((off**2).sum() / max(float((centred**2).sum()), 1e-30))
     return explained, scale * float(np.sqrt((off**2).mean())), scale * float(np.sqrt((bare**2).mean()))
 
 
-def _found(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
+def _rates(values: Channels, data: VehicleData) -> Array:
+    """Yaw rates of a gyro's channel, or of the heading over `RATE_S`; positions where there is neither."""
+    if "heading" in values and "yaw_rate" not in values:
+        steps = max(1, round(RATE_S / data.channels["heading"].spacing))
+        t, angle = data.channels["heading"].t, values["heading"]
+        rates: Array = (angle[:, steps:] - angle[:, :-steps]) / (t[:, steps:] - t[:, :-steps])
+        return rates
+    return values["yaw_rate"] if "yaw_rate" in values else values["position"]
+
+
+def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
     """Quantities in the units of their keys, with intervals by Student's t."""
-    t = float(stdtrit(max(result.freedom, 1), 0.5 + LEVEL / 2))
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
-    error = np.sqrt(np.diag(result.covariance))
+    one = np.eye(len(index))
+    halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}
     found: dict[str, FoundQuantity] = {}
     for axle in ("front", "rear"):
-        c, half = value[f"{axle}_compliance"], t * float(error[index[f"{axle}_compliance"]])
+        c, half = value[f"{axle}_compliance"], halves[f"{axle}_compliance"]
         low, high = 1.0 / (c + half), 1.0 / (c - half) if c > half else None
         found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(
             1.0 / c if c > 1e-9 else None, low, high, half < SEPARABLE * c
         )
     l_f, l_r, m, L = chassis.l_f, chassis.l_r, chassis.mass, chassis.l_f + chassis.l_r
-    gradient = np.zeros(len(error))
+    gradient = np.zeros(len(index))
     gradient[index["front_compliance"]], gradient[index["rear_compliance"]] = m * l_r / L, -m * l_f / L
     K = understeer_gradient(chassis, value["front_compliance"], value["rear_compliance"])
-    half = t * float(np.sqrt(gradient @ result.covariance @ gradient))
+    half = half_width(result.covariance, gradient, result.freedom)
     found["understeer_gradient_rad_s2_m"] = FoundQuantity(K, K - half, K + half, abs(K) > half)
     keys = {
         "front_relaxation_m": ("front_relaxation_length_m", 1.0, 0.0),
         "rear_relaxation_m": ("rear_relaxation_length_m", 1.0, 0.0),
         "steer_offset": ("steer_offset_deg", 180 / np.pi, -inf),
+        "steer_scale": ("steer_scale", 1.0, 0.0),
         "steer_delay_s": ("steer_delay_s", 1.0, -inf),
         "steer_lag_s": ("steer_lag_s", 1.0, 0.0),
         "backlash": ("backlash_deg", 180 / np.pi, 0.0),
     }
     for name, (key, scale, least) in keys.items():
         if name in index:
-            x, half = value[name] * scale, t * float(error[index[name]]) * scale
+            x, half = value[name] * scale, halves[name] * scale
             found[key] = FoundQuantity(x, max(x - half, least), x + half, least < x - half or least == -inf)
     return found
-
-
-def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
-    """Values with their 95 % intervals as plain text and valid Markdown, and what they are worth."""
-    rows = [(key, *map(_text, each[:3]), "yes" if each.identified else "no") for key, each in found.found.items()]
-    lines = [markdown_table(("quantity", "value", "from", "to", "identified"), rows, 1, aligned=True)]
-    if not all(found.found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear")):
-        lines.append("The axles cannot be told apart in this log: take the understeer gradient, which both share.")
-    if (b := found.found.get("backlash_deg")) and not b.identified:
-        lines.append("No backlash is seen beyond the noise of the recorded angle.")
-    lines.append(
-        f"On the rest of the log the fit explains {100 * found.explained:.2f} % and leaves "
-        f"{found.residual_deg_s:.3f} rms; wheels without slip leave {found.kinematic_deg_s:.3f} (deg/s, or m)."
-    )
-    t = scenario.tractor
-    lines.append(
-        f"Taken as known: {t.mass_kg:g} kg, {t.yaw_inertia_kg_m2:g} kg m2, wheelbase {t.wheelbase_m:g} m, "
-        f"{100 * t.front_load_fraction:g} % in front; {found.geometry}; {found.windows} windows of 5 s."
-    )
-    return "\n".join(lines)
-
-
-def _text(value: float | None) -> str:
-    return "none" if value is None else f"{value:.4g}"

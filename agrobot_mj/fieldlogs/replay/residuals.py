@@ -5,6 +5,7 @@ open loop integrates every small error of the yaw rate; windows of some seconds,
 as a rigid motion can, say what of it is the plant's and what is the start's.
 """
 
+from collections.abc import Sequence
 from math import nan
 from typing import Any, NamedTuple
 
@@ -104,45 +105,63 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
     return t, yaw, np.column_stack([x + ahead * c - left * s, y + ahead * s + left * c])
 
 
-def metrics(recording: FieldRecording, driven: Driven, wheelbase: float) -> dict[str, Any]:
-    """Numbers of a replay; None where the recording cannot tell. SI units and radians."""
-    u = np.interp(driven.t, recording.speed.t, recording.speed.value)
-    found: dict[str, Any] = {
-        "outcome": driven.outcome,
-        "start_s": recording.start,
-        "duration_s": float(driven.t[-1] - driven.t[0]),
-        "way_m": float(np.abs(u).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0,
-        "speed_rms": _rms(driven.speed - u),
-        "steer_rms": _rms(driven.steer - recording.steer.at(driven.t)) if recording.steer else None,
-        "yaw_rate": _yaw_rate(recording, driven, wheelbase),
-        "position": _position(recording, driven),
-    }
-    return found
+Replayed = tuple[FieldRecording, Driven]
+"""A piece of a recording, and the plant driven by it."""
 
 
-def _yaw_rate(recording: FieldRecording, driven: Driven, wheelbase: float) -> dict[str, Any] | None:
-    if recording.yaw_rate is None:
-        return None
-    seen = moving(recording, recording.yaw_rate.between(driven.t[0], driven.t[-1]))
-    if len(seen.t) < 8:
-        return None
-    model = np.interp(seen.t, driven.t, driven.yaw_rate)
-    off = model - seen.value
-    slipless = None
-    if recording.steer is not None:
-        u = np.interp(seen.t, recording.speed.t, recording.speed.value)
-        slipless = float(np.std(u * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value))
-    spread = float(np.var(seen.value))
+def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
+    """Numbers of a replay over all of its pieces; None where the recording cannot tell. SI units and radians."""
+    speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
+    steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
-        "source": recording.yaw_rate_source,
-        "samples": len(seen.t),
-        "recorded_rms": _rms(seen.value),
+        "outcome": next((driven.outcome for _, driven in pieces if driven.outcome != "completed"), "completed"),
+        "start_s": pieces[0][0].start,
+        "duration_s": float(sum(driven.t[-1] - driven.t[0] for _, driven in pieces)),
+        "way_m": float(sum(_way(recording, driven) for recording, driven in pieces)),
+        "speed_rms": _rms(np.concatenate(speeds)),
+        "steer_rms": _rms(np.concatenate(steers)) if steers else None,
+        "yaw_rate": _yaw_rate(pieces, wheelbase),
+        "position": _position(pieces),
+    }
+
+
+def _speed(recording: FieldRecording, t: Array) -> Array:
+    speed: Array = np.interp(t, recording.speed.t, recording.speed.value)
+    return speed
+
+
+def _way(recording: FieldRecording, driven: Driven) -> float:
+    return float(np.abs(_speed(recording, driven.t)).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0
+
+
+def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | None:
+    pairs = [
+        (moving(recording, recording.yaw_rate.between(driven.t[0], driven.t[-1])), recording, driven)
+        for recording, driven in pieces
+        if recording.yaw_rate is not None
+    ]
+    pairs = [each for each in pairs if len(each[0].t) >= 8]
+    if not pairs:
+        return None
+    value = np.concatenate([seen.value for seen, *_ in pairs])
+    model = np.concatenate([np.interp(seen.t, driven.t, driven.yaw_rate) for seen, _, driven in pairs])
+    slipless = [
+        _speed(recording, seen.t) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
+        for seen, recording, _ in pairs
+        if recording.steer is not None
+    ]
+    off, spread = model - value, float(np.var(value))
+    return {
+        "source": pairs[0][1].yaw_rate_source,
+        "samples": len(value),
+        "recorded_rms": _rms(value),
         "bias": float(off.mean()),
         "rms": _rms(off),
         "rms_without_bias": float(np.std(off)),
-        "kinematic_rms_without_bias": slipless,
+        "kinematic_rms_without_bias": float(np.std(np.concatenate(slipless))) if slipless else None,
         "explained": 1.0 - float(np.var(off)) / spread if spread > 0 else None,
-        "lag_s": _lag(seen, driven),
+        "gain": float(np.cov(model, value)[0, 1] / np.var(model, ddof=1)) if np.var(model) > 0 else None,
+        "lag_s": _lag([(seen, driven) for seen, _, driven in pairs]),
     }
 
 
@@ -152,10 +171,11 @@ def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
     return TimeSeries(series.t[fast], series.value[fast])
 
 
-def _lag(seen: TimeSeries, driven: Driven) -> float:
+def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
     """Time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
-    spread = np.array([np.var(np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value) for lag in lags])
+    off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
+    spread = np.array([np.var(np.concatenate(each)) for each in off])
     k = int(np.clip(spread.argmin(), 1, len(lags) - 2))
     before, here, after = spread[k - 1 : k + 2]
     bend = before - 2 * here + after
@@ -184,18 +204,19 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
     return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
 
 
-def _position(recording: FieldRecording, driven: Driven) -> dict[str, Any] | None:
-    t, off, shape = position_errors(recording, driven)
-    if len(t) < 4:
+def _position(pieces: Sequence[Replayed]) -> dict[str, Any] | None:
+    errors = [each for each in (position_errors(*piece) for piece in pieces) if len(each[0]) >= 4]
+    if not errors:
         return None
+    off, shape = np.concatenate([each[1] for each in errors]), np.concatenate([each[2] for each in errors])
     distance, fitted = np.hypot(*off.T), shape[np.isfinite(shape)]
     return {
-        "samples": len(t),
+        "samples": len(off),
         "ahead_rms": _rms(off[:, 0]),
         "left_rms": _rms(off[:, 1]),
         "rms": _rms(distance),
         "largest": float(distance.max()),
-        "at_the_end": float(distance[-1]),
+        "at_the_end": float(np.mean([np.hypot(*each[1][-1]) for each in errors])),
         "window_s": WINDOW_S,
         "windows_rms": _rms(fitted) if len(fitted) else None,
         "windows_p95": float(np.percentile(fitted, 95)) if len(fitted) else None,

@@ -1,7 +1,8 @@
 """A replay: read, drive, compare; and its files, `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
-from math import degrees, inf
+from collections.abc import Sequence
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,14 +13,23 @@ import pyarrow.parquet as pq
 from agrobot_mj.core.signals import Column
 from agrobot_mj.fieldlogs.columns import Source
 from agrobot_mj.fieldlogs.maps import LogMap
+from agrobot_mj.fieldlogs.pieces import pieces
 from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
 from agrobot_mj.fieldlogs.replay.driving import By, Driven, drive
 from agrobot_mj.fieldlogs.replay.figure import write_figure
-from agrobot_mj.fieldlogs.replay.residuals import first_metres_end, metrics, position_errors, refined, start_pose
+from agrobot_mj.fieldlogs.replay.residuals import (
+    Replayed,
+    first_metres_end,
+    metrics,
+    position_errors,
+    refined,
+    start_pose,
+)
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import atomic, write_json
 
 COLUMNS = (
+    Column("piece", "-", "number of the piece, from 0"),
     Column("t", "s", "time since the log's first row"),
     Column("steer", "rad", "recorded wheel angle, left positive"),
     Column("steer_plant", "rad", "wheel angle of the plant"),
@@ -42,37 +52,70 @@ COLUMNS = (
 class ReplayResult(NamedTuple):
     """A replay and its numbers."""
 
-    recording: FieldRecording
-    driven: Driven
+    pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
+    notes: tuple[str, ...]
+    """What was kept of the logs."""
 
 
 def replay(
-    source: Source,
+    source: Source | Sequence[Source],
     log_map: LogMap | None,
     scenario: Scenario,
     by: By | None = None,
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Drive the scenario's plant with a log; writes nothing. Raises `FieldLogError`, `ScenarioError`.
+    """Drive the scenario's plant with a log, or several; writes nothing. Raises `FieldLogError`, `ScenarioError`.
 
     Steers by the recorded angle where there is one, unless `by` says otherwise.
     """
-    recording = read_recording(source, log_map, scenario.tractor.antenna_height_m).between(start_s, end_s)
-    wheelbase, by = scenario.tractor.wheelbase_m, by or ("steer" if recording.steer is not None else "valve")
-    pose = start_pose(recording, wheelbase)
+    sources = source if isinstance(source, Sequence) else [source]
+    read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
+    cut = pieces(read, start_s, end_s)
+    return replay_pieces(cut.kept, scenario, by, cut.notes)
+
+
+def replay_pieces(
+    recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
+) -> ReplayResult:
+    """As `replay`, of pieces that have been cut."""
+    by = by or ("steer" if recordings[0].steer is not None else "valve")
+    scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
+    driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
+    wheelbase = scenario.tractor.wheelbase_m
+    numbers = {
+        "log": ", ".join(dict.fromkeys(each.name for each in recordings)),
+        "plant": scenario.plant.kind,
+        "steered_by": by,
+        **metrics(driven, wheelbase),
+    }
+    if len(driven) > 1:
+        numbers["pieces"] = [{"log": each[0].name, **metrics([each], wheelbase)} for each in driven]
+    return ReplayResult(driven, numbers, notes)
+
+
+def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
+    """The scenario with level ground to `reach` from the origin [m], at least; other ground stays as it is."""
+    if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
+        return scenario
+    return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
+
+
+def _reach(recording: FieldRecording) -> float:
+    """Largest distance of a piece from the origin, along an axis [m]; of one without positions its way."""
+    if recording.position is not None:
+        return float(np.abs(recording.position.value).max())
+    return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
+
+
+def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
+    """The plant driven by a piece, from the pose that lays its first metres on the recorded ones."""
+    pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
         pose = refined(pose, recording, drive(scenario, first, pose, by))
-    driven = drive(scenario, recording, pose, by)
-    numbers = {
-        "log": recording.name,
-        "plant": scenario.plant.kind,
-        "steered_by": by,
-        **metrics(recording, driven, wheelbase),
-    }
-    return ReplayResult(recording, driven, numbers)
+    return drive(scenario, recording, pose, by)
 
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
@@ -84,9 +127,9 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
     """Write the numbers, the signals, the figure, and the scenario with its data files into `folder`."""
     text, data_files = scenario.portable()
     with atomic(folder / "replay.parquet") as part:
-        pq.write_table(signals(found.recording, found.driven), part, compression="zstd")
+        pq.write_table(signals(found.pieces), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)
-    write_figure(found.recording, found.driven, folder / "replay.png")
+    write_figure(found.pieces, folder / "replay.png")
     with atomic(folder / "replay.toml") as part:
         part.write_text(text, encoding="utf-8")
     for name, path in data_files.items():
@@ -94,8 +137,13 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
             shutil.copyfile(path, part)
 
 
-def signals(recording: FieldRecording, driven: Driven) -> pa.Table:
+def signals(pieces: Sequence[Replayed]) -> pa.Table:
     """The table of `COLUMNS`, with their units and descriptions."""
+    return pa.concat_tables([_signals(k, *each) for k, each in enumerate(pieces)])
+
+
+def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table:
+    """The rows of one piece."""
     t, n = driven.t, len(driven.t)
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
@@ -110,6 +158,7 @@ def signals(recording: FieldRecording, driven: Driven) -> pa.Table:
     none, fixes, rate = np.full(n, np.nan), recording.position, recording.yaw_rate
     at, off, window = position_errors(recording, driven)
     data = (
+        np.full(n, float(number)),
         t,
         recording.steer.at(t) if recording.steer else none,
         driven.steer,
@@ -125,28 +174,3 @@ def signals(recording: FieldRecording, driven: Driven) -> pa.Table:
     fields = [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "description": c.description}) for c in COLUMNS]
     arrays = [pa.array(column, pa.float64(), from_pandas=True) for column in data]
     return pa.table(arrays, schema=pa.schema(fields))
-
-
-def summary(found: ReplayResult) -> str:
-    """The numbers in a few lines."""
-    m = found.metrics
-    lines = [f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}"]
-    if rate := m["yaw_rate"]:
-        slipless = rate["kinematic_rms_without_bias"]
-        beside = f" (without slip {degrees(slipless):.3f})" if slipless is not None else ""
-        lines.append(
-            f"yaw rate ({rate['source']}): residual {degrees(rate['rms_without_bias']):.3f} deg/s rms{beside}, "
-            f"bias {degrees(rate['bias']):+.3f} deg/s, recorded {rate['lag_s']:+.3f} s after the plant"
-        )
-        if rate["explained"] is not None and rate["explained"] < 0:
-            lines.append(
-                "The plant's yaw rate explains nothing of the recorded one: check sign (positive) and unit of [steer], "
-                "[speed] and [yaw_rate] in the map"
-            )
-    if place := m["position"]:
-        shape = "-" if place["windows_rms"] is None else f"{place['windows_rms']:.3f} m"
-        lines.append(
-            f"position: {shape} rms in windows of {place['window_s']:g} s; open loop {place['rms']:.2f} m rms, "
-            f"{place['at_the_end']:.2f} m at the end"
-        )
-    return "\n".join(lines)

@@ -13,11 +13,11 @@ from typing import NamedTuple
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.agopengps.position import BoardAttitude, panda, paogi
 from agrobot_mj.core.geodesy import Origin, to_geodetic
-from agrobot_mj.core.nmea import NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
+from agrobot_mj.core.nmea import DGPS_FIX, NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
 from agrobot_mj.core.signals import Measurement, Quality, Truth
 from agrobot_mj.links.running import gyro_heading
 
-QUALITIES = {Quality.NONE: NO_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
+QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
 """GGA's number of a solution's quality."""
 
 

@@ -23,6 +23,7 @@ Content = dict[str, Any]
 EPOCH_NS = round(START.timestamp() * 1e9)
 """UTC at the start of every run, in time since 1970 [ns]."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
+STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
 """NavSatStatus: without a solution, RTK float, RTK fix (corrected from the ground)."""
 SERVICES = 1 + 2 + 4 + 8
 """GPS, GLONASS, BeiDou, Galileo."""
@@ -108,7 +109,7 @@ def header(at: Content, frame: str) -> Content:
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
     """`sensor_msgs/NavSatFix` of the antenna; its height is the true one of a level tractor."""
-    status = {Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}.get(round(s.gnss_quality), NO_FIX)
+    status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
     else:

@@ -23,7 +23,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
 """Half width and colour of the drawn path."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
-"""Distance, elevation and azimuth of the camera from the tractor."""
+"""Distance, elevation and azimuth of the camera from the default tractor."""
 
 
 class NoDisplayError(RuntimeError):
@@ -47,7 +47,8 @@ class Camera:
         self.data = mujoco.MjData(self.model)
         self.view = mujoco.MjvCamera()
         self.view.type, self.view.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, CHASSIS
-        self.view.distance, self.view.elevation, self.view.azimuth = DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG
+        self.view.elevation, self.view.azimuth = ELEVATION_DEG, AZIMUTH_DEG
+        self.view.distance = tractor.size * DISTANCE_M
         try:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
         except Exception as error:  # MuJoCo raises a kind of its own for every library

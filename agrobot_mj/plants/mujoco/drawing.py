@@ -12,23 +12,18 @@ from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco.bodywork import HIDDEN, KINDS
 from agrobot_mj.plants.mujoco.model import ackermann_coefficients, tractor_spec
-from agrobot_mj.plants.scene import Geom, Scene
+from agrobot_mj.plants.scene import Geom, Mesh, Scene
 
-_SHAPES = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-}
+_SHAPES = {kind: name for name, kind in KINDS.items()} | {mujoco.mjtGeom.mjGEOM_MESH: "mesh"}
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:
     """The visible bodies and geoms of a compiled model, the world left out."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
-    geoms = tuple(_geom(model, i) for i in range(model.ngeom) if model.geom_bodyid[i] > 0 and model.geom_group[i] < 3)
-    return Scene(bodies, geoms)
+    shown = (model.geom_bodyid > 0) & (model.geom_group < HIDDEN) & np.isin(model.geom_type, [int(k) for k in _SHAPES])
+    return Scene(bodies, tuple(_geom(model, int(i)) for i in np.flatnonzero(shown)))
 
 
 def _geom(model: mujoco.MjModel, i: int) -> Geom:
@@ -42,7 +37,14 @@ def _geom(model: mujoco.MjModel, i: int) -> Geom:
         pos=tuple(geom.pos.tolist()),
         quat=tuple(geom.quat.tolist()),
         rgba=tuple(rgba.tolist()),
+        mesh=None if (at := int(model.geom_dataid[i])) < 0 else _mesh(model, at),
     )
+
+
+def _mesh(model: mujoco.MjModel, i: int) -> Mesh:
+    points = slice(int(model.mesh_vertadr[i]), int(model.mesh_vertadr[i] + model.mesh_vertnum[i]))
+    faces = slice(int(model.mesh_faceadr[i]), int(model.mesh_faceadr[i] + model.mesh_facenum[i]))
+    return Mesh(np.array(model.mesh_vert[points], dtype=float), np.array(model.mesh_face[faces], dtype=np.int64))
 
 
 def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:

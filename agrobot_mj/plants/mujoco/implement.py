@@ -174,11 +174,16 @@ class RunningImplement:
         for array in self.arrays:
             array[:] = 0.0
 
+    @property
+    def working_place(self) -> tuple[float, float]:
+        """Place where it works, tool or axle, east and north [m]."""
+        return self.motion(self.hitched.point).place[:2]
+
     def report(self) -> Sequence[float]:
         """Values of `COLUMNS`."""
         parts, hitched = self.parts, self.hitched
         yaw, ahead = self._yaw(self.body), self._yaw(CHASSIS)
-        x, y, _ = self.motion(hitched.point).place
+        x, y = self.working_place
         fx, fy, fz = self.pull.tolist()
         soil = [nan] * 3 if hitched.tool is None else [float(parts.report[i]) for i in (DRAUGHT, SIDE, DEPTH)]
         carried = float(parts.report[WHEEL_LOAD]) if hitched.depth_wheel.stiffness > 0.0 else nan

@@ -6,7 +6,7 @@ tractor, and the chassis takes what is left, so that the whole has the mass, the
 `TractorParameters` exactly.
 """
 
-from math import pi
+from math import degrees
 
 import mujoco
 import numpy as np
@@ -18,6 +18,10 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import OilColumn
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import COMPACT, AxleWheel, TractorParameters
+from agrobot_mj.plants.mujoco.bodywork import dress
+from agrobot_mj.plants.mujoco.mechanism import in_unit_of
+from agrobot_mj.plants.mujoco.own_body import own_spec
+from agrobot_mj.plants.mujoco.own_contract import STEERS
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
@@ -48,18 +52,46 @@ BRAKED = ("rl", "rr")
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """The tractor without its implement, with every parameter written in."""
+    """The tractor without its implement, with every parameter written in. Raises ValueError where it cannot be."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
-    spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
+    spec = _sized(machine) if tractor.mjcf is None else _own(machine)
+    _couple_knuckles(spec, tractor)
+    _set_actuators(spec, tractor, oil, machine.driveline)
+    steer = spec.joint("steer")
+    steer.frictionloss = machine.linkage.friction_n_m
+    if machine.linkage.friction_n_m > 0:
+        steer.solimp_friction = STICKING
+    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
+    return spec
+
+
+def _sized(machine: Machine) -> mujoco.MjSpec:
+    """The tractor of `models/tractor.xml` with other sizes and masses."""
+    spec, tractor = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
-    _couple_knuckles(spec, tractor)
-    _set_kingpins(spec, tractor, machine.linkage)
-    _set_actuators(spec, tractor, oil, machine.driveline)
-    chassis = spec.body("chassis")
+    if machine.linkage.moved:
+        _lay_kingpins(spec, tractor, machine.linkage)
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
-    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
-    _complete_chassis(spec, chassis, tractor)
+    _complete_chassis(spec, spec.body("chassis"), tractor)
+    dress(spec, tractor)
+    return spec
+
+
+def _own(machine: Machine) -> mujoco.MjSpec:
+    """A body of its own, whose kingpins stay as they are. Raises ValueError where it is not to be steered so."""
+    if machine.linkage.moved:
+        given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
+        raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; leave out {given}")
+    spec, tractor = own_spec(machine.tractor), machine.tractor
+    sharpest = degrees(float(ackermann_coefficients(tractor) @ tractor.steer_limit ** np.arange(5)))
+    for name in STEERS:
+        joint = spec.joint(name)
+        stops = np.asarray(joint.range) if joint.compiler.degree else np.degrees(joint.range)
+        if stops[0] < stops[1] and np.abs(stops).min() < sharpest:
+            needs = f"needs {sharpest:.1f} of the inner wheel; widen its range, or lower the limit"
+            at = f"joint {name!r} of its body stops at {np.abs(stops).min():.1f}"
+            raise ValueError(f"tractor.steer_limit_deg: {at}, {tractor.steer_limit_deg:g} {needs}")
     return spec
 
 
@@ -93,8 +125,6 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         else:
             body.pos = [0, side * half, rear.radius - rear.deflection]
         spec.geom(f"tyre_{name}").size = [wheel.radius, wheel.width / 2, 0]
-        spec.geom(f"rim_{name}").size = [0.6 * wheel.radius, wheel.width / 2 + 0.003, 0]
-        add_lugs(body, name, wheel.radius, wheel.width)
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
@@ -105,29 +135,9 @@ def wheel_inertia(wheel: AxleWheel) -> Array:
     return inertia
 
 
-def add_lugs(body: mujoco.MjsBody, wheel: str, r: float, width: float) -> None:
-    """Bars across the tread, alternately left and right, so that one sees the wheel spin."""
-    count = 18 if wheel[0] == "r" else 14
-    for k in range(count):
-        angle = 2 * pi * k / count
-        body.add_geom(
-            name=f"lug_{wheel}_{k}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.012, 0.3 * width, 0.018],
-            pos=[r * np.sin(angle), (0.22 if k % 2 else -0.22) * width, r * np.cos(angle)],
-            quat=[np.cos(angle / 2), 0, np.sin(angle / 2), 0],
-            contype=0,
-            conaffinity=0,
-            group=1,
-            mass=0,
-            material="lug",
-        )
-
-
 def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    left = ackermann_coefficients(tractor)
-    limit = tractor.steer_limit_deg  # the file's own unit
-    steer = spec.joint("steer")
+    left, steer = ackermann_coefficients(tractor), spec.joint("steer")
+    limit = in_unit_of(steer, tractor.steer_limit)
     steer.range = [-limit, limit]
     mirror = np.array([-1, 1, -1, 1, -1])
     for name, coefficients in (("ackermann_fl", left), ("ackermann_fr", mirror * left)):
@@ -136,14 +146,8 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
         spec.equality(name).data = data
 
 
-def _set_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
+def _lay_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
     """Lay the kingpins' axes; the wheels stay where they are with the steering straight."""
-    steer = spec.joint("steer")
-    steer.frictionloss = linkage.friction_n_m
-    if linkage.friction_n_m > 0:
-        steer.solimp_friction = STICKING
-    if not linkage.moved:
-        return
     front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))

@@ -118,8 +118,9 @@ class MujocoPlant(RunningPlant):
             self.implement.forget()
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
-        roll = self.model.joint("axle_roll").qposadr[0]
-        self.data.qpos[:7], self.data.qpos[roll] = pose_on(self.ground, start, self.tractor)
+        self.data.qpos[:7], roll = pose_on(self.ground, start, self.tractor)
+        if (pivot := mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, "axle_roll")) >= 0:
+            self.data.qpos[self.model.jnt_qposadr[pivot]] = roll
         mujoco.mj_kinematics(self.model, self.data)
 
     def _settle(self) -> RecentMotion:
@@ -262,6 +263,7 @@ class MujocoPlant(RunningPlant):
             wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
             body_rates=m.body_rates,
             rear_velocity=m.rear.velocity,
+            **({"implement": self.implement.working_place} if self.implement else {}),
         )
 
     def poses(self) -> Array:

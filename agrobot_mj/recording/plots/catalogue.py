@@ -130,7 +130,7 @@ PLOTS = (
     _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
     _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
     _single("estimator/faults", "Active faults", "-", "faults", "faults_active")._replace(includes=(0, 1), steps=True),
-    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 0 none)", "-", "quality", "gnss_quality")._replace(
+    _single("estimator/quality", "GNSS quality (2 fix, 1 float, 3 DGPS)", "-", "quality", "gnss_quality")._replace(
         includes=(0, 2), steps=True
     ),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),

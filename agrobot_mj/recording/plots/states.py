@@ -49,7 +49,7 @@ class Lane(NamedTuple):
 UNKNOWN = "unknown"
 """Label where the log has no state, or one that the lane does not know."""
 LANES = (
-    Lane("gnss", ("none", "float", "fix"), (BAD, DOUBTFUL, GOOD), "gnss_quality"),
+    Lane("gnss", ("none", "float", "fix", "DGPS"), (BAD, DOUBTFUL, GOOD, DOUBTFUL), "gnss_quality"),
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
     Lane(
         "supervisor",

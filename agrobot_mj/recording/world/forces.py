@@ -8,12 +8,14 @@ import numpy as np
 import rerun as rr
 
 from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 from agrobot_mj.recording.transport.timeline import Index, Times, send
 from agrobot_mj.recording.world.colours import ramp
 from agrobot_mj.recording.world.wheels import Wheels
 
-M_PER_N, LOAD_M_PER_N = 1 / 1000, 1 / 2000
-"""Length of the arrows: forces along the ground are the smaller ones."""
+M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
+"""Length of the arrows for the default tractor: forces along the ground are the smaller ones. Those of others are as
+long for the same share of the weight, times the tractor's size."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
 """Start of an arrow outside the tyre and above the ground [m]; half length of its footprint over its radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
@@ -27,14 +29,15 @@ UNKNOWN_USE = 0.0
 class Forces:
     """Sends the arrows of every tick."""
 
-    def __init__(self, wheels: Wheels) -> None:
-        self.wheels = wheels
+    def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
+        self.wheels, self.size = wheels, tractor.size
+        self.scale = tractor.size * COMPACT.mass_kg / tractor.mass_kg
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows from `first` on, at `times` (n,)."""
         if first == 0:
-            stream.log(FORCES, rr.Arrows3D.from_fields(radii=0.03), static=True)
-            stream.log(LOADS, rr.Arrows3D.from_fields(radii=0.014, colors=LOAD_COLOUR), static=True)
+            stream.log(FORCES, rr.Arrows3D.from_fields(radii=THICK_M * self.size), static=True)
+            stream.log(LOADS, rr.Arrows3D.from_fields(radii=THIN_M * self.size, colors=LOAD_COLOUR), static=True)
         at = first + np.arange(len(times))
         counts = np.full(len(times), len(WHEELS))
         starts, along, posts, up = (v.reshape(-1, 3).astype(np.float32) for v in self.arrows(at))
@@ -52,4 +55,5 @@ class Forces:
         size = np.maximum(np.hypot(fx / (FOOT * self.wheels.radii[:, None]), fy / beside), 1e-9)
         ground = contacts.patch + LIFT_M * contacts.normal
         outside = ground + OUTWARD[:, None] * beside * contacts.left
-        return ground + along / size, M_PER_N * along, outside, LOAD_M_PER_N * load * contacts.normal
+        ahead, up = M_PER_N * self.scale * along, LOAD_M_PER_N * self.scale * load * contacts.normal
+        return ground + along / size, ahead, outside, up

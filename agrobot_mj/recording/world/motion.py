@@ -38,7 +38,7 @@ class BodyMotion:
         if "load_fl" in rows.columns:
             wheels = Wheels(rows, scene, ground)
             self.trail = Trail(wheels, scenario.ticks)
-            self.parts += [Forces(wheels), self.trail]
+            self.parts += [Forces(wheels, scenario.tractor), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import rerun as rr
 from rerun.components import FillMode
+from scipy.spatial.transform import Rotation
 
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.paths import sample
-from agrobot_mj.plants.scene import Geom, Scene
+from agrobot_mj.plants.scene import Geom, Mesh, Scene
 from agrobot_mj.recording.world.contours import ENTITY as CONTOURS
 from agrobot_mj.recording.world.contours import contour_lines
 from agrobot_mj.recording.world.ground import ROUGH_LIFT_M, ground_mesh, on_ground, smooth_corners
@@ -55,11 +56,37 @@ SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """One batch for each kind of shape among `geoms`, by the name of its entity."""
+    """One batch for each kind of shape among `geoms`, by the name of its entity; each mesh has one of its own."""
     batches: dict[str, list[Geom]] = {}
+    meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
-        batches.setdefault(SHAPES.get(geom.kind, "ellipsoids"), []).append(geom)
-    return {entity: _batch(entity, batch) for entity, batch in batches.items()}
+        if geom.mesh is None:
+            batches.setdefault(SHAPES.get(geom.kind, "ellipsoids"), []).append(geom)
+    found = {entity: _batch(entity, batch) for entity, batch in batches.items()}
+    return found | {f"meshes/{k}": _surface(geom, geom.mesh) for k, geom in enumerate(meshes) if geom.mesh is not None}
+
+
+def followed(scene: Scene) -> str:
+    """Entity below `world/bodies` that a camera can follow: the first body's shape, since it needs geometry."""
+    return next(
+        f"{body}/{kind}"
+        for body in scene.bodies
+        for kind in shapes([geom for geom in scene.geoms if geom.body == body])
+    )
+
+
+def _surface(geom: Geom, mesh: Mesh) -> rr.Mesh3D:
+    w, x, y, z = geom.quat
+    placed = Rotation.from_quat([x, y, z, w]).apply(mesh.vertices) + geom.pos
+    corners = placed[mesh.triangles]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(placed)
+    for k in range(3):
+        np.add.at(normals, mesh.triangles[:, k], faces)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return rr.Mesh3D(
+        vertex_positions=placed, triangle_indices=mesh.triangles, vertex_normals=normals, albedo_factor=geom.rgba
+    )
 
 
 def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:

@@ -19,8 +19,8 @@ from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
 """Ticks in a piece of track: 0.3 m at 1.2 m/s."""
-FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN)], dtype=np.uint32)
-"""Colours by quality: none, float, fix."""
+FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
+"""Colours by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
 """Height of the fixes, below the tracks, and their radius, which is the sigma of the paper's receiver [m]."""
 

@@ -109,8 +109,9 @@ class Resumed:
 
     def _key(self, task: Task) -> str:
         """16 hex digits of all that the numbers of a run depend on."""
-        measure = task.measure.__name__ if task.measure else ""
+        measure = getattr(task.measure, "__name__", repr(task.measure)) if task.measure else ""
         content = [task.base, task.overrides, task.keep, measure, self.contents(task.base), self.origin]
+        content += [task.branches] if task.branches else []
         return digest(json.dumps(content, sort_keys=True, default=str).encode())
 
 

@@ -20,6 +20,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.plugins import loaded_files
 from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.simulation.run import run
@@ -48,8 +49,10 @@ class Task(NamedTuple):
     """All that differs from the base scenario, by dotted key."""
     keep: str = "table"
     """What to keep of the run, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
-    measure: Callable[[Log], Mapping[str, float]] | None = None
+    measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function, importable by workers, for numbers beyond the run's metrics."""
+    branches: tuple[Branch, ...] | None = None
+    """Ticks from which its noise goes on otherwise; None for a run that no other one is to begin like."""
 
 
 class Done(NamedTuple):
@@ -90,13 +93,17 @@ def _base(text: str, name: str) -> Scenario:
 
 def _driven(task: Task, scenario: Scenario) -> Done:
     if task.keep in ("table", "failures"):
-        log = run(scenario)
+        log = run(scenario, branches=task.branches)
         if task.keep == "table" or log.as_expected:
             return Done(_numbers(log, task), {})
     with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
         folder = Path(place)
         # A failure is driven once more for its recording: it repeats exactly, and rerun keeps some MB of each.
-        log = run(scenario) if task.keep == "signals" else _recorded(scenario, folder)
+        log = (
+            run(scenario, branches=task.branches)
+            if task.keep == "signals"
+            else _recorded(scenario, folder, task.branches)
+        )
         write_log(log, folder)
         if task.keep == "poses":
             np.save(folder / POSES, log.poses)
@@ -104,10 +111,10 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         return Done(_numbers(log, task), {file.name: file.read_bytes() for file in kept})
 
 
-def _recorded(scenario: Scenario, folder: Path) -> Log:
+def _recorded(scenario: Scenario, folder: Path, branches: tuple[Branch, ...] | None) -> Log:
     from agrobot_mj.recording import Recording
 
-    return run(scenario, (Recording(folder / "run.rrd"),))
+    return run(scenario, (Recording(folder / "run.rrd"),), branches=branches)
 
 
 def _numbers(log: Log, task: Task) -> dict[str, Any]:

@@ -117,7 +117,7 @@ class Condition:
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             number = ast.literal_eval(term)
             return "number", lambda numbers: number
-        word = inner.value if isinstance(inner, ast.Constant) and isinstance(inner.value, str) else _name(inner)
+        word = inner.value if isinstance(inner, ast.Constant) and isinstance(inner.value, str) else name_of(inner)
         if signed or (word is None and isinstance(inner, ast.Constant)):
             self._refuse(f"{ast.unparse(inner)!r} is not a number")
         if word is None:
@@ -144,11 +144,11 @@ def _present(numbers: Numbers, name: str) -> Any:
     return numbers[name]
 
 
-def _name(term: ast.expr) -> str | None:
+def name_of(term: ast.expr) -> str | None:
     """A name, dotted for metrics inside others; None if it is something else."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):
-        inner = _name(term.value)
+        inner = name_of(term.value)
         return None if inner is None else f"{inner}.{term.attr}"
     return None

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.success import COMPLETED
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
@@ -147,27 +148,34 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     for scenario in scenarios.values():
         for value in (q.start, q.stop):
             at_value(scenario, q, value)
-    first = next(iter(scenarios.values()))
-    condition = Condition(q.until, metric_names(first))
-    if condition.names_error and not condition.names_outcome and first.expected_outcome != COMPLETED:
+    return condition_of(q.until, next(iter(scenarios.values())))
+
+
+def condition_of(until: str, scenario: Scenario) -> Condition:
+    """The condition on runs of a scenario. Raises `ScenarioError`."""
+    condition = Condition(until, metric_names(scenario))
+    if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
-            f"--until {q.until!r}: only a run that completes has an error, and {first.name} expects "
-            f'{first.expected_outcome}; add --set expected_outcome={COMPLETED}, or "or outcome == ..." to the condition'
+            f"--until {until!r}: only a run that completes has an error, and {scenario.name} expects "
+            f"{scenario.expected_outcome}; add --set expected_outcome={COMPLETED}, or "
+            f'"or outcome == ..." to the condition'
         )
     return condition
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
     """The scenario with the key at a value. Raises `ScenarioError`."""
-    return scenario.changed({q.key: as_value(scenario, q, value)})
+    return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 
-def as_value(scenario: Scenario, q: Question, value: float) -> float:
-    """The value as the key takes it: a whole number where it must be one, without digits that rounding leaves."""
+def as_value(scenario: Scenario, key: str, value: float) -> float:
+    """The value as the key takes it, whole or of whole ticks where it must be, without digits that rounding leaves."""
     tidy = float(f"{value:.10g}")
     try:
-        scenario.changed({q.key: tidy}, files=False)
+        scenario.changed({key: tidy}, files=False)
     except ScenarioError as error:
+        if f"whole number of {TICK_S} s ticks" in str(error):
+            return float(f"{round(value / TICK_S) * TICK_S:.10g}")
         if "whole number" in str(error):
             return round(value)
         raise

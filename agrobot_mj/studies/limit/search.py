@@ -130,7 +130,7 @@ class _Search:
         self.tried[value] = judge(value, runs, self.q, self.condition)
 
     def _value(self, value: float) -> float:
-        return as_value(self.scenario, self.q, value)
+        return as_value(self.scenario, self.q.key, value)
 
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:

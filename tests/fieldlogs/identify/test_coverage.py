@@ -7,8 +7,9 @@ import pytest
 from machines import INERTIA, L_F, L_R, MASS, tyred_log
 from scipy.special import stdtrit
 
-from agrobot_mj.fieldlogs.identify.fit import fit, prepare
+from agrobot_mj.fieldlogs.identify.fit import fit
 from agrobot_mj.fieldlogs.identify.model import Chassis2
+from agrobot_mj.fieldlogs.identify.windows import prepare
 from agrobot_mj.fieldlogs.recording import read_recording
 
 NAMES = (
@@ -31,7 +32,7 @@ def deviations(seed):
     front, rear, sigma_f, sigma_r, offset, delay, backlash = true = hidden(seed)
     log = tyred_log(seed, 1 / front, 1 / rear, sigma_f, sigma_r, backlash, offset, delay)
     recording = read_recording(log, None, 2.0).between(0.0, 1e9)
-    found = fit(prepare(recording, Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
+    found = fit(prepare([recording], Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
     half = stdtrit(found.freedom, 0.975) * np.sqrt(np.diag(found.covariance))
     return (found.value - np.concatenate([true, [radians(0.02), 0.0]])) / half
 

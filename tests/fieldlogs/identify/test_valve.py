@@ -173,7 +173,7 @@ def test_refuses_a_folder_without_a_run(calm, tmp_path):
     refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
     file.write_text("no table")
-    refuses("no Parquet file")
+    refuses("has no column 't'")
     pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
     refuses("has no column 'valve_voltage'")
     pq.write_table(calm.signals.slice(0, 150), file)

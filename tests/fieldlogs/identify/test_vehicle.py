@@ -10,14 +10,10 @@ from machines import log_of, mistold
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.fieldlogs.columns import FieldLogError
+from agrobot_mj.fieldlogs.identify.command import table
 from agrobot_mj.fieldlogs.identify.model import Chassis2
-from agrobot_mj.fieldlogs.identify.vehicle import (
-    FoundQuantity,
-    NothingExplainedError,
-    check_stiffness,
-    identify_vehicle,
-    table,
-)
+from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity
+from agrobot_mj.fieldlogs.identify.vehicle import NothingExplainedError, check_stiffness, identify_vehicle
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.storage import write_log
 

@@ -1,11 +1,12 @@
 """Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
 
-from math import asin, cos, degrees, pi, sin, sqrt, tan
+from math import asin, atan, cos, degrees, pi, radians, sin, sqrt, tan
 
 import pytest
 from scipy.optimize import brentq
 
 from agrobot_mj.bench.datasheet import data_sheet
+from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import machine_files, scenario_files
 from agrobot_mj.scenario.loading import load_scenario
@@ -20,6 +21,17 @@ SOME = (
     ("row_crop", "headland_k_turn"),
 )
 """Pairs that are tried by default."""
+HASTE, ASTRAY = "faster than commanded", "off the measured angle"
+TOO_MUCH = {
+    **{(machine, "furrows_across"): HASTE for machine in ("orchard", "robot", "row_crop", "utility")},
+    ("riding", "plough"): ASTRAY,
+    ("riding", "rollover"): "stuck",
+    ("row_crop", "rollover"): ASTRAY,
+    ("utility", "rollover"): ASTRAY,
+}
+"""Pairs that do not end well, and how: furrows pass under larger machines at 1.1 Hz, which is how they surge on their
+tyres (at 0.5 or 1.2 m/s some get across); a plough lifts the front wheels of a lawn tractor; across 27 degrees wide
+machines slide before they roll over."""
 G = 9.81
 
 
@@ -33,8 +45,11 @@ def drives(machine, name):
         scenario = load_scenario(name, {**given, "path.speed_m_s": float(top.partition(")")[0])})
     log = run(scenario.changed({"duration_s": min(20.0, scenario.ticks * 0.05)}))
     assert log.metrics["physics_warnings"] == 0
-    allowed = {"completed", "unfinished", scenario.expected_outcome}
-    assert log.outcome in allowed, f"{log.outcome} {log.metrics.get('stop_reason', '')}"
+    ended = f"{log.outcome} {log.metrics.get('stop_reason', '')}"
+    if (machine, name) in TOO_MUCH:
+        assert TOO_MUCH[machine, name] in ended
+    else:
+        assert log.outcome in {"completed", "unfinished", scenario.expected_outcome}, ended
 
 
 @pytest.mark.parametrize(("machine", "name"), SOME)
@@ -50,11 +65,20 @@ def test_every_machine_drives_every_scenario(machine, name):
 
 
 def eight(machine):
-    """The level figure eight as large beside the machine's turning circle as the paper's beside its tractor's."""
+    """The level figure eight as large beside the machine's turning circle as the paper's beside its tractor's.
+
+    On a smaller one than the paper's the speed is smaller alike, so that its heading turns no faster.
+    """
     scenario = load_scenario("figure_eight", {"machine": machine, "guidance.kind": "lqr", "path.turns": 1})
     tightest = scenario.tractor.wheelbase_m / tan(scenario.tractor.steer_limit)
     share = tightest / 1.4
-    path = {"path.radius_m": 10 * share, "path.straight_m": 28 * share, "terrain.half_size_m": 50 + 60 * share}
+    path = {
+        "path.radius_m": 10 * share,
+        "path.straight_m": 28 * share,
+        "path.run_in_m": 14 * share,
+        "path.speed_m_s": 1.2 * min(share, 1.0),
+        "terrain.half_size_m": 50 + 60 * share,
+    }
     return scenario.changed(path)
 
 
@@ -105,6 +129,10 @@ class ClosedForms:
         self.d_f, self.d_r = self.R_f * 1397.925 / 1.2e5 / 0.28, self.R_r * 2280.825 / 1.6e5 / 0.42
         self.limit = p.steer_limit
 
+    def moved(self):
+        """Load that rolling resistance moves from the front to the rear axle."""
+        return self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
+
     def steering_rate(self):
         c, v = self.s.steering.cylinder, self.s.steering.valve
         area = pi / 4 * (c.bore_mm**2 - c.rod_mm**2 / 2) * 1e-6
@@ -124,7 +152,7 @@ class ClosedForms:
 
         The outer wheels carry 2 m a h / T more than the inner ones and so roll harder, by a moment of rho m a h.
         """
-        moved = self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
+        moved = self.moved()
         C_f = self.k_f * (self.N_f - moved) * (1 + 0.25 * moved / self.N_f)
         C_r = self.k_r * (self.N_r + moved) * (1 - 0.25 * moved / self.N_r)
         lever = self.t + self.rho * self.h
@@ -153,7 +181,8 @@ class ClosedForms:
         mu = self.s.plant.tyre.rear.longitudinal.mu
 
         def short(theta):
-            front = (self.N_f / G * cos(theta) - self.m * sin(theta) * self.h / self.L) * G
+            front = self.N_f * cos(theta) - self.m * G * sin(theta) * self.h / self.L
+            front -= self.moved() * cos(theta)
             rear = self.m * G * cos(theta) - front
             grip = mu * (1 - 0.08 * (rear / self.N_r - 1)) * rear
             torque = self.s.driveline.strength(self.s.tractor).torque / (self.R_r - self.d_r)
@@ -165,6 +194,26 @@ class ClosedForms:
         """Rim at the free radius, rolling on R - d / 3, with the slip of the pull that the front wheels ask for."""
         slip = self.rho * self.N_f / (self.s.plant.tyre.rear.longitudinal.stiffness_per_load * self.N_r)
         return self.s.driveline.full_speed_m_s * (1 - self.d_r / 3 / self.R_r) * (1 - slip)
+
+    def slip_across(self, grade):
+        """Slip angle of the rear wheels across a slope, on the curve of Pacejka's formula.
+
+        Gravity across, m g sin(theta), falls to the axles as in a bend; the axle's stiffness loses a quarter of the
+        square of the load that goes from wheel to wheel, h tan(theta) / T of either axle's.
+        """
+        curve, lever = self.s.plant.tyre.rear.lateral, self.t + self.rho * self.h
+        force = self.m * G * sin(grade) * (self.l_f - lever) / self.L
+        load = (self.N_r + self.moved()) * cos(grade)
+        shifted = (2 * self.h * tan(grade) / self.T) ** 2
+        change = load / self.N_r - 1
+        K = self.k_r * load * (1 - 0.25 * (change + shifted))
+        D = curve.mu * load * (1 - 0.08 * (change + shifted))
+
+        def missing(slip):
+            x = K / (curve.shape * D) * slip
+            return D * sin(curve.shape * atan(x - curve.curvature * (x - atan(x)))) - force
+
+        return brentq(missing, 0.0, 0.2)
 
     def sheet(self):
         return {
@@ -180,6 +229,14 @@ class ClosedForms:
             "slope that it climbs": self.climbing(),
             "top speed": self.top_speed(),
         }
+
+
+@pytest.mark.parametrize("machine", sorted(machine_files()))
+def test_the_theory_of_the_side_slope_is_that_of_statics(machine):
+    """The validation compares the machines with that theory."""
+    closed = ClosedForms(machine)
+    theory = Tractor(closed.s.tractor, closed.s.plant.tyre).side_slope(10.0).rear_slip
+    assert theory == pytest.approx(closed.slip_across(radians(10.0)), rel=0.03)
 
 
 def agrees(machine):

@@ -1,0 +1,104 @@
+"""Extended-state observer beside Stanley's law or LQR: what the model does not explain is estimated and taken out.
+
+Errors of the CG beside the path, delta the steering angle beside its feed-forward value, a and L as the inner law has
+them, with two disturbances that change slowly: the crab angle b and the curvature d.
+
+    e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d),
+
+each with an observer whose two poles lie at -omega: z' = ... + 2 omega (y - z), while the disturbance changes by
+omega^2 (y - z) / u. The inner law then acts on the course e + b instead of the heading e, so that a crab leaves no
+offset, and the command contains -L d. Source of the structure: [Han2009].
+"""
+
+from collections.abc import Sequence
+from math import atan, radians, tan
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.lqr import Lqr
+from agrobot_mj.control.pid import clip
+from agrobot_mj.control.stanley import Stanley
+from agrobot_mj.core.signals import Column
+
+LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
+"""Bounds of the disturbances [rad, 1/m]. Estimate: a side slope of 20 deg, half of full lock."""
+MOVING_M_S = 0.3
+"""Speed below which nothing is learnt of them [m/s]."""
+
+
+class EsoState(NamedTuple):
+    """Memory of `Eso`."""
+
+    inner: Any
+    """Memory of the inner law."""
+    seen: tuple[float, float] | None = None
+    """Observed e_y [m] and e [rad]; None before the first tick."""
+    crab: float = 0.0
+    """b [rad]."""
+    curvature: float = 0.0
+    """d [1/m]."""
+
+
+class Eso(Following):
+    """Stanley's law or LQR, acting on the course, less the disturbance that an observer sees."""
+
+    kind: Literal["eso"] = "eso"
+    inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley()
+    """The law inside, by its own `kind`; keys that both have count here."""
+    bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+    """omega [1/s]. Estimate (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
+    tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
+    """Range in which the gain is sought."""
+
+    def memory(self) -> EsoState:
+        """No disturbance known."""
+        return EsoState(self.inner.memory())
+
+    def slip_length(self, situation: Situation) -> float:
+        """As the inner law [m]."""
+        return self.inner.slip_length(situation)
+
+    def effective_wheelbase(self, situation: Situation) -> float:
+        """As the inner law [m]."""
+        return self.inner.effective_wheelbase(situation)
+
+    def steering(self, memory: EsoState, beside: Beside, situation: Situation, dt: float) -> tuple[EsoState, float]:
+        """The inner law on the course, and the angle against the curvature."""
+        memory = self.observed(memory, beside, situation, dt)
+        against = -atan(self.effective_wheelbase(situation) * memory.curvature)
+        course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
+        seen = situation._replace(steer=situation.steer - against)
+        inner, wanted = self.inner.steering(memory.inner, course, seen, dt)
+        return memory._replace(inner=inner), wanted + against
+
+    def observed(self, memory: EsoState, beside: Beside, situation: Situation, dt: float) -> EsoState:
+        """The observer after a tick; on the way onto the path, and while the tractor stands, the disturbances rest."""
+        now = beside.cross_track, beside.heading
+        if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
+            return memory._replace(seen=now)
+        (z_y, z), u, omega = memory.seen, beside.speed, self.bandwidth_per_s
+        a, L = self.slip_length(situation), self.effective_wheelbase(situation)
+        w = u * ((tan(situation.steer - beside.bias) - tan(beside.steer_here)) / L + memory.curvature)
+        r_y, r = now[0] - z_y, now[1] - z
+        z_y += dt * (u * (now[1] + memory.crab) + a * w + 2 * omega * r_y)
+        z += dt * (w + 2 * omega * r)
+        crab, curvature = memory.crab + dt * omega**2 / u * r_y, memory.curvature + dt * omega**2 / u * r
+        bounds = LARGEST_CRAB, LARGEST_CURVATURE
+        crab, curvature = (clip(x, -most, most) for x, most in zip((crab, curvature), bounds, strict=True))
+        return EsoState(memory.inner, (z_y, z), crab, curvature)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Those of every path-following law, and the disturbances."""
+        return (
+            *super().columns,
+            Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
+            Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),
+        )
+
+    def report(self, state: FollowingState) -> Sequence[float]:
+        """Values of `columns`."""
+        return (*super().report(state), state.memory.crab, state.memory.curvature)

@@ -1,0 +1,232 @@
+"""A quantity by place along the lap, learnt from lap to lap, and what keeps that from doing harm.
+
+Iterative learning control: what had to be corrected at a place in one lap is there beforehand in the next,
+
+    m_k+1 = keep m_k + gain Z(c_k),      |m| <= bound,
+
+c the correction at each place, Z a filter of zero phase over the distance, a Gaussian whose half-value width is
+`smoothing_m`. Places are GRID_M apart; the lap closes on itself.
+
+Guards. A map counts as worse where the error of its lap is larger than that of the best lap by `WORSE` and `MARGIN_M`:
+root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place and the mean of the
+best lap. It then goes back to the map of the best lap, over FADE_M, halves its gain and learns nothing until a whole
+lap has shown how good that one still is. Where the best map itself is worse, since the ground or the machine is
+another, it begins again from nothing. After GIVE_UP such returns it stops learning for good.
+"""
+
+from math import exp, inf, log, sqrt
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.core.learned import Learned
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import Fraction, Spec
+
+GRID_M = 0.25
+"""Distance between the places [m]. Estimate: a fifth of the narrowest filter that is of use."""
+WINDOW_M, FADE_M = 2.0, 2.0
+"""Distance over which the error is averaged while driving, and over which another map fades in [m]. Estimate."""
+WORSE, MARGIN_M = 1.1, 0.005
+"""How much larger the error of a lap that counts as worse is [-, m]. Estimate: what noise makes of it. In ruts, which
+each lap finds otherwise than the last, a wider margin lets it learn what does not come again."""
+WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
+"""How much larger the error over WINDOW_M may be while it drives [-, m]. Estimate."""
+GIVE_UP = 4
+"""Returns to the best map after which it stops learning [-]. Estimate: the gain is then a sixteenth."""
+COMPLETE = 0.9
+"""Share of its places that a lap has to pass to be learnt from [-]."""
+UNKNOWN_M = 1e3
+"""Error of a best lap that is not known, in a file [m]."""
+NOTHING = np.empty(0)
+
+
+class Cell(NamedTuple):
+    """What was met at one place in this lap."""
+
+    ticks: float = 0.0
+    """Number of ticks."""
+    square: float = 0.0
+    """Sum of the squared errors [m2]."""
+    learnt: float = 0.0
+    """Number of ticks learnt from."""
+    correction: float = 0.0
+    """Sum of their corrections [unit]."""
+
+
+class LapState(NamedTuple):
+    """Memory of a `LapMap`; arrays of shape (places,) are empty before the first tick."""
+
+    lap: int = 0
+    """Number of the lap, from 0."""
+    s: float = 0.0
+    """Distance along the path [m]."""
+    map_: Array = NOTHING
+    """The map in use [unit]."""
+    before: Array = NOTHING
+    """The map before it, which fades out [unit]."""
+    since: float = inf
+    """Distance since it came into use [m]."""
+    best: Array = NOTHING
+    """The map of the best lap [unit]."""
+    best_square: Array = NOTHING
+    """Squared error of the best lap, averaged over about WINDOW_M [m2]."""
+    best_rms: float = inf
+    """Error of the best lap, root mean square; infinite before it is known [m]."""
+    cells: Array = NOTHING
+    """What was met at each place in this lap, columns as in `Cell`, shape (places, 4)."""
+    here: Array = NOTHING
+    """Squared error of this lap, averaged over about WINDOW_M [m2]."""
+    cell: tuple[int, Cell] = (0, Cell())
+    """The present place, and what was met there so far."""
+    square: float = 0.0
+    """Squared error averaged over about WINDOW_M [m2]."""
+    whole: bool = False
+    """Whether this lap was driven with one map from its start, so that it can be judged."""
+    returns: int = 0
+    """How often it went back to the best map."""
+
+    @property
+    def share(self) -> float:
+        """Share of the gain that is left [-]."""
+        return 0.5**self.returns if self.returns < GIVE_UP else 0.0
+
+    @property
+    def learning(self) -> bool:
+        """Whether this lap will be learnt from."""
+        return self.whole and self.share > 0.0
+
+
+class LapMap(Spec):
+    """How a quantity is learnt by place."""
+
+    gain: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the correction that moves into the map each lap [-]. Estimate (0.3-0.6): with 0.7 it may diverge."""
+    smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
+    """Half-value width of the filter over the distance [m]. Estimate (1.5-4): with 1 it may diverge."""
+    keep: Fraction = 0.98
+    """Share of the map that is kept from lap to lap [-]. Estimate (0.9-1): what is no longer right goes in 50 laps."""
+    guard: bool = True
+    """Whether it goes back to the best map where a lap gets worse."""
+
+    def value(self, state: LapState, s: float, lap: float) -> float:
+        """The map at the distance `s` [m] along a path of laps of `lap` [m] [unit]."""
+        if not len(state.map_):
+            return 0.0
+        fresh = min(state.since / FADE_M, 1.0)
+        now = _at(state.map_, s / lap)
+        return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
+
+    def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
+        """Before the first tick, at the distance `s` [m] of a path of laps of `lap` [m].
+
+        `known` is what an earlier run has learnt of the quantity `name`.
+        """
+        n = max(round(lap / GRID_M), 2)
+        map_, best, error = (_resampled(known, key, n, lap) for key in _names(name))
+        rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
+        empty, number = np.zeros((n, len(Cell._fields))), int(s // lap)
+        whole = s < number * lap + FADE_M
+        return LapState(number, s, map_, map_, inf, best, error**2, rms, empty, np.zeros(n), whole=whole)
+
+    def after(
+        self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
+    ) -> LapState:
+        """State after a tick at the distance `s` [m], `error` [m] beside the line, with this correction of the law.
+
+        Without a correction the tick is not learnt from. |map| stays within `bound` [unit].
+        """
+        way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
+        if int(s // lap) > state.lap:
+            state = self._next_lap(state, int(s // lap), bound)
+        keep = exp(-max(way, 0.0) / WINDOW_M)
+        square = keep * state.square + (1.0 - keep) * error * error
+        state = state._replace(s=s, since=state.since + max(way, 0.0), square=square)
+        state = _met(state, k, error, correction)
+        return self._returned(state) if self.guard and _worse_here(state, k) else state
+
+    def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
+        """The map of the quantity `name` for the next lap, and the best one with its error, by place."""
+        if not len(state.map_):
+            return {}
+        state = self._next_lap(state, state.lap + 1, bound)
+        known = state.best_rms < inf
+        values = state.map_, state.best, np.sqrt(state.best_square) if known else np.full(len(state.map_), UNKNOWN_M)
+        place = lap * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
+        return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
+
+    def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
+        """The lap is over: judge its map, learn from it, begin the next."""
+        state = _met(state, -1, 0.0, None)
+        ticks, square, learnt, corrected = state.cells.T
+        fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
+        if not (state.whole and np.mean(ticks > 0) > COMPLETE):
+            return fresh
+        rms = sqrt(float(square.sum() / ticks.sum()))
+        if self.guard and rms > WORSE * state.best_rms + MARGIN_M:
+            return self._returned(fresh)._replace(whole=True)
+        if rms < state.best_rms:
+            fresh = fresh._replace(best=state.map_, best_square=state.here, best_rms=rms)
+        if not (share := self.gain * state.share):
+            return fresh
+        correction = _smooth(corrected / np.maximum(learnt, 1.0), self.smoothing_m / GRID_M)
+        map_ = np.clip(self.keep * state.map_ + share * correction, -bound, bound)
+        return fresh._replace(map_=map_, before=state.map_, since=0.0)
+
+    def _returned(self, state: LapState) -> LapState:
+        """Back to the best map, or from that one to none; how good it is now has to be seen again."""
+        learnt = not np.array_equal(state.map_, state.best)
+        best = state.best if learnt else np.zeros_like(state.best)
+        fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
+        return fading._replace(returns=state.returns + 1) if learnt else fading
+
+
+def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
+    """With a tick at the place `k`; what was met at the last place is kept when it is left."""
+    last, cell = state.cell
+    if k != last:
+        cells, here = state.cells.copy(), state.here.copy()
+        cells[last] += cell
+        here[last] = state.square
+        state, cell = state._replace(cells=cells, here=here), Cell()
+    if k >= 0:
+        learnt = (0.0, 0.0) if correction is None else (1.0, correction)
+        cell = Cell(cell.ticks + 1.0, cell.square + error * error, cell.learnt + learnt[0], cell.correction + learnt[1])
+    return state._replace(cell=(max(k, 0), cell))
+
+
+def _worse_here(state: LapState, k: int) -> bool:
+    """Whether the error at the place `k` is larger than that of the best lap there, and than that lap's mean."""
+    best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
+    return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
+
+
+def _at(values: Array, turn: float) -> float:
+    """`values` (n,) at the middles of n places round a lap, between them linearly, `turn` [laps]."""
+    n = len(values)
+    place = turn % 1.0 * n - 0.5
+    k = int(place // 1.0)
+    share = place - k
+    return float((1.0 - share) * values[k % n] + share * values[(k + 1) % n])
+
+
+def _smooth(values: Array, width: float) -> Array:
+    """`values` (n,) round a lap, without what is narrower than the half-value `width` [places]; of zero phase."""
+    sigma = width / sqrt(8.0 * log(2.0))
+    omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
+    return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
+
+
+def _names(name: str) -> tuple[str, str, str]:
+    """Quantities that a file has of a map: itself, the best one, and the error of that one's lap."""
+    return name, f"{name}_best", f"{name}_best_error"
+
+
+def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
+    """A quantity of a file at the middles of n places of a lap [m]; zero without one."""
+    if not known:
+        return np.zeros(n)
+    place, value = known[name].T
+    found: Array = np.interp(lap * (np.arange(n) + 0.5) / n, place, value)
+    return found

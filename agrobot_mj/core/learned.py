@@ -1,0 +1,60 @@
+"""What a learner has learnt, as a table that the next run can begin with: `learned.parquet`.
+
+A row for each number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs
+to none) and the value, in the unit that the column's metadata of the log gives to a signal of that name.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.datafile import checked, refuse
+from agrobot_mj.core.signals import Array
+
+LEARNED = "learned.parquet"
+"""Name of the file in the folder of a run."""
+MOST_BYTES = 50e6
+"""Largest file that is read: a map of a thousand kilometres [byte]."""
+
+Learned = Mapping[str, Array]
+"""Values by quantity: shape (n, 2) with the place [m] and the value, places NaN where there are none."""
+
+
+def learned_table(learned: Learned) -> Any:
+    """The table of what was learnt, as pyarrow's."""
+    import pyarrow as pa
+
+    names = [name for name, rows in learned.items() for _ in rows]
+    numbers = np.concatenate([np.empty((0, 2)), *learned.values()])
+    place = pa.array(numbers[:, 0], mask=np.isnan(numbers[:, 0]))
+    return pa.table({"quantity": names, "place_m": place, "value": numbers[:, 1]})
+
+
+def read_learned(name: str) -> Learned:
+    """What a file of this kind says. Raises ValueError that begins with the file's name and ends with the fix."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = checked(name, [".parquet"], int(MOST_BYTES))
+    try:
+        table = pq.read_table(path, columns=["quantity", "place_m", "value"])
+        quantities = np.array(table["quantity"].to_pylist(), dtype=object)
+        numbers = np.column_stack([table[key].to_numpy().astype(float) for key in ("place_m", "value")])
+    except (pa.ArrowException, KeyError, OSError, TypeError, ValueError):
+        refuse(path, f"has no columns quantity, place_m and value; name the {LEARNED} of a run")
+    if not np.isfinite(numbers[:, 1]).all():
+        refuse(path, f"holds values that are no numbers; name the {LEARNED} of a run")
+    return {str(quantity): numbers[quantities == quantity] for quantity in dict.fromkeys(quantities)}
+
+
+def require_quantity(name: str, *quantities: str) -> None:
+    """Raise ValueError, with the key in front, unless the file holds these quantities."""
+    try:
+        learned = read_learned(name)
+        if missing := [quantity for quantity in quantities if quantity not in learned]:
+            holds = ", ".join(learned) or "nothing"
+            refuse(Path(name), f"holds no {', '.join(missing)}, only {holds}; name the {LEARNED} of such a run")
+    except ValueError as error:
+        raise ValueError(f"file: {error}") from None

@@ -1,0 +1,190 @@
+"""Calibration of the sensors of a log: centre, scale and sign of the steering, ages, mounting, the antenna's place.
+
+One fit finds them together with the tyres' slip and the steering's play (`identify.fit`), which have priors, so that
+what slow driving does not show widens the intervals instead of bending the values. The wheelbase is taken as known:
+slow driving tells the scale over the wheelbase alone. Ages count from the row of the steering, or, where there is one,
+from that of the gyro.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import exp, hypot, inf, pi, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.fieldlogs.calibrate.rough import RoughSteering, rough_steering
+from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names, source_name
+from agrobot_mj.fieldlogs.identify.fit import VehicleFit, fit
+from agrobot_mj.fieldlogs.identify.model import Chassis2
+from agrobot_mj.fieldlogs.identify.priors import priors
+from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
+from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
+from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
+from agrobot_mj.fieldlogs.pieces import Pieces, pieces
+from agrobot_mj.fieldlogs.recording import ANGLES, read_recording
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors.dual_antenna import DualAntenna
+
+TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
+LEAST_WINDOWS = 3
+"""Windows that a calibration needs: a quarter of a minute at speed."""
+SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
+"""Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
+
+
+class Calibration(NamedTuple):
+    """What a log says of its sensors, and of the vehicle besides."""
+
+    found: dict[str, Interval]
+    """Quantities by the keys of the map, in its units."""
+    log_map: LogMap
+    """The map that the log came with."""
+    pieces: Pieces
+    """The recordings in radians, by the rough centre and scale."""
+    rough: RoughSteering
+    data: VehicleData
+    fit: VehicleFit
+    """Values beside `rough` and the map."""
+
+    @property
+    def steer(self) -> SteerColumn:
+        """The steering of the map that the log came with."""
+        assert self.log_map.steer is not None
+        return self.log_map.steer
+
+    @property
+    def positive(self) -> Literal["left", "right"]:
+        """Side to which the readings grow."""
+        return "left" if self.rough.scale > 0 else "right"
+
+    @property
+    def centre_error(self) -> float:
+        """Wheel angle where the map says straight, left positive [rad]."""
+        scale = self.rough.scale * self.fit.values["steer_scale"]
+        return scale * (self.steer.offset - self.found["steer.offset"].value)
+
+    @property
+    def heading_error(self) -> float | None:
+        """Angle of the recorded heading to the left of the tractor's [rad]; None where nothing tells."""
+        return self.fit.values.get("heading_offset")
+
+    @property
+    def largest_angle(self) -> float:
+        """Largest wheel angle, either way [rad]."""
+        scale, offset = self.fit.values["steer_scale"], self.fit.values["steer_offset"]
+        return max(float(np.abs(scale * piece.steer - offset).max()) for piece in self.data.pieces)
+
+    @property
+    def calibrated(self) -> LogMap:
+        """The map with what has been found; what the log does not tell stays."""
+        told = {key: each.rounded for key, each in self.found.items() if each.identified}
+        return changed_map(self.log_map, {**told, "steer.positive": self.positive})
+
+
+def calibrate(
+    sources: Sequence[Source],
+    log_map: LogMap | None,
+    scenario: Scenario,
+    start_s: float = 0.0,
+    end_s: float = inf,
+) -> Calibration:
+    """Calibrate the sensors of logs under one map; the wheelbase is the scenario's. Raises `FieldLogError`."""
+    m = steered_map(sources[0], log_map)
+    read = [read_recording(source, m, scenario.tractor.antenna_height_m, readings=True) for source in sources]
+    cut = pieces(read, start_s, end_s)
+    return calibrated(cut, m, scenario)
+
+
+def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
+    """The map, or that which comes with the package. Raises `FieldLogError` for one without a wheel angle."""
+    m = log_map or built_in(column_names(source), source_name(source))
+    if m.steer is None:
+        raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
+    return m
+
+
+def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
+    """Calibration of pieces whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
+    t = scenario.tractor
+    rough = rough_steering(cut.kept, t.wheelbase_m)
+    angles = tuple(rough.angle(piece) for piece in cut.kept)
+    data = prepare(angles, Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False))
+    if data.windows < LEAST_WINDOWS:
+        raise FieldLogError(
+            f"{angles[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, needs "
+            f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
+        )
+    result = fit(data, _names(data), priors(t, rough.age))
+    return Calibration(
+        _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
+    )
+
+
+def _names(data: VehicleData) -> tuple[str, ...]:
+    """Parameters of the fit: ages against the gyro or else the steering."""
+    channels = set(data.channels)
+    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading"}
+    ages |= {"position_delay_s": "position", "speed_delay_s": "position"}
+    place = ("ahead_m", "left_m") if "position" in channels else ()
+    return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
+
+
+def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -> dict[str, Interval]:
+    """Quantities of the map from those of the fit."""
+    value, index = result.values, {name: k for k, name in enumerate(result.names)}
+    assert m.steer is not None
+    s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
+    # a curvature is read as its angle
+    unit, per = ANGLES.get(m.steer.unit, 1.0), 1.0 / (m.steer.wheelbase_m or 1.0)
+    # true angle = s k (reading - rough centre) - o
+    slopes = {"steer_offset": per / (s * k), "steer_scale": -per * o / (s * s * k)}
+    found: dict[str, tuple[float, dict[str, float]]] = {
+        "steer.offset": (per * (rough.centre + o / (s * k)), slopes),
+        "steer.scale": (abs(s * k) / unit, {"steer_scale": abs(k) / unit}),
+    }
+    if "steer_delay_s" in index:
+        found["steer.delay_s"] = (m.steer.delay_s - value["steer_delay_s"], {"steer_delay_s": 1.0})
+    if m.heading is not None and "heading_delay_s" in index:
+        found["heading.delay_s"] = (m.heading.delay_s + value["heading_delay_s"], {"heading_delay_s": 1.0})
+        if "heading_offset" in index:
+            sign = (-1.0 if m.heading.convention == "compass" else 1.0) / ANGLES[m.heading.unit]
+            turn = (m.heading.offset + sign * value["heading_offset"] + pi * abs(sign)) % (2 * pi * abs(sign))
+            found["heading.offset"] = (turn - pi * abs(sign), {"heading_offset": sign})
+    if m.position is not None and "position_delay_s" in index:
+        found["position.delay_s"] = (m.position.delay_s + value["position_delay_s"], {"position_delay_s": 1.0})
+        found["speed.delay_s"] = (m.speed.delay_s + value["speed_delay_s"], {"speed_delay_s": 1.0})
+        for key in ("ahead_m", "left_m"):
+            found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
+    return {key: _quantity(key, middle, slopes, result, index, wander) for key, (middle, slopes) in found.items()}
+
+
+def _wander(data: VehicleData) -> float:
+    """Half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their mounting.
+
+    The mean over T times its time constant of a first-order process has 2 / T (1 - (1 - e^-T) / T) of its variance.
+    """
+    if "heading" not in data.channels:
+        return 0.0
+    antennas = DualAntenna()
+    T = data.windows * WINDOW_S / antennas.wander_time_s
+    return 2.0 * sqrt(2 / T * (1 - (1 - exp(-T)) / T)) * antennas.wander_sigma_m / antennas.baseline_m
+
+
+def _quantity(
+    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], wander: float
+) -> Interval:
+    """A quantity with its interval, from its slopes on parameters of the fit and the wander of the antennas [rad]."""
+    gradient = np.zeros(len(index))
+    for name, slope in slopes.items():
+        gradient[index[name]] = slope
+    half = hypot(half_width(result.covariance, gradient, result.freedom), slopes.get("heading_offset", 0.0) * wander)
+    return Interval(middle, middle - half, middle + half, half < SURE[key.partition(".")[2]])
+
+
+def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
+    """A map with other values by `table.key`."""
+    tables: dict[str, dict[str, float | str]] = {}
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        tables.setdefault(table, {})[name] = value
+    return m.model_copy(update={name: getattr(m, name).model_copy(update=each) for name, each in tables.items()})

@@ -1,0 +1,68 @@
+"""A replay in a few lines, and what about it should make the reader doubt."""
+
+from collections.abc import Iterator
+from math import degrees
+
+import numpy as np
+
+from agrobot_mj.fieldlogs.replay.result import ReplayResult
+from agrobot_mj.machine.tractor import TractorParameters
+
+FOLLOWED = 0.05
+"""Residual of the speed over the mean speed beyond which the plant does not follow it [-]."""
+SAME_GAIN = 0.05
+"""Error of scale and wheelbase together beyond which they are told [-]: what owners measure to."""
+
+
+def summary(found: ReplayResult, tractor: TractorParameters) -> str:
+    """The numbers in a few lines."""
+    m = found.metrics
+    lines = [*found.notes]
+    lines.append(
+        f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}"
+    )
+    if rate := m["yaw_rate"]:
+        slipless = rate["kinematic_rms_without_bias"]
+        beside = f" (without slip {degrees(slipless):.3f})" if slipless is not None else ""
+        lines.append(
+            f"yaw rate ({rate['source']}): residual {degrees(rate['rms_without_bias']):.3f} deg/s rms{beside}, "
+            f"bias {degrees(rate['bias']):+.3f} deg/s, recorded {rate['lag_s']:+.3f} s after the plant"
+        )
+    if place := m["position"]:
+        shape = "-" if place["windows_rms"] is None else f"{place['windows_rms']:.3f} m"
+        lines.append(
+            f"position: {shape} rms in windows of {place['window_s']:g} s; open loop {place['rms']:.2f} m rms, "
+            f"{place['at_the_end']:.2f} m at the end"
+        )
+    return "\n".join([*lines, *doubts(found, tractor)])
+
+
+def doubts(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
+    """Sentences on what the plant could not do, and on what the map may have wrong."""
+    m = found.metrics
+    angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
+    if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
+        share = float(np.mean(np.concatenate(angles) > tractor.steer_limit))
+        yield (
+            f"The recorded angle reaches {largest:.0f} deg, the plant stops at tractor.steer_limit_deg = "
+            f"{tractor.steer_limit_deg:g} ({100 * share:.1f} % of the time): set that"
+        )
+    mean = m["way_m"] / m["duration_s"] if m["duration_s"] else 0.0
+    if m["speed_rms"] > FOLLOWED * mean:
+        yield (
+            f"The plant does not follow the recorded speed: {m['speed_rms']:.2f} m/s rms of {mean:.2f}; on "
+            "plant.kind = bicycle it does"
+        )
+    if not (rate := m["yaw_rate"]) or rate["explained"] is None:
+        return
+    if rate["explained"] < 0:
+        yield (
+            "The plant's yaw rate explains nothing of the recorded one: check sign (positive) and unit of [steer], "
+            "[speed] and [yaw_rate] in the map"
+        )
+    elif rate["explained"] > 0.5 and abs(rate["gain"] - 1.0) > SAME_GAIN:
+        yield (
+            f"The machine turns {rate['gain']:.2f} times as fast as the plant: the scale of [steer] or "
+            "tractor.wheelbase_m is off, or at speed the tyres; the log cannot tell which: measure the wheelbase, then "
+            "`agrobot-mj calibrate`"
+        )

@@ -1,0 +1,57 @@
+"""What a scenario's steering and drive act on, added to a body that has only its wheels and knuckles.
+
+As `models/tractor.xml` has it: the crank of the virtual front wheel, its coupling to both knuckles, the differentials
+and both actuators. Numbers that follow from the scenario are written over it by `model`.
+"""
+
+from math import degrees
+
+import mujoco
+
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
+
+CRANK_KG, CRANK_ARMATURE, CRANK_DAMPING = 1e-6, 1.0, 5.0
+"""Mass of the crank, which the body has already [kg]; moment of what turns with the cylinder [kg m2] and its damping
+[N m s/rad] on the compact tractor, which go with mass and track squared."""
+STIFF = (0.004, 1.0)
+"""Time constant [s] and damping ratio of the coupling of crank and knuckles."""
+LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float:
+    """An angle [rad] in the unit of the file from which an element comes."""
+    return degrees(angle) if element.compiler.degree else angle
+
+
+def add_mechanism(spec: mujoco.MjSpec, carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
+    """Add it to a body whose knuckles hang on `carrier`."""
+    if spec.joint("steer") is None:
+        _add_crank(carrier, tractor)
+    for name, knuckle in (("ackermann_fl", "steer_fl"), ("ackermann_fr", "steer_fr")):
+        spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=knuckle, name2="steer", solref=STIFF)
+    for name, ends in (("differential", ("spin_rl", "spin_rr")), ("front_differential", ("spin_fl", "spin_fr"))):
+        tendon = spec.add_tendon(name=name)
+        for end in ends:
+            tendon.wrap_joint(end, 0.5)
+    lock, tied = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON
+    straight = [0.0, 1.0, *10 * [0.0]]
+    spec.add_equality(
+        name="differential_lock", type=lock, name1="spin_rl", name2="spin_rr", data=straight, active=False
+    )
+    front = {"name1": "front_differential", "name2": "differential"}
+    spec.add_equality(name="front_wheel_drive", type=tied, data=straight, active=False, **front)
+    joint, tendon = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_TENDON
+    for name, kind, target in (("steering", joint, "steer"), ("drive", tendon, "differential")):
+        actuator = spec.add_actuator(name=name, trntype=kind, target=target)
+        actuator.set_to_intvelocity(kp=1.0)
+        actuator.actlimited = actuator.ctrllimited = actuator.forcelimited = LIMITED
+        actuator.actrange = [-1e6, 1e6]
+
+
+def _add_crank(carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
+    share = tractor.mass_kg / COMPACT.mass_kg * (tractor.track_m / COMPACT.track_m) ** 2
+    crank = carrier.add_body(name="crank")
+    crank.explicitinertial = True
+    crank.mass, crank.inertia = CRANK_KG, 3 * [CRANK_KG]
+    joint = crank.add_joint(name="steer", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1], limited=LIMITED)
+    joint.armature, joint.damping = share * CRANK_ARMATURE, [share * CRANK_DAMPING, 0.0, 0.0]

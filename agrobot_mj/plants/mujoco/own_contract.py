@@ -1,0 +1,196 @@
+"""What a machine's own body must have: names, axes and places, each fault in a line, and the numbers that it gives.
+
+docs/bodies.md has the contract in words. Vectors are in the frame of the chassis while all joints are at zero: x ahead,
+y to the left, z up, the origin on the ground below the middle of the rear axle.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.signals import WHEELS, Array
+
+BODIES = ("chassis", *(f"wheel_{w}" for w in WHEELS))
+SPINS = tuple(f"spin_{w}" for w in WHEELS)
+STEERS = ("steer_fl", "steer_fr")
+ROLL, CRANK = "axle_roll", "steer"
+TYRES = tuple(f"tyre_{w}" for w in WHEELS)
+OURS = (*SPINS, *STEERS, CRANK)
+"""Joints that the simulator drives and couples itself."""
+RESERVED = ("implement", "wheel_il", "wheel_ir")
+"""Names of bodies that the simulator adds."""
+ALONG, UPRIGHT = 0.999, 0.7
+"""Least cosines of the axes of wheels and axle, and of kingpins [-]: 2.5 and 45 deg."""
+PLACE_M, SHARE = 0.01, 0.05
+"""Greatest error of a place [m], and of a wheel's height over its radius [-]."""
+ASIDE = 0.1
+"""Greatest distance of the centre of mass from the middle over the track [-]."""
+HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+class Posed:
+    """A compiled body with all joints at zero."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model, self.data = model, mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self.data)
+        mujoco.mj_comPos(model, self.data)
+        self.chassis = int(model.body("chassis").id)
+        self.axes = self.data.xmat[self.chassis].reshape(3, 3)
+
+    def place(self, point: Array) -> Array:
+        """A point (3,) of the world [m]."""
+        found: Array = (point - self.data.xpos[self.chassis]) @ self.axes
+        return found
+
+    def direction(self, vector: Array) -> Array:
+        """A vector (3,) of the world."""
+        found: Array = vector @ self.axes
+        return found
+
+    def centre(self, wheel: str) -> Array:
+        """Centre of a wheel, shape (3,) [m]."""
+        return self.place(self.data.xanchor[self.model.joint(f"spin_{wheel}").id])
+
+    def size(self, wheel: str) -> tuple[float, float]:
+        """Radius and width of a tyre [m]."""
+        radius, half, _ = self.model.geom(f"tyre_{wheel}").size.tolist()
+        return radius, 2 * half
+
+    def above(self, body: int) -> tuple[int, ...]:
+        """A body and all that it hangs on, up to the chassis or the world."""
+        found = [body]
+        while found[-1] not in (0, self.chassis):
+            found.append(int(self.model.body_parentid[found[-1]]))
+        return tuple(found)
+
+
+class MassProperties(NamedTuple):
+    """Mass properties of the whole machine."""
+
+    mass: float
+    """Mass [kg]."""
+    centre: Array
+    """Centre of mass, shape (3,) [m]."""
+    moments: Array
+    """Moments of inertia about it, roll, pitch and yaw, shape (3,) [kg m2]."""
+
+
+def inertial_of(posed: Posed) -> MassProperties:
+    """Mass, centre and inertia of the chassis with all that hangs on it."""
+    model, data = posed.model, posed.data
+    com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
+    for body in range(1, model.nbody):
+        axes, d = data.ximat[body].reshape(3, 3), data.xipos[body] - com
+        total += axes @ np.diag(model.body_inertia[body]) @ axes.T
+        total += model.body_mass[body] * (d @ d * np.eye(3) - np.outer(d, d))
+    moments = np.diag(posed.axes.T @ total @ posed.axes)
+    return MassProperties(float(model.body_subtreemass[posed.chassis]), posed.place(com), moments)
+
+
+def contract_faults(model: mujoco.MjModel) -> list[str]:
+    """Everything in which a compiled body fails the contract, a line each."""
+    found = [*_missing(model), *_more_wheels(model), *_beside(model)]
+    if found:
+        return found
+    posed = Posed(model)
+    found = [*_joints(posed), *_tyres(posed)]
+    return found or [*_places(posed)]
+
+
+def _has(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> bool:
+    return bool(mujoco.mj_name2id(model, kind, name) >= 0)
+
+
+def _missing(model: mujoco.MjModel) -> Iterator[str]:
+    kinds = mujoco.mjtObj
+    for what, kind, names in (
+        ("body", kinds.mjOBJ_BODY, BODIES),
+        ("joint", kinds.mjOBJ_JOINT, (*STEERS, *SPINS)),
+        ("geom", kinds.mjOBJ_GEOM, TYRES),
+    ):
+        yield from (f"has no {what} {name!r}; name it so" for name in names if not _has(model, kind, name))
+    for name in RESERVED:
+        if _has(model, kinds.mjOBJ_BODY, name):
+            yield f"body {name!r}: the name is that of a part which the simulator adds; choose another"
+
+
+def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
+    """Further joints that turn without end: wheels or sprockets that nothing would carry."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        endless = model.jnt_type[i] == HINGE and not model.jnt_limited[i] and model.jnt_stiffness[i] == 0.0
+        if name not in (*OURS, ROLL) and endless and abs(data.xaxis[i, 2]) < UPRIGHT:
+            body = model.body(model.jnt_bodyid[i]).name
+            yield (
+                f"joint {name!r} of body {body!r} turns without end like a wheel or a sprocket: machines on four "
+                "wheels are modelled, none on six and none on tracks"
+            )
+
+
+def _beside(model: mujoco.MjModel) -> Iterator[str]:
+    for body in range(1, model.nbody):
+        if model.body_parentid[body] == 0 and (name := model.body(body).name) != "chassis":
+            yield f"body {name!r} stands in the world beside the chassis; take it out or hang it on the chassis"
+
+
+def _joints(posed: Posed) -> Iterator[str]:
+    model, data = posed.model, posed.data
+    own = [i for i in range(model.njnt) if model.jnt_bodyid[i] == posed.chassis]
+    if [int(model.jnt_type[i]) for i in own] != [FREE]:
+        yield "body 'chassis' must have a <freejoint/> and no other joint"
+    wanted = {**dict.fromkeys(SPINS, (1, ALONG)), **dict.fromkeys(STEERS, (2, UPRIGHT)), ROLL: (0, ALONG)}
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        if name in wanted:
+            axis, cosine = wanted[name]
+            if model.jnt_type[i] != HINGE or posed.direction(data.xaxis[i])[axis] < cosine:
+                yield f"joint {name!r} must be a hinge whose axis points {('ahead', 'to the left', 'up')[axis]}"
+        elif i not in own and name != CRANK and not model.jnt_stiffness[i] > 0.0:
+            yield f"joint {name!r} moves freely; give it a stiffness and a damping, or take it out"
+    for wheel in WHEELS:
+        chain = posed.above(int(model.body(f"wheel_{wheel}").id))
+        carried = {"spin": chain[:1], "steer": chain[:-1]} if wheel[0] == "f" else {"spin": chain[:1]}
+        for joint, bodies in carried.items():
+            if model.joint(f"{joint}_{wheel}").bodyid[0] not in bodies or chain[-1] != posed.chassis:
+                yield f"joint '{joint}_{wheel}' must lie between the chassis and the tyre of 'wheel_{wheel}'"
+
+
+def _tyres(posed: Posed) -> Iterator[str]:
+    model, data = posed.model, posed.data
+    for wheel in WHEELS:
+        geom = model.geom(f"tyre_{wheel}")
+        axis = posed.direction(data.geom_xmat[geom.id].reshape(3, 3)[:, 2])
+        off = posed.place(data.geom_xpos[geom.id]) - posed.centre(wheel)
+        if geom.type[0] != mujoco.mjtGeom.mjGEOM_CYLINDER or abs(axis[1]) < ALONG:
+            yield f"geom 'tyre_{wheel}' must be a cylinder whose axis is the wheel's"
+        elif model.body(geom.bodyid[0]).name != f"wheel_{wheel}" or np.abs(off).max() > PLACE_M:
+            yield f"geom 'tyre_{wheel}' must lie in the middle of 'wheel_{wheel}', on the axis of its joint"
+
+
+def _places(posed: Posed) -> Iterator[str]:
+    at = {wheel: posed.centre(wheel) for wheel in WHEELS}
+    for left, right in (WHEELS[:2], WHEELS[2:]):
+        if not at[left][1] > 0.0 > at[right][1] or np.abs(at[left] - at[right] * [1, -1, 1]).max() > PLACE_M:
+            yield f"'wheel_{left}' and 'wheel_{right}' must mirror each other left and right of the chassis' x axis"
+        if not np.allclose(posed.size(left), posed.size(right), rtol=1e-3):
+            yield f"'tyre_{left}' and 'tyre_{right}' must be of one size"
+    if abs(at["rl"][0]) > PLACE_M or not at["fl"][0] > 0.0:
+        yield (
+            "the chassis' origin must lie below the middle of the rear axle, and x point to the front one: the rear "
+            f"wheels are at x = {at['rl'][0]:.3f} m, the front ones at {at['fl'][0]:.3f} m"
+        )
+    for end in ("f", "r"):
+        height, radius = at[f"{end}l"][2], posed.size(f"{end}l")[0]
+        if abs(height - radius) > SHARE * radius:
+            yield (
+                f"the chassis' origin must lie on the ground: 'wheel_{end}l' of radius {radius:.3f} m has its centre "
+                f"{height:.3f} m above it"
+            )
+    aside, track = inertial_of(posed).centre[1], at["fl"][1] - at["fr"][1]
+    if abs(aside) > ASIDE * track:
+        yield f"its centre of mass lies {aside:.2f} m beside the middle; mind the parts' masses"

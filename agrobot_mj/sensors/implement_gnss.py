@@ -1,0 +1,67 @@
+"""A second GNSS receiver, on the implement: where its tool or axle is, beside the receiver on the tractor.
+
+Position of the point that does the work, ENU: the antenna's, levelled by the unit below it, so that its height does not
+count. Noise as of the tractor's receiver: white, and a correlated part; no latency and no lapses.
+"""
+
+from math import nan, sqrt
+from typing import NamedTuple
+
+from agrobot_mj.core.randomness import GaussMarkov, stream
+from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.spec import Fraction, NonNegative, Positive
+from agrobot_mj.sensors.base import Sensor
+
+
+class ImplementFix(NamedTuple):
+    """Place where the implement works, as measured."""
+
+    x: float = nan
+    """East; NaN without a receiver [m]."""
+    y: float = nan
+    """North [m]."""
+
+
+class ImplementGnss(Sensor):
+    """RTK receiver on the implement; `[sensors.implement_gnss]`."""
+
+    enabled: bool = False
+    """Whether there is one."""
+    sigma_m: NonNegative = 0.02
+    """Standard deviation per axis, both parts together [m]. Estimate, that of the tractor's receiver."""
+    correlated_fraction: Fraction = 0.2
+    """Share of the correlated part in the variance [-]. Estimate (0.1-0.5)."""
+    correlation_time_s: Positive = 60.0
+    """Correlation time of that part [s]. Estimate (30-300)."""
+
+    def init(self, seed: int) -> GaussMarkov:
+        """The correlated part drawn from its stationary distribution."""
+        return GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
+
+    def measure(
+        self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float
+    ) -> tuple[GaussMarkov, ImplementFix]:
+        """Place of the implement."""
+        if not self.enabled:
+            return state, ImplementFix()
+        state, white = state.after(dt, self.correlation_time_s), state.generator.standard_normal(2).tolist()
+        slow, fast = sqrt(self.correlated_fraction), sqrt(1.0 - self.correlated_fraction)
+        x, y = (
+            true + self.sigma_m * (slow * s + fast * w)
+            for true, s, w in zip(truth.implement, state.value, white, strict=True)
+        )
+        return state, ImplementFix(x, y)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The position, where there is a receiver."""
+        if not self.enabled:
+            return ()
+        return (
+            Column("implement_gnss_x", "m", "place where the implement works by its own receiver, east"),
+            Column("implement_gnss_y", "m", "place where the implement works by its own receiver, north"),
+        )
+
+    def report(self, reading: ImplementFix) -> tuple[float, ...]:
+        """The position, where there is a receiver."""
+        return tuple(reading) if self.enabled else ()

@@ -1,0 +1,172 @@
+"""Which is the mildest combination of changes that fails? Differential evolution, then a bisection towards mild.
+
+A combination is the better the milder it is if it fails, else the closer its runs come to failing; any that fails is
+better than all that do not. In distances each key counts in its own unit, the width of its range or its standard
+deviation.
+"""
+
+from collections.abc import Callable, Sequence
+from math import ceil
+from statistics import median
+
+import numpy as np
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.studies.closeness import Closeness, Rises
+from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+from agrobot_mj.studies.falsify.question import Combination, Falsified, FalsifyQuestion
+from agrobot_mj.studies.limit.condition import Condition
+
+HALVINGS = 6
+"""Steps of the bisection: to a hundredth and a half of the distance [-]."""
+CONFIRMED = 10
+"""Runs of the answer, of the way to it, and of what is about it [-]."""
+MOST_CONFIRMED = 10
+"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is sought [-]."""
+NEAR = 0.1
+"""Distance about the answer that is looked at, as a share of it along the way, and of the unit of each key [-]."""
+Place = tuple[float, ...]
+
+
+class FalsifySearch:
+    """The combinations of one search, and the runs of each."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        q: FalsifyQuestion,
+        condition: Condition,
+        do: RunTasks,
+        done: Callable[[Combination], object],
+    ) -> None:
+        self.scenario, self.q, self.condition, self.do, self.done = scenario, q, condition, do, done
+        self.tried: list[Combination] = []
+
+    def run(self) -> Falsified:
+        """Look for the answer, then at what is about it."""
+        mild = (0.0,) * len(self.q.varied)
+        start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
+        by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
+        if start.fails:
+            return self._answer("fails_at_start", start, by_key, ())
+        self._evolve()
+        failing = [tried for tried in self.tried if tried.fails]
+        if not failing:
+            return self._answer("not_found", max(self.tried, key=lambda tried: tried.close), by_key, ())
+        sure = self._confirmed(sorted(failing, key=lambda tried: tried.distance))
+        if not sure.fails:
+            return self._answer("not_found", sure, by_key, ())
+        best = self._bisected(sure)
+        around = self.drive(self._around(best), CONFIRMED, told=False)
+        return self._answer("falsified", best, by_key, tuple(around))
+
+    def drive(self, places: Sequence[Place], seeds: int, told: bool = True) -> list[Combination]:
+        """Drive combinations; those of the search are noted and told."""
+        base, name, rises = base_text(self.scenario), self.scenario.name, Rises(Closeness(self.q.until, self.q.score))
+        values = [self.q.overrides(self.scenario, place) for place in places]
+        tasks = [
+            Task(0, base, name, {**each, "seed": self.scenario.seed + k}, "table", rises)
+            for each in values
+            for k in range(seeds)
+        ]
+        results = iter(self.do(tasks))
+        found = [self._tried(each, [next(results) for _ in range(seeds)]) for each in values]
+        if told:
+            self.tried += found
+            for each in found:
+                self.done(each)
+        return found
+
+    def _tried(self, values: dict[str, float], results: Sequence[Done]) -> Combination:
+        numbers = [dict(flat(result.numbers)) for result in results]
+        close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in numbers]
+        place = tuple((values[each.key] - each.start) / each.unit for each in self.q.varied)
+        return Combination(place, values, len(numbers), sum(map(self.condition.fails, numbers)), median(close))
+
+    def _alone(self) -> list[Place]:
+        n = len(self.q.varied)
+        return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
+
+    def _evolve(self) -> None:
+        """Differential evolution [Storn1997] over the ranges, from a Latin hypercube with the hardest of all."""
+        from scipy.optimize import differential_evolution
+        from scipy.stats import qmc
+
+        n, random = len(self.q.varied), stream(self.scenario.seed, "falsify")
+        size = max(10, 3 * n)
+        low, high = (np.array(ends) for ends in zip(*[(v.low, v.high) for v in self.q.varied], strict=True))
+        first = low + (high - low) * qmc.LatinHypercube(n, rng=random).random(size)
+        first[0] = [each.hardest for each in self.q.varied]
+        worst = float(np.hypot.reduce(np.maximum(np.abs(low), np.abs(high))))
+
+        def cost(points: Array) -> Array:
+            tried = self.drive([tuple(map(float, point)) for point in points.T], self.q.seeds)
+            return np.array([each.distance if each.fails else worst + 1.0 - min(each.close, 0.0) for each in tried])
+
+        differential_evolution(
+            cost,
+            list(zip(low, high, strict=True)),
+            init=first,
+            maxiter=max(ceil(self.q.budget / size) - 1, 1),
+            rng=random,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            strategy="best1bin",
+            tol=1e-3,
+        )
+
+    def _confirmed(self, failing: Sequence[Combination]) -> Combination:
+        """The mildest that fails under more seeds, too; the last one tried if none does."""
+        for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
+            (sure,) = self.drive([tried.distances], CONFIRMED, told=False)
+            if sure.fails:
+                break
+        return sure
+
+    def _bisected(self, best: Combination) -> Combination:
+        """The mildest that fails on the way from mild to this one."""
+        low, high, mildest = 0.0, 1.0, best
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            (tried,) = self.drive([tuple(middle * d for d in best.distances)], CONFIRMED, told=False)
+            low, high = (low, middle) if tried.fails else (middle, high)
+            mildest = tried if tried.fails else mildest
+        return mildest
+
+    def _around(self, best: Combination) -> list[Place]:
+        """On the way to the answer and beyond, then with each key a little less and more, within its range."""
+        at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
+        places = [tuple(way * d for d in at) for way in ways]
+        for k in range(len(at)):
+            places += [(*at[:k], at[k] + step, *at[k + 1 :]) for step in (-NEAR, NEAR)]
+        return [
+            tuple(min(max(d, each.low), each.high) for d, each in zip(place, self.q.varied, strict=True))
+            for place in places
+        ]
+
+    def _answer(
+        self, verdict: str, mildest: Combination, alone: dict[str, Combination], around: tuple[Combination, ...]
+    ) -> Falsified:
+        found = Falsified(verdict, mildest, alone, around, tuple(self.tried), "")
+        return found._replace(statement=statement(self.q, self.scenario.name, found))
+
+
+def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
+    """The answer as sentences."""
+    best = found.mildest
+    if found.verdict == "fails_at_start":
+        return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"
+    if found.verdict == "not_found":
+        closest = f"{best.shown} comes close ({best.share} runs fail, closeness {best.close:.2g}; 0 is the condition)"
+        return f"{name}: none of the {len(found.tried)} combinations tried fails in most of its runs; {closest}"
+    text = f"{name}: the mildest combination found that fails is {best.shown}, at a distance of {best.distance:.2f}"
+    text += f" ({best.share} runs fail)"
+    holds = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if not tried.fails]
+    fails = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if tried.fails]
+    if holds and len(q.varied) > 1:
+        text += f". Alone, it holds at {', '.join(holds)}" + (f", and fails at {', '.join(fails)}" if fails else "")
+    return text

@@ -1,0 +1,106 @@
+"""The risk of a failure: split runs by how close they come to it, write `risk.json`, `risk.png` and a failure."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.closeness import Closeness, check_closeness
+from agrobot_mj.studies.courses import courses
+from agrobot_mj.studies.engine import Task, base_text, resuming
+from agrobot_mj.studies.limit.question import condition_of
+from agrobot_mj.studies.risk.figure import save_figure
+from agrobot_mj.studies.risk.population import Population, Run, populations
+from agrobot_mj.studies.risk.question import CONFIDENCE, RiskEstimate, RiskQuestion, estimate
+
+FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
+"""Files of a run that failed, and what they are called in the folder of a risk."""
+FILES = ("risk.json", "risk.png", *FAILURE.values())
+"""What a risk leaves."""
+
+
+class Risk(NamedTuple):
+    """What was found."""
+
+    estimate: RiskEstimate
+    paths: int
+    """Number of runs driven, those that begin with a part of another one included."""
+    worth: float
+    """Number of whole runs that take as long as the parts driven [-]."""
+    statement: str
+    """The answer as a sentence."""
+
+
+def risk(
+    scenario: Scenario,
+    question: RiskQuestion,
+    folder: Path,
+    jobs: int | None = None,
+    done: Callable[[Population], object] = lambda population: None,
+    failed: Callable[[str], object] = lambda text: None,
+) -> Risk:
+    """Find the probability that a run fails, and write the answer under `folder`, which keeps the rows of its runs.
+
+    `done` hears of each splitting, `failed` of the errors that runs raise. Raises `ScenarioError`.
+    """
+    question.check()
+    check_tractors([scenario])
+    condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
+    check_closeness(closeness, scenario)
+    with resuming(folder, FILES, jobs, failed) as do:
+        found = populations(scenario, question, condition, do, done)
+        splits = [each.split for each in found if each.split]
+        answer = _answer(scenario, question, estimate(splits, question.particles), found)
+        shown = _shown([run for each in found for run in each.runs])
+        base = base_text(scenario)
+        tasks = [Task(0, base, scenario.name, {"seed": run.seed}, branches=run.branches) for run in shown]
+        write_json(folder / "risk.json", content(scenario, question, answer, found, shown[1:]))
+        save_figure(splits, courses(tasks, closeness, do, FAILURE), folder / "risk.png")
+    return answer
+
+
+def _answer(scenario: Scenario, q: RiskQuestion, found: RiskEstimate, done: Sequence[Population]) -> Risk:
+    runs, worth = [run for each in done for run in each.runs], worth_of(done)
+    driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
+    if not found.probability:
+        text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
+        return Risk(found, len(runs), worth, f"{scenario.name}: {q.until}: {text}")
+    text = f"{found.probability:.2g} of the runs ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g})"
+    crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
+    text += f", by {driven}; plain runs would need {crude:,.0f} for this interval" if crude else f", by {driven}"
+    return Risk(found, len(runs), worth, f"{scenario.name}: {q.until}: {text}")
+
+
+def worth_of(done: Sequence[Population]) -> float:
+    """Number of whole runs that take as long as the parts that splittings drove [-]."""
+    runs = [run for each in done for run in each.runs]
+    whole = [run.ticks for run in runs if not run.branches]
+    return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
+
+
+def _shown(runs: Sequence[Run]) -> list[Run]:
+    """A run without branches of middling closeness, and the first that failed, if any did."""
+    plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
+    return [plain[len(plain) // 2], *[run for run in runs if run.failed and run.ticks][:1]]
+
+
+def content(
+    scenario: Scenario, q: RiskQuestion, found: Risk, done: Sequence[Population], failures: Sequence[Run]
+) -> dict[str, Any]:
+    """`risk.json`: the question, the answer, each splitting, and how the failure is driven again."""
+    return {
+        "scenario": scenario.name,
+        "version": __version__,
+        **q._asdict(),
+        "first_seed": scenario.seed,
+        **found.estimate._asdict(),
+        "confidence": CONFIDENCE,
+        "paths": found.paths,
+        "worth": found.worth,
+        "statement": found.statement,
+        "splits": [each.split._asdict() for each in done if each.split],
+        "failure": [{"seed": run.seed, "branches": [list(branch) for branch in run.branches]} for run in failures],
+    }

@@ -1,0 +1,35 @@
+"""The observer beside Stanley's law and LQR: it finds what the model does not have, and takes it out."""
+
+from math import atan, radians, tan
+
+import numpy as np
+import pytest
+from drives import MACHINE, Bend, drive
+
+from agrobot_mj.control import Eso, Lqr, Stanley
+
+LAWS = [Eso(), Eso(inner=Lqr(integral_m_s=None))]
+
+
+@pytest.mark.parametrize("speed", [1.2, -1.2, 3.0])
+@pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
+def test_no_offset_rests_behind_a_steering_bias(law: Eso, speed: float) -> None:
+    bias = radians(2.0)
+    d = drive(law, Bend(speed), 60.0, bias=bias)
+    assert abs(d.offset[-100:].mean()) < 0.005
+    names = [column.name for column in law.columns]
+    found = np.mean([row[names.index("curvature_disturbance")] for row in d.reports[-100:]])
+    assert atan(MACHINE.wheelbase_m * found) == pytest.approx(-bias, rel=0.1)
+
+
+def test_without_the_observer_one_does() -> None:
+    assert abs(drive(Stanley(), Bend(1.2), 60.0, bias=radians(2.0)).offset[-100:].mean()) > 0.02
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
+def test_on_a_path_that_it_knows_it_finds_nothing(law: Eso) -> None:
+    d = drive(law, Bend(1.2, 0.1), 40.0)
+    names = [column.name for column in law.columns]
+    crab, curvature = (d.reports[-1][names.index(f"{key}_disturbance")] for key in ("heading", "curvature"))
+    assert abs(crab) < radians(0.2)
+    assert abs(MACHINE.wheelbase_m * tan(curvature)) < radians(0.3)

@@ -1,0 +1,246 @@
+"""The map by place: what it takes over from lap to lap against theory, its guards, and the law around it."""
+
+from math import exp, inf, log, pi, radians, sin
+
+import numpy as np
+import pytest
+from drives import Bend, drive
+
+from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.control import Ilc, ImplementIlc, Lqr
+from agrobot_mj.control.lap_map import GIVE_UP, LapMap, LapState
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.learned import LEARNED, read_learned
+from agrobot_mj.metrics import RunView
+from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
+from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.simulation.storage import write_log
+
+LAP, STEP, BOUND = 40.0, 0.0625, 1.0
+PER_LAP = round(LAP / STEP)
+WAVES = 4
+MOST = 0.1
+
+
+def disturbance(s: float) -> float:
+    return MOST * sin(2 * pi * WAVES * s / LAP)
+
+
+def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapState | None = None, begin: float = 0.0):
+    """Drive laps on which the feedback corrects all that the map leaves of the disturbance; the state, and the rest."""
+    state = map_.begun(begin, LAP) if state is None else state
+    rests = []
+    for s in np.arange(begin, begin + count * LAP, STEP):
+        rest = disturbance(s) - map_.value(state, s, LAP)
+        state = map_.after(state, s, LAP, error(s / LAP, rest), rest, BOUND)
+        rests.append(rest)
+    return state, np.array(rests)
+
+
+@pytest.mark.parametrize("smoothing", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("gain", [0.3, 0.5, 1.0])
+def test_what_is_left_shrinks_from_lap_to_lap_as_theory_says(gain: float, smoothing: float) -> None:
+    """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
+    sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
+    H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
+    rests = laps(LapMap(gain=gain, smoothing_m=smoothing, keep=1.0), 4)[1][: 4 * PER_LAP].reshape(4, -1)[
+        :, 60:-60
+    ]  # one map fades into the next at either end
+    left = np.abs(rests).max(axis=1) / MOST
+    assert left == pytest.approx([(1 - gain * H) ** k for k in range(4)], abs=0.02)
+
+
+def test_the_map_has_no_phase() -> None:
+    state, _ = laps(LapMap(gain=0.5, keep=1.0), 3)
+    places = LAP * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
+    spectrum = np.fft.rfft(state.map_)[WAVES]
+    assert np.angle(spectrum * np.conj(np.fft.rfft([disturbance(s) for s in places])[WAVES])) == pytest.approx(
+        0, abs=0.02
+    )
+
+
+def test_what_is_no_longer_there_is_forgotten() -> None:
+    map_ = LapMap(gain=0.0, keep=0.5, guard=False)
+    state = laps(LapMap(gain=1.0, keep=1.0), 2.01)[0]
+    before = np.abs(state.map_).max()
+    again = state
+    for s in np.arange(2.01 * LAP, 3.01 * LAP, STEP):
+        again = map_.after(again, s, LAP, 0.0, 0.0, BOUND)
+    assert np.abs(again.map_).max() == pytest.approx(before, rel=1e-6), "a gain of nothing leaves the map alone"
+    map_ = LapMap(gain=1e-6, keep=0.5, guard=False)
+    for s in np.arange(3.01 * LAP, 5.01 * LAP, STEP):
+        again = map_.after(again, s, LAP, 0.0, 0.0, BOUND)
+    assert np.abs(again.map_).max() == pytest.approx(before / 4, rel=0.01)
+
+
+def test_the_map_stays_within_its_bound() -> None:
+    map_ = LapMap(gain=1.0, keep=1.0, guard=False)
+    state = map_.begun(0.0, LAP)
+    for s in np.arange(0.0, 5 * LAP, STEP):
+        state = map_.after(state, s, LAP, 0.0, 0.4, 0.3)
+    assert state.map_.max() == pytest.approx(0.3)
+
+
+def test_a_map_that_is_worse_is_given_up_while_it_drives() -> None:
+    """From the third lap on the error is ten times that of the second, which was the best."""
+
+    def error(lap: float, rest: float) -> float:
+        return 0.05 if lap < 1 else 0.03 if lap < 2 else 0.3
+
+    state, _ = laps(LapMap(), 2.0, error)
+    best = state.map_.copy()
+    state, _ = laps(LapMap(), 0.2, error, state, 2.0 * LAP)
+    assert state.returns == 1, "within a fifth of the lap"
+    assert np.array_equal(state.map_, best)
+    assert not state.learning
+    assert state.best_rms == inf, "how good it is now is to be seen"
+    later, _ = laps(LapMap(), 0.9, error, state, 2.2 * LAP)
+    assert np.array_equal(later.map_, best)
+    assert later.learning, "a new lap"
+
+
+def test_a_lap_that_is_worse_as_a_whole_is_not_learnt_from() -> None:
+    state, _ = laps(LapMap(), 3.0, lambda lap, rest: 0.05 if lap < 2 else 0.09)
+    kept = state.best.copy()
+    state, _ = laps(LapMap(), 0.1, lambda lap, rest: 0.05, state, 3.0 * LAP)
+    assert state.returns == 1
+    assert np.array_equal(state.map_, kept)
+    assert state.share == 0.5
+
+
+def test_after_some_returns_it_learns_no_more() -> None:
+    state, _ = laps(LapMap(), 25.0, lambda lap, rest: 0.05 + 0.2 * (int(lap) % 2))
+    assert state.returns == GIVE_UP
+    assert not state.learning
+
+
+def test_without_a_guard_it_goes_on() -> None:
+    state, _ = laps(LapMap(guard=False), 4.0, lambda lap, rest: 0.05 * 4**lap)
+    assert state.returns == 0
+    assert np.abs(state.map_).max() > 0.05
+
+
+def test_places_that_were_not_passed_leave_the_lap_unjudged() -> None:
+    state, _ = laps(LapMap(), 0.5, begin=0.5 * LAP)
+    state, _ = laps(LapMap(), 0.1, state=state, begin=LAP)
+    assert not state.map_.any()
+    assert state.learning
+
+
+@pytest.mark.parametrize(
+    ("path", "lap"),
+    [
+        (Circle(radius_m=8.0, turns=2), 2 * pi * 8.0),
+        (Circle(radius_m=500.0, turns=2), 2 * pi * 500.0),
+        (Line(length_m=80.0), 80.0),
+        (FigureEight(turns=3), FigureEight().turn_s * 1.2),
+        (FigureEight(turns=1, run_in_m=0.0), FigureEight().turn_s * 1.2),
+    ],
+    ids=["circle", "wide circle", "line", "figure eight", "one turn"],
+)
+def test_a_lap_is_where_the_heading_comes_again(path, lap: float) -> None:
+    assert SampledRoute(path).lap() == pytest.approx(lap, abs=0.16)
+
+
+def test_two_passes_of_a_field_are_a_lap() -> None:
+    path = Swaths(length_m=30.0, swath_m=3.0, count=6, run_in_m=5.0)
+    lap, route = SampledRoute(path).lap(), SampledRoute(path)
+    assert lap == pytest.approx(2 * (30.0 + (path.passes_s[1][1] - path.passes_s[0][1] - 30 / 1.2)), abs=8.0)
+    here, there = route.ahead(5.0), route.ahead(5.0 + lap)
+    assert there.yaw == pytest.approx(here.yaw, abs=1e-6)
+    assert abs(there.x - here.x) + abs(there.y - here.y) == pytest.approx(6.0, abs=0.1)
+
+
+def test_without_a_map_it_is_the_inner_law() -> None:
+    alone, inside = drive(Lqr(), Bend(1.2, 0.1), 10.0), drive(Ilc(inner=Lqr()), Bend(1.2, 0.1), 10.0)
+    assert np.array_equal(alone.offset, inside.offset)
+    assert alone.commands == inside.commands
+
+
+@pytest.mark.parametrize("law", [Ilc(inner=Lqr(integral_m_s=None)), Ilc()], ids=["without integral", "LQR"])
+def test_a_steering_bias_moves_into_the_map(law: Ilc) -> None:
+    d = drive(law, FigureEight(radius_m=6.0, straight_m=12.0, run_in_m=6.0, turns=6), 380.0, bias=radians(2.0))
+    names = [column.name for column in law.columns]
+    learned, feedback = (
+        np.array([row[names.index(key)] for row in d.reports]) for key in ("steer_learned", "steer_feedback")
+    )
+    rms = [float(np.sqrt(np.mean(d.offset[k : k + 1250] ** 2))) for k in (0, 6000)]
+    assert np.degrees(learned[-1250:].mean()) == pytest.approx(2.0, abs=0.4)
+    assert abs(np.degrees(feedback[-1250:].mean())) < 0.4
+    assert rms[1] < 0.7 * rms[0]
+
+
+WORN = {"kind": "valve_wear", "gain_share": 0.5, "dead_band_v": 0.6}
+EIGHT = {
+    **{f"path.{key}": value for key, value in {"radius_m": 6.5, "straight_m": 12, "run_in_m": 6, "turns": 4}.items()},
+    "path.transition": "clothoid",
+    "plant.kind": "bicycle",
+    "estimator.kind": "ekf_full",
+    **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
+    "guidance.kind": "ilc",
+    "fault": [WORN],
+}
+
+
+def test_what_was_learnt_begins_the_next_run(tmp_path) -> None:
+    keys = {**EIGHT, "path.turns": 1, "path.run_in_m": 0, "steering.loop.kind": "adaptive"}
+    log = run(load_scenario("figure_eight", keys))
+    write_log(log, tmp_path / "first")
+    file = str(tmp_path / "first" / LEARNED)
+    known = read_learned(file)
+    assert {"steer_learned", "valve_gain_left", "valve_dead_band_right"} <= set(known)
+    sim = Simulation("figure_eight", {**keys, "guidance.file": file, "steering.loop.file": file})
+    sim.reset()
+    sim.step()
+    names, row = sim.rows.columns, sim.rows.values[0]
+    assert row[names.index("valve_dead_band_left")] == pytest.approx(known["valve_dead_band_left"][0, 1], rel=1e-6)
+    state = sim.loop.stages.guidance.lap
+    assert state.map_ == pytest.approx(known["steer_learned"][:, 1])
+    assert state.best_rms == pytest.approx(float(np.sqrt(np.mean(known["steer_learned_best_error"][:, 1] ** 2))))
+    write_log(run(sim.scenario.changed({"duration_s": 1.0})), tmp_path / "second")
+    assert (tmp_path / "second" / f"{LEARNED[:-8]}-2.parquet").read_bytes() == (
+        tmp_path / "first" / LEARNED
+    ).read_bytes()
+    load_scenario(tmp_path / "second" / "scenario.toml")
+
+
+@pytest.mark.parametrize("law", ["ilc", "implement_ilc"])
+def test_a_file_without_a_map_is_refused(law: str, tmp_path) -> None:
+    with pytest.raises(ScenarioError, match=r"guidance.file: none.parquet: no such file"):
+        load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "none.parquet")})
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "steering.loop.kind": "adaptive", "duration_s": 0.1}))
+    write_log(log, tmp_path)
+    with pytest.raises(ScenarioError, match=r"guidance.file: learned.parquet: holds no \w+_learned, only valve_gain"):
+        load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / LEARNED)})
+    with pytest.raises(ScenarioError, match=r"signals.parquet: has no columns quantity"):
+        load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})
+
+
+def test_a_receiver_on_no_implement_is_refused() -> None:
+    with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: there is no implement"):
+        load_scenario("circle", {"sensors.implement_gnss.enabled": True})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("smoothing", [1.0, 0.6])
+@pytest.mark.parametrize("loop", ["pid", "adaptive"])
+def test_settings_that_diverge_are_stopped_within_a_lap(smoothing: float, loop: str) -> None:
+    keys = {
+        "guidance.map.gain": 0.7,
+        "guidance.map.smoothing_m": smoothing,
+        "steering.loop.kind": loop,
+        "path.turns": 6,
+    }
+    log = run(load_scenario("figure_eight", {**EIGHT, **keys}))
+    assert log.outcome == "completed"
+    assert np.abs(RunView(log).beside.offset).max() < 0.3
+
+
+def test_the_line_of_the_tractor_brings_a_trailer_onto_the_path() -> None:
+    """Without slip a trailer of 2 m cuts bends of 6.5 m by 0.3 m; its angle alone tells that."""
+    law = ImplementIlc(inner=Lqr())
+    names = [column.name for column in law.columns]
+    d = drive(law, FigureEight(radius_m=6.5, straight_m=12.0, run_in_m=6.0, transition="clothoid", turns=5), 330.0)
+    offset = np.array([row[names.index("implement_offset_hat")] for row in d.reports])
+    assert np.sqrt(np.mean(offset[-1250:] ** 2)) < 0.4 * np.sqrt(np.mean(offset[200:1250] ** 2))
+    assert np.abs(d.offset[-1250:]).max() > 0.15, "the tractor swings out"

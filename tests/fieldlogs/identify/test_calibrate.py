@@ -1,0 +1,103 @@
+"""The sensors of a log of our own are found, and logs that cannot tell are refused."""
+
+from math import radians
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from machines import log_of
+from stranger import STEP_S, behind_play, drive, hidden, inputs
+
+from agrobot_mj.fieldlogs.calibrate import calibrate, sentences
+from agrobot_mj.fieldlogs.columns import FieldLogError
+from agrobot_mj.scenario.loading import load_scenario
+
+BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
+
+
+@pytest.fixture(scope="module")
+def log():
+    return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
+
+
+def gyro_log(h, age):
+    """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
+    fine = np.arange(0, 140, STEP_S / 2)
+    speed, sensor = inputs(0, fine)
+    x, y, psi, rate = drive(h, speed, behind_play(sensor, radians(h.play)))
+    steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 139.0, 0.05)
+    rng = np.random.default_rng(5)
+    x, y, psi, rate = (np.interp(t, steps, each) for each in (x, y, psi, rate))
+    noise = rng.standard_normal((5, len(t)))
+    return pa.table(
+        {
+            "t": t,
+            "steer_measured": 1.125 * np.interp(t - age, fine, sensor) + radians(0.9) + radians(0.05) * noise[0],
+            "valve_voltage": np.full(len(t), 6.0),
+            "speed_hat": np.interp(t, fine, speed) + 0.01 * noise[1],
+            "gyro": rate + radians(0.1) + radians(0.1) * noise[2],
+            "gnss_x": x + h.ahead * np.cos(psi) - h.left * np.sin(psi) + 0.01 * noise[3],
+            "gnss_y": y + h.ahead * np.sin(psi) + h.left * np.cos(psi) + 0.01 * noise[4],
+            "gnss_quality": np.full(len(t), 2.0),
+        }
+    )
+
+
+def test_a_gyro_is_the_clock_of_the_steering():
+    h = hidden(0)._replace(play=0.5)
+    found = calibrate([gyro_log(h, 0.1)], None, BICYCLE).found
+    truth = {"steer.scale": 1 / 1.125, "steer.offset": radians(0.9), "steer.delay_s": 0.1, "position.ahead_m": h.ahead}
+    for key, true in truth.items():
+        assert not found[key].excludes(true), (key, true, found[key])
+    assert found["steer.offset"].value == pytest.approx(radians(0.9), abs=radians(0.1))
+    assert "heading.offset" not in found
+
+
+def test_a_wheelbase_that_is_wrong_is_in_the_scale(log):
+    scenario = BICYCLE.changed({"tractor.wheelbase_m": 1.54})
+    found = calibrate([log.signals], None, scenario, 0.0, 40.0)
+    assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
+    told = sentences(found, scenario.tractor)
+    assert any("Scale and wheelbase cannot be told apart: 1.54 m" in line for line in told)
+
+
+def test_a_limit_below_the_recorded_angles_is_told(log):
+    found = calibrate([log.signals], None, BICYCLE, 0.0, 40.0)
+    narrow = BICYCLE.changed({"tractor.steer_limit_deg": 4.0}).tractor
+    assert any("beyond tractor.steer_limit_deg = 4: set that" in line for line in sentences(found, narrow))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"steer_measured": 0.0}, "a straight line through the readings of the steering explains 0 %"),
+        ({"gnss_quality": 0.0}, "have 0 positions"),
+        ({"speed_hat": 0.0}, "never reaches"),
+    ],
+)
+def test_logs_that_cannot_tell_are_refused(log, change, told):
+    table = log.signals
+    for name, value in change.items():
+        table = table.set_column(table.column_names.index(name), name, pa.array(np.full(len(table), value)))
+    with pytest.raises(FieldLogError, match=told):
+        calibrate([table], None, BICYCLE)
+
+
+def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
+    pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
+    status, out, err = call("identify", "short.parquet", "--vehicle", "--set", "plant.kind=bicycle")
+    assert (status, err) == (0, "")
+    assert "whole windows of 5 s at speed" in out
+    assert "What the log does tell:" in out
+    assert "steer.scale" in out
+
+
+def test_the_command_writes_the_map(log, tmp_path, call):
+    pq.write_table(log.signals.slice(0, 700), tmp_path / "log.parquet")
+    status, out, err = call("calibrate", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found")
+    assert (status, err) == (0, "")
+    text = (tmp_path / "found" / "map.toml").read_text()
+    assert text.strip() in out
+    assert " to " in text.partition("scale = ")[2].splitlines()[0]
+    assert (tmp_path / "found" / "calibration.json").is_file()

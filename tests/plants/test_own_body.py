@@ -1,0 +1,255 @@
+"""A machine's own body: the template drives as the default tractor, its numbers are those of the file, and what is no
+body is refused in one message."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import tomli_w
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.machine.tractor import COMPACT
+from agrobot_mj.plants.mujoco.own_body import measures
+
+TEMPLATE = Path(__file__).parents[2] / "examples" / "own_body.xml"
+TRACTOR = Path(__file__).parents[2] / "models" / "tractor.xml"
+SPHERE = '<geom size="0.1" mass="5"/>'
+
+
+def variant(tmp_path, *changes, name="mine.xml"):
+    """The template with texts replaced, each of which must be there."""
+    text = TEMPLATE.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def refused(path):
+    """The message for a body."""
+    with pytest.raises(ScenarioError) as error:
+        load_scenario("straight_line", {"tractor.mjcf": str(path)})
+    assert all("tractor.mjcf: " in line for line in str(error.value).split("\n"))
+    return str(error.value)
+
+
+def driven(name, seconds, **more):
+    return run(load_scenario(name, {"duration_s": seconds} | more))
+
+
+def test_the_template_gives_the_default_numbers():
+    found = measures(str(TEMPLATE), {})
+    for key, value in found.items():
+        assert value == pytest.approx(getattr(COMPACT, key), rel=1e-6), key
+    assert len(found) == 15
+
+
+@pytest.mark.parametrize("scenario", ["figure_eight", "side_slope_10"])
+def test_the_template_drives_as_the_default_tractor(scenario):
+    """Not identical: masses are rounded to nine digits, and 0.5 kg of the crank belong to the axle."""
+    mine, default = driven(scenario, 30.0, **{"tractor.mjcf": str(TEMPLATE)}), driven(scenario, 30.0)
+    for name, bound in (("x", 1e-3), ("y", 1e-3), ("yaw", 1e-3), ("steer", 2e-3), ("roll", 1e-4)):
+        assert np.abs(mine.column(name) - default.column(name)).max() < bound, name
+    load = np.array([mine.column(f"load_{w}") - default.column(f"load_{w}") for w in ("fl", "fr", "rl", "rr")])
+    assert np.abs(load).max() < 20.0
+
+
+def test_the_tractors_own_file_is_a_body(tmp_path):
+    """With actuators, couplings, crank and differentials of its own, which are left out or replaced."""
+    text = re.sub(r".*<include.*\n", "", TRACTOR.read_text(encoding="utf-8"))
+    (tmp_path / "tractor.xml").write_text(text, encoding="utf-8")
+    mine = driven("figure_eight", 10.0, **{"tractor.mjcf": str(tmp_path / "tractor.xml")})
+    default = driven("figure_eight", 10.0)
+    assert np.abs(mine.column("y") - default.column("y")).max() < 1e-3
+
+
+def test_masses_may_follow_from_geoms_which_do_not_stay_in_a_run(tmp_path):
+    box = '<geom name="load" type="box" size="0.2 0.2 0.1" pos="0.2 0 0.9" mass="100"/>\n'
+    path = variant(tmp_path, ('<geom name="hood_contact"', f'<body name="rack">{box}</body><geom name="hood_contact"'))
+    found = measures(str(path), {})
+    share = (750 * 0.532 + 100 * 0.2) / 850
+    assert found["mass_kg"] == pytest.approx(850.0)
+    assert found["front_load_fraction"] == pytest.approx(share / 1.4, rel=1e-6)
+    sinks = COMPACT.rear_wheel.deflection / 0.42  # the same share of the radius for any load
+    above = 0.42 * (1 - sinks) - 0.40574484
+    assert found["cg_height_m"] == pytest.approx((750 * 0.55 + 100 * 0.9) / 850 + above, rel=1e-6)
+    log = driven("straight_line", 3.0, **{"tractor.mjcf": str(path)})
+    loads = sum(log.column(f"load_{w}")[40:].mean() for w in ("fl", "fr", "rl", "rr"))
+    assert loads == pytest.approx(850 * 9.81, rel=0.01)
+    assert {geom.name for geom in log.scene.geoms} >= {"load", "tyre_fl", "lug_fl_0"}
+    assert "hood" not in {geom.name for geom in log.scene.geoms}
+
+
+def test_radians_and_no_pivot_are_as_good(tmp_path):
+    path = variant(
+        tmp_path,
+        ('angle="degree"', 'angle="radian"'),
+        ('range="-70 70"', 'range="-1.2217 1.2217"'),
+        ('<joint name="axle_roll" axis="1 0 0" pos="0 0 0.05" range="-10 10" damping="20"/>', ""),
+        ("</mujoco>", '<option gravity="0 0 -3" timestep="0.01"/></mujoco>'),
+    )
+    assert "axle_pivot_limit_deg" not in measures(str(path), {})
+    implement = {"implement.kind": "drawn", "implement.mass_kg": 300.0}
+    log = driven("straight_line", 5.0, **{"tractor.mjcf": str(path)}, **implement)
+    default = driven("straight_line", 5.0, **implement)
+    assert np.abs(log.column("x") - default.column("x")).max() < 0.02
+    assert log.column("load_rl")[-1] == pytest.approx(default.column("load_rl")[-1], rel=0.02)
+
+
+def test_a_mesh_beside_the_body_is_drawn_and_goes_along(tmp_path):
+    (tmp_path / "shed.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    asset = '<asset><mesh name="shed" file="shed.obj"/></asset>\n\n  <worldbody>'
+    shed = '<geom name="shed" type="mesh" mesh="shed" pos="0 0 1"/>\n      <geom name="hood_contact"'
+    path = variant(tmp_path, ("<worldbody>", asset), ('<geom name="hood_contact"', shed))
+    scenario = load_scenario("straight_line", {"tractor.mjcf": str(path), "duration_s": 1.0})
+    (drawn,) = [geom for geom in run(scenario).scene.geoms if geom.kind == "mesh"]
+    assert (drawn.mesh.vertices.shape, drawn.mesh.triangles.shape) == ((4, 3), (4, 3))
+    assert set(scenario.portable()[1]) == {"mine.xml", "shed.obj"}
+    before = scenario.hash8
+    (tmp_path / "shed.obj").write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    assert scenario.hash8 != before
+
+
+def test_the_path_counts_from_the_machine_that_names_it(tmp_path):
+    variant(tmp_path)
+    (tmp_path / "machine.toml").write_text('[tractor]\nmjcf = "mine.xml"\n', encoding="utf-8")
+    scenario = load_scenario("straight_line", {"machine": str(tmp_path / "machine.toml")})
+    assert Path(scenario.tractor.mjcf) == tmp_path / "mine.xml"
+    assert scenario.tractor.mass_kg == pytest.approx(750.0)
+
+
+def test_the_resolved_scenario_runs_again(tmp_path):
+    scenario = load_scenario("straight_line", {"tractor.mjcf": str(variant(tmp_path)), "duration_s": 1.0})
+    (tmp_path / "again.toml").write_text(scenario.to_toml(), encoding="utf-8")
+    again = load_scenario(tmp_path / "again.toml")
+    assert again.tractor == scenario.tractor
+    assert again.hash8 == scenario.hash8
+
+
+def test_a_key_that_the_body_gives_must_not_say_otherwise(tmp_path):
+    path = variant(tmp_path)
+    with pytest.raises(ScenarioError, match=r"tractor\.mass_kg: the body of mine\.xml has 750, got 800; leave it out"):
+        load_scenario("straight_line", {"tractor.mjcf": str(path), "tractor.mass_kg": 800})
+    same = load_scenario("straight_line", {"tractor.mjcf": str(path), "tractor.mass_kg": 750.0})
+    assert same.tractor.antenna_height_m == pytest.approx(2.0)
+
+
+def test_everything_that_is_missing_is_said_at_once(tmp_path):
+    path = variant(tmp_path, ('"spin_rl"', '"left"'), ('"tyre_fr"', '"rubber"'), ('"steer_fl"', '"kingpin"'))
+    message = refused(path)
+    for missing in ("joint 'spin_rl'", "geom 'tyre_fr'", "joint 'steer_fl'"):
+        assert f"has no {missing}" in message
+
+
+CHASSIS_GEOM = '<geom name="hood_contact"'
+
+
+def on_chassis(name, joint=""):
+    """A change that hangs a body on the chassis."""
+    return CHASSIS_GEOM, f'<body name="{name}" pos="0.7 0.5 0.3">{joint}{SPHERE}</body>{CHASSIS_GEOM}'
+
+
+def before_world(text):
+    return "<worldbody>", f"{text}<worldbody>"
+
+
+LIGHT = [(f'mass="{kg}"', 'mass="1"') for kg in (45, 25.5, 18, 4, 590.5)]
+LIGHT.append(("69.69338586 241.7343489 280.777059 0 -10.77006149 0", "1 1 1 0 0 0"))
+AHEAD = [(f'pos="0 {y} 0.40574484"', f'pos="0.3 {y} 0.40574484"') for y in (0.5, -0.5)]
+WRONG = {
+    "six wheels": ([on_chassis("middle", '<joint name="mid" axis="0 1 0"/>')], "none on six and none on tracks"),
+    "axis": ([('axis="0 1 0" armature', 'axis="0 -1 0" armature')], "axis points to the left"),
+    "kingpin": ([('<joint axis="0 0 1"', '<joint axis="0 0 -1"')], "axis points up"),
+    "fixed": ([("<freejoint/>", "")], "freejoint"),
+    "tyre": ([('<geom type="cylinder" quat', '<geom type="capsule" quat')], "must be a cylinder"),
+    "tyre across": ([('quat="1 1 0 0"', 'quat="1 0 0 0"')], "must be a cylinder whose axis"),
+    "tyre beside": ([('"tyre_rl"', '"tyre_rl" pos="0 0.2 0"')], "in the middle of 'wheel_rl'"),
+    "origin": (AHEAD, "origin must lie below"),
+    "height": ([("0.40574484", "0.2")], "origin must lie on the ground"),
+    "sides": ([('"wheel_rl" pos="0 0.5', '"wheel_rl" pos="0 0.6')], "mirror each other"),
+    "sizes": ([('"tyre_rl" size="0.42', '"tyre_rl" size="0.40')], "of one size"),
+    "loose": ([on_chassis("arm", '<joint name="loose" range="-9 9"/>')], "'loose' moves freely"),
+    "beside": (
+        [('<body name="chassis">', f'<body name="tree">{SPHERE}</body><body name="chassis">')],
+        "stands in the world",
+    ),
+    "lopsided": ([("0.51092295 0 0.60513564", "0.51092295 0.4 0.60513564")], "beside the middle"),
+    "reserved": ([on_chassis("implement")], "choose another"),
+    "light": (LIGHT, "gives mass_kg, which must be at least 50"),
+    "total": ([('autolimits="true"', 'autolimits="true" settotalmass="900"')], "own masses instead"),
+    "not a number": ([('mass="590.5"', 'mass="nan"')], "<inertial mass>: must be finite numbers"),
+    "infinite": ([('pos="1.4 0 0.26835063"', 'pos="inf 0 0.2"')], "<body pos>: must be finite numbers"),
+    "no mesh": ([before_world('<asset><mesh name="a" file="a.stl"/></asset>')], "a.stl: no such file"),
+    "outside": ([before_world('<include file="../secret.xml"/>')], "must lie in the folder of the body"),
+    "absolute": ([before_world('<include file="/etc/passwd"/>')], "must lie in the folder of the body"),
+    "folder": ([('angle="degree"', 'angle="degree" meshdir="/etc"')], "<compiler meshdir>"),
+    "plugin": ([before_world('<extension><plugin plugin="x"/></extension>')], "needs no plugins"),
+    "unknown": ([before_world("<wheels/>")], "MuJoCo cannot read it"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_no_body_is_refused_by_name(case, tmp_path):
+    changes, expected = WRONG[case]
+    assert expected in refused(variant(tmp_path, *changes))
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("", "is empty"),
+        ("hello", "is not XML"),
+        ("<robot/>", "begins with <robot>"),
+        ("<mujoco>", "is not XML"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document type"),
+        ("<mujoco/>", "has no body 'chassis'"),
+        ("\0\0\0", "is not XML"),
+        ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read it"),
+    ],
+)
+def test_what_is_no_mjcf_is_refused(content, expected, tmp_path):
+    path = tmp_path / "mine.xml"
+    path.write_text(content, encoding="utf-8")
+    assert expected in refused(path)
+
+
+def test_folders_devices_loops_and_other_types_are_refused(tmp_path):
+    assert "is a folder" in refused(tmp_path)
+    assert "no such file" in refused(tmp_path / "none.xml")
+    (tmp_path / "device.xml").symlink_to("/dev/zero")
+    assert "not a regular file" in refused(tmp_path / "device.xml")
+    (tmp_path / "mine.urdf").write_text("<robot/>")
+    assert "unknown type" in refused(tmp_path / "mine.urdf")
+    loop = variant(tmp_path, ("<worldbody>", '<include file="loop.xml"/><worldbody>'), name="loop.xml")
+    assert "MuJoCo cannot read it" in refused(loop)
+
+
+def test_the_command_line_says_it_and_leaves_nothing(tmp_path, call):
+    path = variant(tmp_path, ('"steer_fl"', '"kingpin"'))
+    (tmp_path / "s.toml").write_text(tomli_w.dumps({"tractor": {"mjcf": path.name}}), encoding="utf-8")
+    status, _, told = call("run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "tractor.mjcf: mine.xml: has no joint 'steer_fl'" in told
+    assert "Traceback" not in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_kingpins_and_stops_are_the_bodys(tmp_path):
+    narrow = variant(tmp_path, ('range="-70 70"', 'range="-50 50"'))
+    with pytest.raises(ScenarioError, match=r"tractor\.steer_limit_deg: joint 'steer_fl' of its body stops at 50\.0"):
+        driven("straight_line", 1.0, **{"tractor.mjcf": str(narrow)})
+    assert driven("straight_line", 1.0, **{"tractor.mjcf": str(narrow), "tractor.steer_limit_deg": 35.0})
+    with pytest.raises(ScenarioError, match=r"steering\.linkage: the body of tractor\.mjcf has its own kingpins"):
+        driven("straight_line", 1.0, **{"tractor.mjcf": str(TEMPLATE), "steering.linkage.caster_deg": 5.0})
+
+
+def test_the_template_opens_in_mujocos_viewer():
+    model = mujoco.MjModel.from_xml_path(str(TEMPLATE))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 10)
+    assert not any(warning.number for warning in data.warning)

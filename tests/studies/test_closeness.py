@@ -1,0 +1,92 @@
+"""Closeness to a condition: the metric at the end, nothing of what is to come."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.simulation.log import Rows
+from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.closeness import Closeness, Rises
+
+
+@pytest.fixture(scope="module")
+def log():
+    return run(load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 4.0, "guidance.kind": "lqr"}))
+
+
+@pytest.mark.parametrize("name", ["xte_abs_max", "xte_rms", "lateral_mse", "longitudinal_rms"])
+def test_it_ends_at_what_the_metric_says(log, name):
+    close = Closeness(f"{name} > 0.02")(log)
+    assert close.shape == (80,)
+    assert close.max() == pytest.approx(log.metrics[name] / 0.02 - 1)
+
+
+def test_a_percentile_is_that_of_the_whole_run(log):
+    close = Closeness("xte_abs_p95 > 0.02")(log)
+    largest = np.sort(np.abs(_offset(log)))[::-1]
+    assert close[-1] == pytest.approx(largest[4] / 0.02 - 1)  # of 80, the value with 5 % beside or above it
+    assert largest[5] <= log.metrics["xte_abs_p95"] <= largest[3]
+    assert (np.diff(close) >= 0).all()
+
+
+def _offset(log):
+    from agrobot_mj.metrics import RunView
+
+    return RunView(log).cg_on_path.offset
+
+
+@pytest.mark.parametrize(
+    "until",
+    ["xte_abs_max > 0.02", "xte_rms > 0.1 or lateral_abs_p95 > 0.1", "outcome != completed", "outcome == rolled_over"],
+)
+def test_it_looks_at_no_later_tick(log, until):
+    whole = Closeness(until)(log)
+    for ticks in (1, 30, 79):
+        rows = Rows(log.rows.ticks, 0, log.rows.poses.shape[1])
+        rows.table, rows.columns, rows._values, rows.filled = log.rows.table, log.rows.columns, log.rows._values, ticks
+        assert Closeness(until)(replace(log, rows=rows)) == pytest.approx(whole[:ticks], abs=0)
+
+
+def test_parts_are_joined(log):
+    a, b = (Closeness(f"{name} > {c}")(log) for name, c in (("xte_abs_max", 0.02), ("lateral_rms", 0.5)))
+    assert Closeness("xte_abs_max > 0.02 or lateral_rms > 0.5")(log) == pytest.approx(np.maximum(a, b))
+    assert Closeness("xte_abs_max > 0.02 and lateral_rms > 0.5")(log) == pytest.approx(np.minimum(a, b))
+    assert Closeness("not xte_abs_max > 0.02")(log) == pytest.approx(-a)
+    assert Closeness("xte_abs_max < 0.02")(log) == pytest.approx(-a)
+    assert Closeness("0.02 < xte_abs_max")(log) == pytest.approx(a)
+    assert Closeness("0.01 < xte_abs_max < 0.02")(log) == pytest.approx(np.minimum(2 * a + 1, -a))
+
+
+def test_a_signal_of_ones_own_counts_by_its_size(log):
+    assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
+
+
+def test_rises_are_the_new_maxima(log):
+    found, close = Rises(Closeness("xte_abs_max > 0.02"))(log), Closeness("xte_abs_max > 0.02")(log)
+    assert found["ticks"] == 80
+    ticks, levels = zip(*found["rises"], strict=True)
+    assert levels == tuple(sorted(set(levels)))
+    assert [close[k - 1] for k in ticks] == list(levels)
+    for tick, level in found["rises"]:
+        assert (close[: tick - 1] < level).all()
+    assert levels[-1] == close.max()
+
+
+def test_what_rises_is_close_before_it_is_there(log):
+    """By its slope over a quarter of a second; what falls is as close as it is."""
+    close = Closeness("xte_abs_max > 0.02")(log)
+    ahead = np.array([c + max(c - close[max(k - 5, 0)], 0.0) * 0.5 / 0.25 for k, c in enumerate(close)])
+    found = Rises(Closeness("xte_abs_max > 0.02"), 0.5)(log)["rises"]
+    highest = np.maximum.accumulate(ahead)
+    assert [level for _, level in found] == pytest.approx(sorted(set(highest)))
+    assert [ahead[k - 1] for k, _ in found] == pytest.approx([level for _, level in found])
+
+
+def test_a_tractor_about_to_roll_is_close_to_it():
+    log = run(load_scenario("rollover", {"plant.settle_s": 0.5}))
+    close = Closeness("outcome == rolled_over")(log)
+    assert log.outcome == "rolled_over"
+    assert close[20] < -0.4
+    assert close[-1] > -0.1
