@@ -128,6 +128,23 @@ class GuidanceLaw(Learner):
         return self
 
 
+class LawAround(GuidanceLaw):
+    """Base of the laws that have another law inside."""
+
+    inner: GuidanceLaw
+    """The law inside."""
+
+    def using(self, controller: "YawController") -> GuidanceLaw:
+        """With the yaw controller inside the inner law, where that takes one."""
+        inner = self.inner.using(controller)
+        return self if inner is self.inner else self.model_copy(update={"inner": inner})
+
+    @property
+    def follows_path(self) -> bool:
+        """As the law inside."""
+        return self.inner.follows_path
+
+
 YAW_COLUMNS = (
     Column("yaw_rate_ref", "rad/s", "yaw-rate reference of the guidance law, left positive"),
     Column("e_yaw_rate", "rad/s", "yaw-rate reference less estimated yaw rate"),

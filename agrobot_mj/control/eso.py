@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Beside, Following, FollowingState
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.stanley import Stanley
@@ -93,11 +93,7 @@ class Eso(Following):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Those of every path-following law, and the disturbances."""
-        return (
-            *super().columns,
-            Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
-            Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),
-        )
+        return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
         """Values of `columns`."""

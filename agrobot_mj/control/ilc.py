@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
+from agrobot_mj.control.base import LawAround, Situation
 from agrobot_mj.control.lap_map import LapMap, LapState
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.lqr import Lqr
@@ -49,7 +49,7 @@ class IlcState(NamedTuple):
     """Whether the last tick will be learnt from."""
 
 
-class Ilc(GuidanceLaw):
+class Ilc(LawAround):
     """Any law with a map of the steering angle by place beside it, learnt from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
@@ -122,16 +122,6 @@ class Ilc(GuidanceLaw):
     def learned(self, state: IlcState) -> Learned:
         """The map for the next lap [rad]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), STEER)
-
-    def using(self, controller: YawController) -> GuidanceLaw:
-        """With the yaw controller inside the inner law, where that takes one."""
-        inner = self.inner.using(controller)
-        return self if inner is self.inner else self.model_copy(update={"inner": inner})
-
-    @property
-    def follows_path(self) -> bool:
-        """As the inner law."""
-        return self.inner.follows_path
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import GuidanceLaw, Route, Situation, YawController
+from agrobot_mj.control.base import LawAround, Route, Situation
 from agrobot_mj.control.ilc import Ilc
 from agrobot_mj.control.lap_map import LapMap, LapState
 from agrobot_mj.control.laws import InnerLaw
@@ -110,7 +110,7 @@ class ImplementIlcState(NamedTuple):
     """Whether the last tick will be learnt from."""
 
 
-class ImplementIlc(GuidanceLaw):
+class ImplementIlc(LawAround):
     """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
@@ -181,16 +181,6 @@ class ImplementIlc(GuidanceLaw):
     def learned(self, state: ImplementIlcState) -> Learned:
         """The line for the next lap [m], and what the law inside has learnt."""
         return {**self.inner.learned(state.inner), **self.map.learned(state.lap, state.length, self.bound_m, LINE)}
-
-    def using(self, controller: YawController) -> GuidanceLaw:
-        """With the yaw controller inside the inner law, where that takes one."""
-        inner = self.inner.using(controller)
-        return self if inner is self.inner else self.model_copy(update={"inner": inner})
-
-    @property
-    def follows_path(self) -> bool:
-        """As the law inside."""
-        return self.inner.follows_path
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
+from agrobot_mj.control.base import LawAround, Situation
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.path_network import PathInput, PathNetwork, PathNetworkState
@@ -44,7 +44,7 @@ class LearnedState(NamedTuple):
     """Whether the last tick was learnt from."""
 
 
-class LearnedFeedforward(GuidanceLaw):
+class LearnedFeedforward(LawAround):
     """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
@@ -106,16 +106,6 @@ class LearnedFeedforward(GuidanceLaw):
     def feedback(self, state: LearnedState, command: Command) -> float:
         """What the inner law adds to the map [rad]."""
         return state.feedback
-
-    def using(self, controller: YawController) -> GuidanceLaw:
-        """The law with the yaw controller in its inner law, where that takes one."""
-        inner = self.inner.using(controller)
-        return self if inner is self.inner else self.model_copy(update={"inner": inner})
-
-    @property
-    def follows_path(self) -> bool:
-        """Whether the inner law follows the path."""
-        return self.inner.follows_path
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState, sideslip
+from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Beside, Following, FollowingState, sideslip
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
@@ -162,11 +162,7 @@ class Nmpc(Following):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns of every path-following law, and the disturbances."""
-        return (
-            *super().columns,
-            Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
-            Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),
-        )
+        return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
         """Values of `columns`."""
