@@ -43,27 +43,32 @@ def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> s
         child.start()
         theirs.close()
         try:
-            found, peak_kb = ours.recv() if ours.poll(limit) else (f"no end within {limit:g} s", 0)
+            found, taken_kb = ours.recv() if ours.poll(limit) else (f"no end within {limit:g} s", 0)
         except EOFError:
             child.join()
             number = -(child.exitcode or 0)
-            found, peak_kb = f"ended by {signal.Signals(number).name}" if number > 0 else "the attack itself ended", 0
+            found, taken_kb = f"ended by {signal.Signals(number).name}" if number > 0 else "the attack itself ended", 0
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(child.pid or 0, signal.SIGKILL)  # with what it may have left behind
         child.join()
-        most = max(MOST_KB, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-        return found or (f"took {peak_kb / 1e6:.1f} GB" if peak_kb > most else "")
+        return found or (f"took {taken_kb / 1e6:.1f} GB" if taken_kb > MOST_KB else "")
 
 
 def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connection) -> None:
-    """In the child: the attack, its finding, and the memory that it took."""
+    """In the child: the attack, its finding, and the memory [kB] that it took beyond what it began with."""
+    began_kb = _peak_kb()
     try:
         os.setpgid(0, 0)
         os.chdir(folder)
         found = attack(chance)
     except BaseException:
         found = traceback.format_exc(limit=-4)
-    theirs.send((found[:60_000].encode(errors="replace").decode(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
+    theirs.send((found[:60_000].encode(errors="replace").decode(), _peak_kb() - began_kb))
+
+
+def _peak_kb() -> int:
+    """Most memory that this process ever held [kB]; at a fork it begins anew, after an exec it does not."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def call(arguments: list[str], expected: tuple[int, ...] = (0, 1, 2)) -> str:
