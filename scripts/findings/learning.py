@@ -95,7 +95,7 @@ def behind(study: Study) -> Blocks:
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
     """A run's row with the errors of implement and tractor by lap, or on the passes of the first and the last two."""
     view = RunView(run)
-    there, ours = view.beside_path("implement_x", "implement_y").offset, view.beside.offset
+    there, ours = view.beside_path("implement_x", "implement_y").offset, view.cg_on_path.offset
     if hasattr(run.scenario.path, "passes_s"):
         t = run.column("t")
         spans = [(t > start) & (t <= end) for start, end in run.scenario.path.passes_s]
