@@ -1,0 +1,30 @@
+"""The parts do what they say, found by their entry point: install the package first."""
+
+import numpy as np
+import pytest
+
+import agrobot_mj
+from agrobot_mj.core.geometry import wrap
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Ten seconds of a circle by the law, with the compass."""
+    keys = {"plant.kind": "bicycle", "guidance.kind": "two_gains", "sensors.compass.enabled": True, "duration_s": 10}
+    return agrobot_mj.run(agrobot_mj.load_scenario("circle", keys))
+
+
+def test_the_law_holds_the_path(log):
+    assert log.metrics["xte_abs_max"] < 0.2
+
+
+def test_the_compass_is_turned_and_noisy(log):
+    pairs = zip(log.column("compass"), log.column("yaw"), strict=True)
+    errors = np.degrees([wrap(reading - yaw) for reading, yaw in pairs])
+    assert np.mean(errors) == pytest.approx(2.0, abs=0.15)
+    assert np.std(errors) == pytest.approx(0.5, rel=0.2)
+
+
+def test_the_metric_adds_up_the_steering(log):
+    travel = np.abs(np.diff(log.column("steer"))).sum()
+    assert log.metrics["steering_travel"] * 10 == pytest.approx(travel, rel=0.02)

@@ -1,0 +1,37 @@
+"""examples/plugin_template, installed by pip, is found by its entry point, and its own tests pass."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEMPLATE = ROOT / "examples" / "plugin_template"
+
+
+def python(folder, *arguments, path=()):
+    """A Python process in a folder, which must succeed, with these folders on its path."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, *path)))}
+    command = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_its_own_tests_pass_where_it_is_installed(tmp_path):
+    pytest.importorskip("pip")
+    copy = shutil.copytree(TEMPLATE, tmp_path / "copy", ignore=shutil.ignore_patterns("__pycache__"))
+    options = ("--quiet", "--no-deps", "--no-index", "--no-build-isolation", "--target", tmp_path / "site")
+    python(tmp_path, "-m", "pip", "install", *options, copy)
+    shutil.rmtree(copy / "my_parts")  # what is found is what is installed
+    options = ("-p", "no:cacheprovider", "--rootdir", copy, "-c", os.devnull)
+    said = python(tmp_path, "-m", "pytest", *options, copy / "tests", path=[tmp_path / "site"])
+    assert "3 passed" in said
+
+
+def test_its_law_is_unknown_where_it_is_not_installed(call):
+    status, _, said = call("run", "circle", "--set", "guidance.kind=two_gains")
+    assert (status, said.startswith("circle.toml: guidance.kind: unknown kind 'two_gains'")) == (2, True), said
