@@ -2,16 +2,22 @@
 
 Each environment holds the package and its run-time dependencies, nothing else: the wheel runs its commands, and the
 sdist installs the same files. The last run can keep nothing compiled: it has no home and no place for a cache. Prints
-the size of the run-time install; status 1 when anything fails.
+what each dependency and extra weighs; status 1 when anything fails. Leaves what it built in dist/.
 """
 
+import json
 import os
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
 ROOT = Path(__file__).parents[1]
+DIST = ROOT / "dist"
 UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
 """Versions, or paths of interpreters."""
@@ -29,6 +35,15 @@ COMMANDS = (
 """Commands that work without any extra."""
 REFUSED = (("report", "compared"), ("importance", "run"))
 """Commands that name their extra, with status 2."""
+
+WEIGH = """
+import json
+from importlib.metadata import distributions
+files = {d.name: [each.locate() for each in d.files or ()] for d in distributions()}
+sizes = {name: sum(file.stat().st_size for file in found if file.is_file()) for name, found in files.items()}
+print(json.dumps([(d.name, sizes[d.name], d.requires or []) for d in distributions()]))
+"""
+"""Prints name, bytes and requirements of all that is installed."""
 
 
 def tell(text: str) -> None:
@@ -51,8 +66,9 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
     return done.stdout
 
 
-def environment(package: Path, python: str, folder: Path) -> Path:
+def environment(package: str | Path, python: str, folder: Path) -> Path:
     """An environment with the package alone; its folder of executables."""
+    folder.mkdir(parents=True, exist_ok=True)
     must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
     must([UV, "pip", "install", "--quiet", "--python", folder / "venv" / "bin" / "python", package], folder)
     return folder / "venv" / "bin"
@@ -90,12 +106,34 @@ def files(programs: Path) -> dict[str, bytes]:
     return {str(file.relative_to(site)): file.read_bytes() for file in found}
 
 
-def sizes(programs: Path, most: int = 12) -> list[str]:
-    """The largest parts of an environment [MB], and the whole."""
-    (site,) = (programs.parent / "lib").glob("python*/site-packages")
-    found = {entry.name: megabytes(entry) for entry in site.iterdir()}
-    largest = sorted(found.items(), key=lambda part: -part[1])[:most]
-    return [*(f"{size:6.0f} MB  {name}" for name, size in largest), f"{sum(found.values()):6.0f} MB  in all"]
+def weights(programs: Path, direct: list[str]) -> dict[str, float]:
+    """Megabytes by direct dependency, each with what it needs that none before it brought, without bytecode."""
+    found = json.loads(must([programs / "python", "-c", WEIGH], programs))
+    installed = {canonicalize_name(name): about for name, *about in found}
+    counted, sums = set(direct), dict[str, float]()
+    for dependency in direct:
+        todo, sums[dependency] = [dependency], 0.0
+        while todo:
+            size, requires = installed.get(todo.pop(), (0, []))
+            sums[dependency] += size / 1e6
+            needed = (Requirement(line) for line in requires)
+            names = {canonicalize_name(r.name) for r in needed if not r.marker or r.marker.evaluate({"extra": ""})}
+            todo += names - counted
+            counted |= names
+    return sums
+
+
+def table(wheel: Path, python: str, folder: Path) -> list[str]:
+    """Megabytes by dependency and by extra, for docs/install.md."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    direct = [project["name"], *(Requirement(line).name for line in project["dependencies"])]
+    sums = weights(environment(wheel, python, folder / "alone"), direct)
+    rows = {**sums, "in all": sum(sums.values())}
+    for extra, needs in project["optional-dependencies"].items():
+        programs = environment(f"{wheel}[{extra}]", python, folder / extra)
+        more = [*direct, *(Requirement(line).name for line in needs)]
+        rows[extra] = sum(weights(programs, more).values()) - rows["in all"]
+    return [f"{size:6.1f} MB  {name}" for name, size in rows.items()]
 
 
 def megabytes(place: Path) -> float:
@@ -104,21 +142,21 @@ def megabytes(place: Path) -> float:
 
 
 def main() -> int:
-    failed, largest = 0, list[str]()
+    failed = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
-        must([sys.executable, "-m", "build", "--no-isolation", "--outdir", folder / "dist", ROOT], folder)
-        (wheel,), (sdist,) = (folder / "dist").glob("*.whl"), (folder / "dist").glob("*.tar.gz")
+        for old in (*DIST.glob("*.whl"), *DIST.glob("*.tar.gz")):
+            old.unlink()
+        must([sys.executable, "-m", "build", "--no-isolation", "--outdir", DIST, ROOT], folder)
+        (wheel,), (sdist,) = DIST.glob("*.whl"), DIST.glob("*.tar.gz")
         tell(f"built {wheel.name} ({megabytes(wheel):.1f} MB), {sdist.name} ({megabytes(sdist):.1f} MB)")
         for python in PYTHONS:
             place = folder / f"python-{PYTHONS.index(python)}"
             other = place / "sdist"
             (place / "work").mkdir(parents=True)
-            other.mkdir()
             try:
                 programs = environment(wheel, python, place)
-                largest = sizes(programs)
                 works(programs, place / "work")
                 tell(f"{python}: the wheel works, {must([programs / 'agrobot-mj', '--version'], folder).strip()}")
                 from_source = environment(sdist, python, other)
@@ -132,7 +170,7 @@ def main() -> int:
             except RuntimeError as error:
                 tell(f"{python}: FAILED\n{error}")
                 failed = 1
-        tell("\n".join(largest))
+        tell("\n".join(table(wheel, PYTHONS[-1], folder / "sizes")))
     return failed
 
 
