@@ -1,17 +1,17 @@
-"""Every source that code or documentation cites as [Key] stands in docs/references.bib, and no other does."""
+"""Every source that code or documentation cites as [Key], or paper.md as @Key, is in docs/references.bib, no other."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 BIBLIOGRAPHY = (ROOT / "docs" / "references.bib").read_text(encoding="utf-8")
-CITED = re.compile(r"\[([A-Z][A-Za-z]+\d{4}[a-z]?)\]")
+CITED = re.compile(r"(?:\[|@)([A-Z][A-Za-z]+\d{4}[a-z]?)\b")
 ENTRY = re.compile(r"@(\w+)\{(\w+),\n(.*?)\n\}", re.DOTALL)
 
 
 def readable() -> list[Path]:
     """Everything that may cite: the package, models, scenarios, documentation."""
-    found = [ROOT / "README.md"]
+    found = [ROOT / "README.md", ROOT / "paper.md"]
     for folder, pattern in (
         ("agrobot_mj", "*.py"),
         ("models", "*.xml"),

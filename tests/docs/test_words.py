@@ -1,4 +1,7 @@
-"""The documentation stays short: words that people have to read, apart from what scripts write."""
+"""The documentation stays short: words that its users have to read, apart from what scripts write.
+
+Not counted: the changelog, and paper.md, which is written for readers of a journal and has a bound of its own.
+"""
 
 import re
 from pathlib import Path
@@ -6,7 +9,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 BOUND = 33_000
 """Two hours and three quarters of reading."""
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
 """What a page says that a script writes as a whole."""
 BLOCK = re.compile(r"^<!-- (.+?) -->\n.*?^<!-- end of \1 -->$", re.MULTILINE | re.DOTALL)
