@@ -1,0 +1,180 @@
+"""Image, workflows, conda recipe, citation, paper and sizes say what the project says, and name what is there."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+from agrobot_mj import __version__
+
+yaml = pytest.importorskip("yaml")
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+WORKFLOWS = {path.stem: yaml.safe_load(path.read_text("utf-8")) for path in (ROOT / ".github/workflows").glob("*.yml")}
+RECIPE = yaml.safe_load((ROOT / "recipe/recipe.yaml").read_text("utf-8"))
+INSTRUCTIONS = re.findall(r"^([A-Z]+) (.*)$", (ROOT / "Dockerfile").read_text("utf-8").replace("\\\n", ""), re.M)
+IN_IMAGE = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text("utf-8"), re.M)
+CONDA = {"mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
+"""Names of packages on conda-forge, where they are others than on PyPI."""
+
+
+def verbs():
+    return set(re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text("utf-8"), re.M))
+
+
+def test_citation_recipe_and_changelog_have_todays_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == RECIPE["context"]["version"] == __version__
+    assert re.search(rf"^## {re.escape(__version__)} - ", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
+    assert [author["name"] for author in citation["authors"]] == [author["name"] for author in PROJECT["authors"]]
+    assert citation["license"] == RECIPE["about"]["license"] == PROJECT["license"]
+
+
+def test_the_recipe_needs_what_the_package_needs():
+    def specifiers(text):
+        return SpecifierSet(f"=={text}" if text[0].isdigit() else text)
+
+    found = dict(line.split(" ", 1) for line in RECIPE["requirements"]["run"])
+    assert found.pop("python") == ">=${{ python_min }}"
+    assert f">={RECIPE['context']['python_min']}" == PROJECT["requires-python"]
+    wanted = {each.name: each.specifier for each in map(Requirement, PROJECT["dependencies"])}
+    assert {name: specifiers(text) for name, text in found.items()} == {CONDA.get(n, n): s for n, s in wanted.items()}
+    assert RECIPE["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in PROJECT["scripts"].items()]
+    assert (ROOT / "recipe" / RECIPE["source"]["path"] / RECIPE["about"]["license_file"]).is_file()
+
+
+@pytest.mark.parametrize("name", sorted(WORKFLOWS))
+def test_workflows_name_what_is_there(name):
+    jobs = WORKFLOWS[name]["jobs"]
+    for job in jobs.values():
+        assert {job.get("needs")} if isinstance(job.get("needs"), str) else set(job.get("needs", ())) <= set(jobs)
+        for step in job["steps"]:
+            assert ("uses" in step) != ("run" in step), step
+            assert re.fullmatch(r"[\w-]+/[\w-]+@[\w./]+", step.get("uses", "a/b@c"))
+            lock = step.get("with", {}).get("cache-dependency-path", "Makefile")
+            assert (ROOT / lock).is_file()
+            words = shlex.split(step.get("run", ""))
+            if words[:1] == ["make"]:
+                assert set(words[1:]) <= verbs()
+            elif words and "/" in words[0]:
+                assert (ROOT / words[0]).is_file()
+
+
+def test_the_release_uploads_what_make_leaves():
+    jobs = WORKFLOWS["release"]["jobs"]
+    for job, verb, place in (("dist", "dist-check", "dist"), ("site", "docs", "site")):
+        steps = jobs[job]["steps"]
+        made = [k for k, step in enumerate(steps) if step.get("run") == f"make {verb}"]
+        taken = [k for k, step in enumerate(steps) if step.get("with", {}).get("path") == place]
+        assert made < taken
+        assert f"{place}/" in (ROOT / ".gitignore").read_text("utf-8").replace("/site", "site").split()
+
+
+def test_a_release_states_the_address_of_its_repository(tmp_path):
+    (command,) = (s["run"] for s in WORKFLOWS["release"]["jobs"]["dist"]["steps"] if "pyproject" in s.get("run", ""))
+    copy = shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    where = {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "a/b"}
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, env={**os.environ, **where}, check=True)
+    urls = tomllib.loads(Path(copy).read_text("utf-8"))["project"]["urls"]
+    assert urls == {"Source": "https://example.org/a/b"}
+
+
+@pytest.fixture(scope="module")
+def image(tmp_path_factory):
+    """What the image has of the checkout."""
+    folder = tmp_path_factory.mktemp("image")
+    for name in IN_IMAGE:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
+        else:
+            shutil.copy(source, folder)
+    return folder
+
+
+def test_the_image_has_all_that_its_demo_needs(image):
+    (verb,) = (verb for name, text in INSTRUCTIONS if name == "RUN" for verb in re.findall(r"make (\w+)$", text))
+    dry = subprocess.run(["make", "-n", verb], cwd=image, capture_output=True, text=True, check=False)
+    assert dry.returncode == 0, dry.stderr
+    assert "--require-hashes" in dry.stdout
+    build = [sys.executable, "-c", "import hatchling.build as b; print(b.build_editable('.'))"]
+    assert subprocess.run(build, cwd=image, capture_output=True, text=True, check=True).stdout.endswith(".whl\n")
+
+
+def test_the_image_serves_the_recording_of_the_demo():
+    (command,) = (text for name, text in INSTRUCTIONS if name == "CMD")
+    words = shlex.split(yaml.safe_load(command)[2])
+    words = words[words.index("exec") + 1 :]
+    program = Path(sys.executable).with_name(words[0])
+    said = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+    assert [word for word in words if word.startswith("--") and word not in said.split()] == []
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    demo, recording = (re.search(rf"^{name} := (.*)$", makefile, re.M)[1] for name in ("DEMO", "RECORDING"))
+    assert words[-1] == recording.replace("$(DEMO)", demo)
+    ports = {words[words.index(option) + 1] for option in ("--port", "--web-viewer-port")}
+    assert ports == set(dict(INSTRUCTIONS)["EXPOSE"].split())
+    assert all(f"--publish 127.0.0.1:{port}:{port}" in (ROOT / "Dockerfile").read_text("utf-8") for port in ports)
+
+
+@pytest.mark.slow
+def test_the_image_builds():
+    if not shutil.which("docker") or subprocess.run(["docker", "info"], capture_output=True, check=False).returncode:
+        pytest.skip("needs docker and its daemon")
+    subprocess.run(["docker", "build", "--tag", "agrobot-mj-test", "."], cwd=ROOT, check=True)
+
+
+@pytest.mark.slow  # what the command installs runs by default in test_wheel.py
+def test_uvx_runs_a_scenario(tmp_path):
+    uv = os.environ.get("UV") or shutil.which("uv")
+    if not uv:
+        pytest.skip("needs uv: pip install uv, or UV=/its/path")
+    short = ["--set", "duration_s=2", "--out", "circle"]
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [uv, "tool", "run", "--from", ROOT, "agrobot-mj", "run", "circle", *short]
+    subprocess.run(command, cwd=tmp_path, env=kept, check=True)
+    assert (tmp_path / "circle" / "run.rrd").is_file()
+
+
+def test_the_page_of_sizes_has_every_dependency_and_extra():
+    page = (ROOT / "docs/install.md").read_text("utf-8")
+    listed = set(re.findall(r"^\| `?([\w-]+)`? \| +[\d.]+ \|", page, re.M))
+    needed = {Requirement(line).name for line in PROJECT["dependencies"]}
+    assert listed == needed | set(PROJECT["optional-dependencies"])
+
+
+def test_the_paper_is_short_and_has_the_parts_of_its_form():
+    head, text = (ROOT / "paper.md").read_text("utf-8").removeprefix("---\n").split("\n---\n", 1)
+    about = yaml.safe_load(head)
+    assert [author["name"] for author in about["authors"]] == [author["name"] for author in PROJECT["authors"]]
+    assert {author["affiliation"] for author in about["authors"]} == {place["index"] for place in about["affiliations"]}
+    assert (ROOT / about["bibliography"]).is_file()  # its keys: tests/docs/test_references.py
+    assert len(text.split()) <= 1000
+    headings = set(re.findall(r"^# (.*)$", text, re.M))
+    assert {"Summary", "Statement of need", "State of the field", "Validation", "Limits", "References"} <= headings
+
+
+def test_the_paper_has_the_numbers_of_the_page_of_the_real_machine():
+    text, page = ((ROOT / name).read_text("utf-8") for name in ("paper.md", "docs/real_machine.md"))
+    rows = re.findall(r"^\| (2\w+) \| (\d+%) \| ([\d.]+) \| (\d+%) \| ([\d.]+) \|$", text, re.M)
+    row = re.compile(r"^\| (\w+) \| ([^|]+) \| (\d+%) \|[^|]+\|[^|]+\| ([\d.]+) / ", re.M)
+    found = {(run, model): numbers for run, model, *numbers in row.findall(page)}
+    assert {run for run, *_ in rows} == {"2W", "2E", "2W85", "2E85"}
+    for run, *numbers in rows:
+        assert numbers == found[run, "MuJoCo, default tyres"] + found[run, "wheels without slip"]
+    recorded, twin = (
+        re.search(rf"^\| {passes} \| \d \| (.*?) \|.*\| (.*?) \|$", page, re.M).groups()
+        for passes in ("recorded, 0.85 m/s", "twin, 0.85 m/s, predicted")
+    )
+    said = " ".join(text.split())
+    assert (
+        f"mean error is {twin[0].replace('(', 'cm (range of four passes ')}, recorded are {recorded[0][:3]} cm" in said
+    )
+    assert f"offset to the left of {recorded[1][:3]} cm does not come out ({twin[1][:3]} cm)" in said
