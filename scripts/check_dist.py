@@ -33,7 +33,7 @@ COMMANDS = (
     ("rig", "linear", "-q", "--out", "rig"),
 )
 """Commands that work without any extra."""
-REFUSED = (("report", "compared"), ("importance", "run"))
+REFUSED = (("report", "compared"), ("export", "run", "--mcap"))
 """Commands that name their extra, with status 2."""
 
 WEIGH = """

@@ -67,7 +67,7 @@ def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connecti
 
 
 def _peak_kb() -> int:
-    """Most memory that this process ever held [kB]; at a fork it begins anew, after an exec it does not."""
+    """Most memory that this process ever held [kB]; reset by a fork, not by an exec."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
