@@ -13,6 +13,7 @@ from agrobot_mj.metrics.passes import PassAccuracy
 from agrobot_mj.metrics.progress import DrivenShare, progress_of
 from agrobot_mj.metrics.safety import Safety
 from agrobot_mj.metrics.tracking import Tracking, errors
+from agrobot_mj.paths.route import SampledRoute
 
 METRICS: list[Metric] = [
     DrivenShare(),
@@ -27,12 +28,12 @@ METRICS: list[Metric] = [
 """Every metric, in the order of metrics.json."""
 
 
-def metrics(log: LogLike, outcome: str | None = None) -> dict[str, Any]:
-    """All metrics of a run, ready for JSON, with `outcome` in front if it is given.
+def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
+    """All metrics of a run, ready for JSON, with `outcome` in front if it is given; `route` is its path's, if at hand.
 
     Raises `ScenarioError` for a metric that returns anything but values of its columns.
     """
-    view, found = RunView(log), {} if outcome is None else {"outcome": outcome}
+    view, found = RunView(log, route), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)
         if not (isinstance(values, dict) and values.keys() <= metric.names):

@@ -15,6 +15,7 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.metrics.crosstrack import BesidePath, track
 from agrobot_mj.paths import Path
+from agrobot_mj.paths.route import SampledRoute
 
 LEAST = 20
 """Number of values from which a statistic says something: a second of ticks. Estimate."""
@@ -51,10 +52,11 @@ class LogLike(Protocol):
 
 
 class RunView:
-    """A log, and what several metrics derive from it."""
+    """A log, and what several metrics derive from it; `route` is its path's, if that is at hand."""
 
-    def __init__(self, log: LogLike) -> None:
+    def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
+        self.route = route or SampledRoute(self.path)
 
     def column(self, name: str) -> Array:
         """One signal, shape (ticks,), NaN where absent."""
@@ -67,7 +69,7 @@ class RunView:
 
     def beside_path(self, x: str, y: str) -> BesidePath:
         """Position relative to the path of the point with these columns."""
-        return track(self.path, self.column("t"), self.column(x), self.column(y))
+        return track(self.path, self.column("t"), self.column(x), self.column(y), self.route)
 
     @cached_property
     def turns(self) -> list[slice]:

@@ -33,9 +33,12 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
     return track(path, t, x, y).offset
 
 
-def track(path: Path, t: Array, x: Array, y: Array) -> BesidePath:
-    """Position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,)."""
-    route, beside = SampledRoute(path), BesidePath(np.full(len(t), np.nan), np.full(len(t), np.nan))
+def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
+    """Position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,).
+
+    `route` is the path's, if it is at hand.
+    """
+    route, beside = route or SampledRoute(path), BesidePath(np.full(len(t), np.nan), np.full(len(t), np.nan))
     for row in np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M).tolist():
         now, east, north = float(t[row]), float(x[row]), float(y[row])
         k, _ = route.search(east, north, route.passed(now), now, WINDOW_M)

@@ -67,7 +67,7 @@ def progress_of(view: RunView) -> PathProgress:
     """How much of the path of a run was driven, up to its last row."""
     own, duration = view.path.duration_s, view.log.scenario.duration_s
     planned = own if duration is None else duration
-    walk = _Walk(SampledRoute(view.path), min(planned, own))
+    walk = _Walk(view.route, min(planned, own))
     for t, x, y in _places(view):
         walk.go(t, x, y)
     granted = 0.0 if walk.stood(planned) else LATE_S

@@ -59,6 +59,7 @@ class Simulation:
         plant, loop = self.loop.plant, self.loop
         self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._watch, self.outcome, self.reason = Watch(plant), "", ""
+        self._measured = SampledRoute(self.scenario.path)  # not the law's, whose samples no metric may add to
         if self._watch.plant.trouble() == "diverged":  # while it settled
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
 
@@ -171,7 +172,8 @@ class Simulation:
         """End the run at its planned end: completed if enough of the path was driven, by a guidance that follows it."""
         self.outcome = "completed"
         if self.loop.guidance.follows_path:
-            progress = progress_of(RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0)))
+            log = Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0)
+            progress = progress_of(RunView(log, self._measured))
             if not progress.enough:
                 self.outcome, self.reason = "unfinished", f"drove {progress.driven:.1f} of {progress.length:.1f} m"
 
@@ -278,7 +280,7 @@ class Simulation:
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),
             **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.sensors.rejected)) else {}),
-            **metrics(log),
+            **metrics(log, route=self._measured),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
             "wall_s": wall_s,

@@ -90,15 +90,19 @@ class Outline(NamedTuple):
     """x of what is highest, half its width, and its height: roll bar, roof, seat or deck."""
 
 
+def undress(spec: mujoco.MjSpec) -> None:
+    """Take away what is drawn of chassis and wheels."""
+    for name in bodies(COMPACT):
+        for geom in list(spec.body(name).geoms):
+            if not (geom.contype or geom.conaffinity):
+                spec.delete(geom)
+
+
 def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
     """Draw chassis, front axle and wheels by their sizes; size what touches the ground when the tractor has fallen."""
     for name, drawn in bodies(t).items():
-        body = spec.body(name)
-        for geom in list(body.geoms):
-            if not (geom.contype or geom.conaffinity):
-                spec.delete(geom)
         for part in drawn:
-            draw(body, part)
+            draw(spec.body(name), part)
     for part in touching(t):
         geom = spec.geom(part.name)
         geom.size, geom.pos = [*part.size, 0.0, 0.0][:3], part.pos

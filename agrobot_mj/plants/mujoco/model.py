@@ -6,6 +6,7 @@ tractor, and the chassis takes what is left, so that the whole has the mass, the
 `TractorParameters` exactly.
 """
 
+from functools import cache
 from math import degrees
 
 import mujoco
@@ -18,7 +19,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import OilColumn
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import COMPACT, AxleWheel, TractorParameters
-from agrobot_mj.plants.mujoco.bodywork import dress
+from agrobot_mj.plants.mujoco.bodywork import dress, undress
 from agrobot_mj.plants.mujoco.mechanism import in_unit_of
 from agrobot_mj.plants.mujoco.own_body import own_spec
 from agrobot_mj.plants.mujoco.own_contract import STEERS
@@ -67,7 +68,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
 
 def _sized(machine: Machine) -> mujoco.MjSpec:
     """The tractor of `models/tractor.xml` with other sizes and masses."""
-    spec, tractor = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")), machine.tractor
+    spec, tractor = _default().copy(), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
     if machine.linkage.moved:
@@ -75,6 +76,15 @@ def _sized(machine: Machine) -> mujoco.MjSpec:
     spec.site("cg").pos = [tractor.cg_to_rear_axle, 0, tractor.cg_height_m]
     _complete_chassis(spec, spec.body("chassis"), tractor)
     dress(spec, tractor)
+    return spec
+
+
+@cache
+def _default() -> mujoco.MjSpec:
+    """The tractor of `models/tractor.xml`, of which copies are dressed: MuJoCo takes longer to take geoms away than to
+    compile the tractor."""
+    spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
+    undress(spec)
     return spec
 
 
@@ -247,6 +257,7 @@ def simulation_model(
     """The tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do.
 
     A model that is not `drawn` keeps only what can touch: MuJoCo would place a hundred lugs and panels in every step.
+    Bodies have their own masses, so that the physics stay.
     """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt
@@ -266,16 +277,8 @@ def simulation_model(
                 intprm=[2, 3, 1],
             )
     _add_ground(spec, ground)
-    if not drawn:
-        _strip(spec)
+    spec.compiler.discardvisual = not drawn
     return spec.compile()
-
-
-def _strip(spec: mujoco.MjSpec) -> None:
-    """Take away the geoms that touch nothing; bodies have their own masses, so that the physics stay."""
-    for geom in list(spec.geoms):
-        if not (geom.contype or geom.conaffinity):
-            spec.delete(geom)
 
 
 def _add_ground(spec: mujoco.MjSpec, ground: Ground) -> None:
