@@ -3,8 +3,10 @@
 import gc
 import os
 import sys
+from functools import cache
 
 import pytest
+import typer.main
 from hypothesis import settings
 
 from agrobot_mj import cli
@@ -14,8 +16,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 of most of a fit's processor time."""
 gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
 """As in a command: else the collection of the tests looks through the modules' objects again and again."""
-settings.register_profile("same", derandomize=True, deadline=None, database=None)
-settings.register_profile("explore", deadline=None, print_blob=True)
+typer.main.get_command = cache(typer.main.get_command)
+"""A command line is made from its functions once, not in each call of it."""
+settings.register_profile("same", derandomize=True, deadline=None, database=None, max_examples=50)
+settings.register_profile("explore", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("same")
 """Property tests draw the same examples everywhere; `make explore` draws others. A slow machine is no failure."""
 
@@ -29,8 +33,13 @@ def pytest_configure(config):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
-    """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in this process."""
+def call(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in an empty folder and in this process alone.
+
+    Workers, which take three seconds of processor time to start, are asked for with `--jobs`.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])

@@ -26,8 +26,8 @@ QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 
 
 @pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    """Every test runs in an empty folder of its own."""
+def elsewhere(call, tmp_path, monkeypatch):
+    """Every test runs in an empty folder of its own, alone in another one."""
     folder = tmp_path / "cwd"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -416,7 +416,7 @@ def test_plants_that_cannot_run_it_are_skipped_unless_named(call):
 
 
 def test_parallel_comparison_equals_single_runs(call):
-    arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd")
+    arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", "2")
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
     rows = json.loads(Path("cmp/comparison.json").read_text())
     cases = [("mujoco", controller, seed) for controller in ("pd", "pd_t1fnn") for seed in (1, 2)]
@@ -456,7 +456,7 @@ def until(condition, seconds):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
 def test_a_stopped_comparison_leaves_no_process(number):
     """Days of driving lie before it, and further runs behind those where there are few processors."""
     arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=80000"]

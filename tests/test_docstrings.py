@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,15 +25,20 @@ def docstrings(tree):
             yield node.lineno, node.value.value
 
 
-def found(pattern, matches):
-    """Every docstring of the package and the scripts in which the pattern matches, as `file:line: match`."""
+@cache
+def written():
+    """Place and text of every docstring of the package and the scripts."""
     return [
-        f"{file.relative_to(PACKAGE.parent)}:{line}: {match.group().strip()}"
+        (f"{file.relative_to(PACKAGE.parent)}:{line}", text)
         for folder in (PACKAGE, SCRIPTS)
         for file in sorted(folder.rglob("*.py"))
         for line, text in docstrings(ast.parse(file.read_text(encoding="utf-8")))
-        if (match := matches(pattern, text))
     ]
+
+
+def found(pattern, matches):
+    """Every docstring in which the pattern matches, as `file:line: match`."""
+    return [f"{place}: {match.group().strip()}" for place, text in written() if (match := matches(pattern, text))]
 
 
 def test_no_docstring_is_a_fragment():

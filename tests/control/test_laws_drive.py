@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj.control import Guidance, Nmpc
 from agrobot_mj.control.following import Following
@@ -25,6 +26,7 @@ def kinds(laws: list[Any]) -> list[Any]:
 
 LAWS = kinds([law for law in INSIDE if law.holds_lane_change])
 FOLLOWING = kinds([law for law in INSIDE if issubclass(law, Following)])
+PLANTS = ["bicycle", "mujoco"]
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
 
 
@@ -42,8 +44,7 @@ def test_a_lane_change_is_held_by_the_laws_of_the_package() -> None:
     assert len(LAWS) >= 7
 
 
-@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize(("kind", "plant"), by_turns(LAWS, PLANTS))
 def test_drives_a_lane_change(kind: str, plant: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.kind": "lane_change"}
     log = run(load_scenario("figure_eight", keys))
@@ -72,8 +73,7 @@ REVERSING = {
 }
 
 
-@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-@pytest.mark.parametrize("kind", FOLLOWING)
+@pytest.mark.parametrize(("kind", "plant"), by_turns(FOLLOWING, PLANTS[::-1]))
 def test_following_laws_reverse_into_a_row(kind: str, plant: str) -> None:
     log = run(load_scenario("figure_eight", {"guidance.kind": kind, "plant.kind": plant, **REVERSING}))
     assert log.outcome == "completed"

@@ -1,6 +1,5 @@
 """What holds for every fault: its window, its randomness, its overlaps, and the way it is written in a file."""
 
-import sys
 from operator import attrgetter
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from scripted import scripted
 
-from agrobot_mj import cli, load_scenario, run
+from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Distortion, Quality
 from agrobot_mj.core.spec import members
@@ -223,18 +222,13 @@ def test_the_bicycle_accepts_only_sensor_and_valve_faults(kind):
 
 
 @pytest.fixture
-def call(tmp_path, monkeypatch, capsys):
+def call(call):
     """(exit status, stdout, stderr) of running a file with this text, for 2 s on the bicycle."""
-    monkeypatch.chdir(tmp_path)
 
     def start(text, *sets, out="out"):
         Path("mine.toml").write_text(text)
         changes = [word for key in ("duration_s=2", "plant.kind=bicycle", *sets) for word in ("--set", key)]
-        monkeypatch.setattr(sys, "argv", ["agrobot-mj", "run", "mine.toml", "--no-rrd", "--out", out, *changes])
-        with pytest.raises(SystemExit) as leaving:
-            cli.main()
-        output = capsys.readouterr()
-        return leaving.value.code or 0, output.out, output.err
+        return call("run", "mine.toml", "--no-rrd", "--out", out, *changes)
 
     return start
 

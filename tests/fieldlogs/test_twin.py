@@ -40,16 +40,15 @@ def one(tmp_path_factory):
     return tmp_path_factory.mktemp("twin") / "one"
 
 
-def test_hidden_parameters_are_inside_their_intervals(one, tmp_path, call):
-    """Three machines; of 39 intervals of 95 % four may miss."""
-    misses = []
-    for seed in range(3):
-        h, found, out = twin_of(seed, one if seed == 0 else tmp_path / str(seed), call)
-        misses += [(seed, key) for key, right in inside(h, found["found"]).items() if not right]
-        assert found["held_out"]["yaw_rate"]["explained"] > 0.97
-        assert found["held_out"]["position"]["windows_rms"] < 0.04
-        assert "m are in reverse" in out
-    assert len(misses) <= 4, misses
+def test_hidden_parameters_are_inside_their_intervals(one, call):
+    """Of 13 intervals of 95 % one may miss."""
+    h, found, out = twin_of(0, one, call)
+    misses = [key for key, right in inside(h, found["found"]).items() if not right]
+    assert len(found["found"]) >= 13
+    assert len(misses) <= 1, misses
+    assert found["held_out"]["yaw_rate"]["explained"] > 0.97
+    assert found["held_out"]["position"]["windows_rms"] < 0.04
+    assert "m are in reverse" in out
 
 
 @pytest.mark.slow

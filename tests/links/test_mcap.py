@@ -140,8 +140,7 @@ def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, word
 
 
 @pytest.mark.parametrize("out", ["", ".", "elsewhere"])
-def test_refuses_a_folder_as_export_file(call, log, tmp_path, monkeypatch, out):
-    monkeypatch.chdir(tmp_path)
+def test_refuses_a_folder_as_export_file(call, log, tmp_path, out):
     (tmp_path / "elsewhere").mkdir()
     write_log(log, tmp_path / "run")
     status, said, err = call("export", "run", "--mcap", "--out", out)

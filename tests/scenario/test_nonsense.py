@@ -100,8 +100,7 @@ LATE = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kin
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_that_drives_prints_hints_once(call, command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_every_command_that_drives_prints_hints_once(call, command, tmp_path):
     common = '"plant.kind" = "bicycle"\nduration_s = 1\nfault = [{ kind = "gnss_loss", start_s = 60 }]'
     (tmp_path / "late.toml").write_text(f'base = "circle"\n[set]\n{common}\n[axes]\n"path.radius_m" = [9, 12]\n')
     _, _, err = call(*command, "--out", "out")

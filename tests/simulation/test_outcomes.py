@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.bench.manoeuvres.driver import Driver
@@ -142,10 +143,11 @@ COURSES = (
 )
 
 
-@pytest.mark.parametrize("seconds", [4.5, 8.0, 11.0, 40.0])
-@pytest.mark.parametrize("source", COURSES)
-@pytest.mark.parametrize("speed", [0.0, 1e-9])
-def test_a_standing_tractor_is_stuck_or_unfinished(monkeypatch, source, seconds, speed):
+STANDING = [pytest.param(speed, seconds) for seconds in (4.5, 8.0, 11.0, 40.0) for speed in (0.0, 1e-9)]
+
+
+@pytest.mark.parametrize(("source", "speed", "seconds"), by_turns(COURSES, STANDING))
+def test_a_standing_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, seconds):
     monkeypatch.setattr(Loop, "decide", lambda loop, measured, situation: Command(0.0, speed))
     log = ends(seconds, source, **BRIEF)
     assert log.outcome == log.metrics["outcome"] == ("stuck" if seconds > STUCK_S + 0.5 else "unfinished")

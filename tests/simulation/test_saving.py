@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.control import GuidanceLaw, Situation
@@ -64,8 +65,10 @@ def record(sim: Simulation) -> tuple[bytes, bytes, str, str]:
     return rows.values[: rows.filled].tobytes(), rows.poses[: rows.filled].tobytes(), sim.outcome, sim.reason
 
 
-@pytest.mark.parametrize("by_hand", [False, True], ids=["own guidance", "by hand"])
-@pytest.mark.parametrize("case", CASES)
+DRIVEN = [pytest.param(False, id="own guidance"), pytest.param(True, id="by hand")]
+
+
+@pytest.mark.parametrize(("case", "by_hand"), by_turns(CASES, DRIVEN))
 def test_a_restored_run_continues_bit_identically(case, by_hand):
     if case == "planning":
         pytest.importorskip("casadi", reason="needs casadi; pip install agrobot-mj[nmpc]")

@@ -1,0 +1,32 @@
+"""Pairs of two parameters of a test: by default each of the first with one of the second, by turns; all with `slow`."""
+
+import pytest
+
+
+def by_turns(firsts, seconds):
+    """Parameters for `parametrize`, one for each pair of these lists, whose items may be `pytest.param` themselves."""
+    return [
+        pytest.param(
+            *_values(first),
+            *_values(second),
+            id="-".join([*_name(first), *_name(second)]) or None,
+            marks=[*_marks(first), *_marks(second), *([] if j == i % len(seconds) else [pytest.mark.slow])],
+        )
+        for i, first in enumerate(firsts)
+        for j, second in enumerate(seconds)
+    ]
+
+
+def _values(item):
+    return item.values if isinstance(item, type(pytest.param())) else (item,)
+
+
+def _marks(item):
+    return item.marks if isinstance(item, type(pytest.param())) else ()
+
+
+def _name(item):
+    """The id of a parameter, or what it would be, if it has one."""
+    if isinstance(item, type(pytest.param())):
+        return [item.id] if item.id else [str(value) for value in item.values]
+    return [str(item)]
