@@ -26,7 +26,7 @@ def python(tmp_path, *arguments):
 
 @pytest.mark.parametrize("seed", [3])
 def test_hostile_inputs_give_no_traceback_and_no_silence(tmp_path, seed):
-    arguments = ["--seed", str(seed), "--inputs", "50", "--only", CLASSES]
+    arguments = ["--seed", str(seed), "--inputs", "15", "--only", CLASSES]
     done = python(tmp_path, str(ROOT / "scripts" / "attack"), *arguments)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
     assert done.stdout.count(" 0 findings") == len(CLASSES.split(","))
@@ -41,7 +41,7 @@ BROKEN = {
     "open('MUJOCO_LOG.TXT', 'w')": "files outside --out: ['MUJOCO_LOG.TXT']",
     "Path('out').mkdir(); print('no', file=sys.stderr); raise SystemExit(2)": "bad input, but a folder is there",
     "time.sleep(60)": "no end within 3 s",
-    "x = b'x' * 2_200_000_000": "took ",
+    "x = b'x' * 1_000_000_000": "took ",
     "os.kill(os.getpid(), 11)": "ended by SIGSEGV",
     "pass": "",
 }
@@ -50,7 +50,7 @@ import json, os, random, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import judge
-judge.MOST_KB = 800_000  # far from what is taken: a busy machine pages out some of it before the peak
+judge.MOST_KB = 400_000  # far from what is taken: a busy machine pages out some of it before the peak
 
 def found(line):
     judge.cli.main = lambda: exec(line)

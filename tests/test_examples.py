@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 def test_the_trainer_improves_compares_and_saves(tmp_path):
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    size = ["--generations", "4", "--population", "10", "--duration", "15", "--judge-duration", "3"]
+    size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3"]
     command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size]
     done = subprocess.run(
         [*command, "--out", "policy.npz"],
@@ -27,7 +27,7 @@ def test_the_trainer_improves_compares_and_saves(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     medians = [float(value) for value in re.findall(r"median +([\d.-]+)", done.stdout)]
-    assert len(medians) == 4
+    assert len(medians) == 3
     assert medians[-1] > medians[0]
     assert re.search(r"^learnt +lateral rms +[\d.]+ cm .*completed$", done.stdout, re.M)
     assert re.search(r"^PD +lateral rms +[\d.]+ cm .*completed$", done.stdout, re.M)

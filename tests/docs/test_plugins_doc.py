@@ -53,7 +53,7 @@ def test_tyre_sensor_and_metric_work_as_plugins(folder):
     """The runs without compiled kernels, which would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"
-        short = ["--set", "duration_s=1.5", "--set", "plant.settle_s=0.1"] if driven else []
+        short = ["--set", "duration_s=1", "--set", "plant.settle_s=0.1"] if driven else []
         plain = {"NUMBA_DISABLE_JIT": "1"} if driven else {}
         done = python(folder, "-m", "agrobot_mj", *line.split()[1:], *short, **plain)
         assert (done.returncode, done.stderr) == (0, ""), line

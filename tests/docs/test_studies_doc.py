@@ -22,17 +22,24 @@ TEXT = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
 COMMANDS = [line for block in re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S) for line in block.splitlines()]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A folder in which all commands of the page have been run, in their order, in this process where they may be."""
-    folder = tmp_path_factory.mktemp("studies")
-    (folder / "mine.toml").write_text(SWEEP, encoding="utf-8")
+SHORT = SWEEP.replace("[set] ", "[set]\nduration_s = 3 ")
+
+
+@pytest.fixture(scope="module", params=["short", pytest.param("whole", marks=pytest.mark.slow)])
+def folder(request, tmp_path_factory):
+    """A folder in which all commands of the page have been run, in their order, in this process where they may be.
+
+    In short, runs of the sweep end after 3 s, and the limit is sought with fewer seeds.
+    """
+    folder, whole = tmp_path_factory.mktemp("studies"), request.param == "whole"
+    (folder / "mine.toml").write_text(SWEEP if whole else SHORT, encoding="utf-8")
     said = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
         for line in COMMANDS:
             words = shlex.split(line)
-            quick = [] if "--jobs" in words or "--merge" in words else ["--jobs", "1"]
-            patch.setattr(sys, "argv", [*words, *quick])
+            quick = [] if (whole and "--jobs" in words) or "--merge" in words else ["--jobs", "1"]
+            fewer = ["--seeds", "3"] if words[1] == "limit" and not whole else []
+            patch.setattr(sys, "argv", [*words, *quick, *fewer])
             with pytest.raises(SystemExit) as leaving:
                 cli.main()
             assert not leaving.value.code, line

@@ -141,8 +141,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
-def test_a_bad_plugin_gives_one_message_and_changes_no_family(tmp_path, monkeypatch, call, file, message):
-    monkeypatch.chdir(tmp_path)
+def test_a_bad_plugin_gives_one_message_and_changes_no_family(tmp_path, call, file, message):
     if file is not None:
         (tmp_path / "own.py").write_text(file)
     before = {key: list(kinds) for key, kinds in families().items()}
@@ -219,8 +218,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
         ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class asks for"),
     ],
 )
-def test_refuses_a_metric_with_a_taken_name(tmp_path, monkeypatch, call, old, new, message):
-    monkeypatch.chdir(tmp_path)
+def test_refuses_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
     (tmp_path / "own.py").write_text(HEAD + OWN_METRIC.replace(old, new))
     before = list(METRICS)
     status, _, err = call("list", "--kinds", "--plugin", "own.py")
@@ -250,8 +248,7 @@ print(kinds_text(), explain_key("terrain.extra_m"))
     assert not set("\x1b\x07\u202e") & set(done.stdout)
 
 
-OWN = {
-    "law.py": """
+LAW = """
 from typing import Literal
 from agrobot_mj import register
 from agrobot_mj.control import Stanley
@@ -259,17 +256,7 @@ from agrobot_mj.control import Stanley
 class Own(Stanley):
     "Own law."
     kind: Literal["own"] = "own"
-""",
-    "tyre.py": """
-from typing import Literal
-from agrobot_mj import register
-from agrobot_mj.tyres import Linear
-@register
-class Own(Linear):
-    "Own tyre."
-    kind: Literal["own_tyre"] = "own_tyre"
-""",
-}
+"""
 
 
 def test_every_verb_on_scenarios_or_kinds_takes_plugins():
@@ -284,12 +271,9 @@ def test_every_verb_on_scenarios_or_kinds_takes_plugins():
 
 
 def test_studies_take_plugins(tmp_path):
-    for name, text in OWN.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    """Those of tyres: tests/docs/test_plugins_doc.py."""
+    (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
     short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--budget", "8", "--seeds", "1", "--out", "tuned")
     done = command(tmp_path, "tune", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)
     assert done.returncode == 0, done.stderr
     assert "own" in (tmp_path / "tuned" / "tuning.json").read_text()
-    done = command(tmp_path, "rig", "own_tyre", "--plugin", "tyre.py", "--out", "rigged")
-    assert done.returncode == 0, done.stderr
-    assert list((tmp_path / "rigged").iterdir())

@@ -18,7 +18,6 @@ from agrobot_mj.plants import MujocoPlant, Plant
 from agrobot_mj.simulation import loop as loop_module
 from agrobot_mj.simulation.columns import COLUMNS, WHEEL_SIGNALS
 from agrobot_mj.simulation.loop import Loop, build_plant
-from agrobot_mj.simulation.run import CHUNK_TICKS
 from agrobot_mj.tyres import Tyre
 
 PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral
@@ -155,14 +154,15 @@ def test_an_impossible_tractor_is_bad_input():
 
 def test_watchers_get_every_row_once_in_chunks(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
+    monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 100)
     witness = Witness()
-    ticks = 2 * CHUNK_TICKS + 30
+    ticks = 230
     run(short(seconds=ticks * 0.05, plant__kind="bicycle"), (witness,))
     assert witness.heard[0] == ("start", "straight_line", True, 0)
     assert [entry[1:] for entry in witness.heard[1:-1]] == [
-        (0, CHUNK_TICKS),
-        (CHUNK_TICKS, 2 * CHUNK_TICKS),
-        (2 * CHUNK_TICKS, ticks),
+        (0, 100),
+        (100, 200),
+        (200, ticks),
     ]
     assert witness.heard[-1] == ("finish", "completed", True)
 

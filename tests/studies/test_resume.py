@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from importlib import import_module
 
 import pytest
 
@@ -32,7 +33,7 @@ class Fragile(GuidanceLaw):
             raise RuntimeError("gain too large")
         return None, Command(steer=0.0, speed=1.0)
 '''
-BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=2", "--jobs", 1, "--out", "out")
+BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=1", "--jobs", 1, "--out", "out")
 COMPARE = ("compare", "circle", "--guidance", "stanley,lqr", "--plants", "bicycle", "--seeds", 2, *BICYCLE)
 LIMIT = ("limit", "circle", "--key", "path.radius_m", "--range", "6:2", "--until", "xte_rms > 0.02", "--seeds", 3)
 LIMIT += ("--guidance", "stanley", *BICYCLE)
@@ -61,6 +62,12 @@ class Driven(list):
     most = None
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Comparisons leave no figures: a second each, which other tests look at."""
+    monkeypatch.setattr(import_module("agrobot_mj.studies.compare"), "write_figures", lambda runs, folder: [])
+
+
 def answer(folder, name):
     """What a study found, wall times aside."""
     found = json.loads((folder / name).read_text())
@@ -76,7 +83,7 @@ STUDIES = pytest.mark.parametrize(
 
 
 @STUDIES
-def test_an_interrupted_study_resumes(call, driven, tmp_path, command, name, most):
+def test_an_interrupted_study_resumes(call, driven, undrawn, tmp_path, command, name, most):
     driven.most = most
     assert call(*command)[0] == 130
     assert not (tmp_path / "out" / name).exists()
@@ -91,10 +98,10 @@ def test_an_interrupted_study_resumes(call, driven, tmp_path, command, name, mos
     assert len(driven) == 2 * total  # nothing is driven again
 
 
-def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, tmp_path):
+def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undrawn, tmp_path):
     call(*COMPARE, "--no-rrd")
     assert len(driven) == 4
-    call(*COMPARE, "--no-rrd", "--set", "duration_s=1")
+    call(*COMPARE, "--no-rrd", "--set", "duration_s=0.5")
     call(*COMPARE, "--no-rrd")
     assert len(driven) == 12
     shutil.rmtree(tmp_path / "out" / "bicycle-lqr-s1")
@@ -143,8 +150,14 @@ def test_gains_that_crash_a_run_cost_most(call, driven, tmp_path):
     assert max(cost for _, cost in found["trace"][1:]) == 45.0
 
 
-@STUDIES
-def test_two_processes_find_the_same(call, tmp_path, command, name, most):
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [(LIMIT, "limit.json"), (TUNE, "tuning.json")],
+    ids=["limit", "tune"],
+)
+@pytest.mark.slow
+def test_two_processes_find_the_same(call, tmp_path, command, name):
+    """Those of a comparison: tests/test_cli.py."""
     (tmp_path / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     one, two = (call(*command, "--jobs", jobs, "--out", f"jobs{jobs}") for jobs in (1, 2))
     assert (one[0], two[0]) == (0, 0)

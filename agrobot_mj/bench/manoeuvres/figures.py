@@ -75,6 +75,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
     panels = figure.subplots(1, len(controllers), sharey=True, squeeze=False)[0]
+    named = set[tuple[str, str]]()
     for words, by_tyre in rows.items():
         controller, _, estimator = words.partition(", ")
         axes, style = panels[controllers.index(controller)], STYLES[estimator]
@@ -82,7 +83,8 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
             given = {"controller": {"kind": controller}, "estimator": ESTIMATORS[estimator]}
             scenario = load_scenario("straight_line", {**given, "sensors.imu.enabled": True})
             theory = [100 * offset(scenario, steady_state(tyre_of(kind), grade)) for grade in grades]
-            label = kind if estimator == "paper's sensors" else None
+            label = None if (controller, kind) in named else kind
+            named.add((controller, kind))
             axes.plot(grades, theory, style, color=_colour(kind), label=label)
             x, y = zip(*seen, strict=True)
             axes.plot(x, 100 * np.array(y), MARKS.get(kind, "d"), color=_colour(kind), markersize=4)

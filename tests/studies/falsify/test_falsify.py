@@ -10,6 +10,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine.tasks import Done
 from agrobot_mj.studies.falsify import FalsifyQuestion, Varied
+from agrobot_mj.studies.falsify import search as search_module
 from agrobot_mj.studies.falsify.search import CONFIRMED, FalsifySearch
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import Question
@@ -166,7 +167,8 @@ def test_a_range_that_is_none_is_refused(call, tmp_path, text):
     assert not (tmp_path / "f").exists()
 
 
-def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(call, tmp_path):
+def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(search_module, "CONFIRMED", 3)
     vary = ["--vary", "path.speed_m_s=0.5:3", "--vary", "sensors.gnss.latency_s=0:0.5"]
     words = [*WORDS, *vary, "--until", "longitudinal_rms > 0.2", "--budget", "20", "--seeds", "1", "--jobs", "1"]
     status, said, _ = call(*words, "--out", "f")

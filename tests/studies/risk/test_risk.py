@@ -28,13 +28,15 @@ BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.ki
 
 def walk(seed, branches, process):
     """Places of a walk after each step, shape (steps,), driven as a run: one stream, which goes on at its branches."""
-    generator, left, steps = stream(seed, "walk"), list(branches or ()), []
-    for tick in range(process.steps):
-        while left and left[0].tick == tick:
-            branch(generator, left.pop(0).number)
-        noise = generator.standard_normal() if process.up is None else generator.random()
-        steps.append(process.drift + noise if process.up is None else (1.0 if noise < process.up else -1.0))
-    return np.cumsum(steps)
+    generator, at, pieces = stream(seed, "walk"), 0, []
+    draw = generator.standard_normal if process.up is None else generator.random
+    for tick, number in [*((each.tick, each.number) for each in branches or ()), (process.steps, None)]:
+        pieces.append(draw(tick - at))
+        at = tick
+        if number is not None:
+            branch(generator, number)
+    noise = np.concatenate(pieces)
+    return np.cumsum(process.drift + noise if process.up is None else np.where(noise < process.up, 1.0, -1.0))
 
 
 def walking(process):
@@ -62,7 +64,10 @@ def risk_of(process, first_seed=1, **more):
     return _answer(scenario, question, estimate([each.split for each in found], question.particles), found)
 
 
-@pytest.mark.parametrize("process", [WHOLE, NORMAL], ids=["whole steps", "normal steps"])
+@pytest.mark.parametrize(
+    "process",
+    [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
+)
 def test_runs_known_by_their_branches_give_the_probability_over_twenty_repetitions(process):
     """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
