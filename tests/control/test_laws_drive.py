@@ -27,6 +27,7 @@ def kinds(laws: list[Any]) -> list[Any]:
 LAWS = kinds([law for law in INSIDE if law.holds_lane_change])
 FOLLOWING = kinds([law for law in INSIDE if issubclass(law, Following)])
 PLANTS = ["bicycle", "mujoco"]
+LANE_CHANGE = {"path.kind": "lane_change", "path.straight_m": 12.0}
 WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
 
 
@@ -46,7 +47,7 @@ def test_a_lane_change_is_held_by_the_laws_of_the_package() -> None:
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(LAWS, PLANTS))
 def test_drives_a_lane_change(kind: str, plant: str) -> None:
-    keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.kind": "lane_change"}
+    keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, **LANE_CHANGE}
     log = run(load_scenario("figure_eight", keys))
     assert log.outcome == "completed"
     assert log.metrics["xte_rms"] < 0.25
