@@ -1,13 +1,15 @@
 """What MkDocs calls while it builds the documentation: pages made from the code, and links that leave docs/.
 
-The Markdown files are written to be read as they lie in the checkout. Here the README's neighbours become pages, and
-other files of the checkout that a page links to are copied beside it, so that every link of the site stays within it.
+The Markdown files are written to be read as they lie in the checkout. Here the README's neighbours and the notebooks
+become pages, and other files of the checkout that a page links to are copied beside it, so that every link of the site
+stays within it.
 """
 
+import json
 import re
 import sys
 from pathlib import Path
-from posixpath import normpath, relpath
+from posixpath import dirname, join, normpath, relpath
 from typing import Any
 
 from mkdocs.structure.files import File, Files
@@ -19,8 +21,12 @@ import docs_pages  # noqa: E402
 
 MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page, "api.md": docs_pages.api_page}
 """Pages that are not in docs/, with what writes them."""
-BROUGHT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
-"""Pages that lie at the top of the checkout."""
+BROUGHT = {
+    **{"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"},
+    **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
+    **{"log_to_twin.md": "examples/notebooks/log_to_twin.ipynb"},
+}
+"""Pages that lie elsewhere in the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
@@ -43,12 +49,19 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def moved(source: str) -> str:
-    """A Markdown file of the checkout's top as it would read in docs/."""
+    """A Markdown file or a notebook of the checkout as it would read in docs/."""
 
     def link(found: re.Match[str]) -> str:
-        return f"{found[1]}{relpath(found[2], 'docs')}{found[3] or ''})"
+        return f"{found[1]}{relpath(normpath(join(dirname(source), found[2])), 'docs')}{found[3] or ''})"
 
-    return outside_code(LINK, link, (ROOT / source).read_text(encoding="utf-8"))
+    text = (ROOT / source).read_text(encoding="utf-8")
+    return outside_code(LINK, link, notebook(text) if source.endswith(".ipynb") else text)
+
+
+def notebook(text: str) -> str:
+    """The cells of a notebook as Markdown."""
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
+    return "\n\n".join(f"```python\n{source}\n```" if kind == "code" else source for kind, source in cells)
 
 
 def relinked(text: str) -> str:

@@ -92,7 +92,9 @@ def test_is_a_clean_notebook_that_ends_with_a_way_on(name):
         assert (cell.get("outputs", []), cell.get("execution_count")) == ([], None)
     for before, _ in SHORTER[name]:
         assert any(before in cell for cell in code(book)), before
-    assert "](" in "".join(book["cells"][-1]["source"])
+    links = re.findall(r"\]\((\S+)\)", "".join(book["cells"][-1]["source"]))
+    assert links
+    assert all((FOLDER / link).is_file() for link in links)
 
 
 @pytest.mark.parametrize("name", BOOKS)

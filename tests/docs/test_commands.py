@@ -32,7 +32,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 SHELL = ("", "sh", "bash", "console", "shell")
 OURS = "agrobot-mj"
 OTHERS = {
-    **dict.fromkeys(("dask", "ros2", "git", "uv", "apt", "sudo", "docker", "sbatch"), "a program of others"),
+    **dict.fromkeys(("dask", "ros2", "git", "uv", "apt", "sudo", "docker", "sbatch", "c++"), "a program of others"),
+    "udp_law": "the law in C++; tests/docs/test_cookbook.py",
     **dict.fromkeys(("export", "source", ".", "mkdir", "cp"), "the shell's own"),
 }
 """Programs that these tests leave alone, and why."""
@@ -49,6 +50,7 @@ UNATTENDED = {
 }
 """Beginnings of commands that are only parsed, and why."""
 ELSEWHERE = {
+    "docs/cookbook.md": "tests/docs/test_cookbook.py",
     "docs/plugins.md": "tests/docs/test_plugins_doc.py",
     "docs/studies.md": "tests/docs/test_studies_doc.py",
     "docs/third_party.md": "tests/test_third_party.py",

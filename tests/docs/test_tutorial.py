@@ -51,12 +51,17 @@ def in_a_process_of_its_own(arguments):
     return done.stdout
 
 
-def linked(arguments):
-    """Output of the link while the page's host drives it, on free ports and as fast as the host answers."""
+def free_ports():
+    """Two ports of UDP that nobody uses."""
     with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
         for each in (a, b):
             each.bind(("127.0.0.1", 0))
-        own, other = a.getsockname()[1], b.getsockname()[1]
+        return a.getsockname()[1], b.getsockname()[1]
+
+
+def linked(arguments):
+    """Output of the link while the page's host drives it, on free ports and as fast as the host answers."""
+    own, other = free_ports()
     (host,) = (shlex.split(line) for line in LINES if line.startswith("python -m"))
     words = [sys.executable, *host[1:], f"--port={other}", f"--board-port={own}", "--duration=120"]
     process = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)

@@ -1,0 +1,121 @@
+"""docs/cookbook.md is true: its files and commands work one after the other, in shorter runs, and so does its C++."""
+
+import contextlib
+import json
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from test_commands import SHORT
+from test_tutorial import free_ports, in_process
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "cookbook.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"as `(\w+\.toml)`:\n\n```toml\n(.*?)```", TEXT, re.S))
+(SCRIPT,) = re.findall(r"```python\n(.*?)```", TEXT, re.S)
+LINES = [line for block in re.findall(r"^```sh\n(.*?)```", TEXT, re.S | re.M) for line in block.splitlines()]
+COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-mj ")]
+SURVEY = "50.8770,4.6990\n50.8770,4.6996\n50.8772,4.7000\n"
+"""Waypoints some 40 m apart, with a gentle bend."""
+LOG = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality\n" + "".join(
+    f"{k / 10},2.0,5.4,{50.877 + k * 1e-6},4.699,4\n" for k in range(400)
+)
+"""A log in the columns that need no map."""
+QUICKER = {**SHORT, "run": "--set duration_s=2 --no-rrd --quiet", "compare": f"{SHORT['compare']} --seeds 1"}
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """The folder in which everything was done in its order but the C++, and what the commands said by their verb."""
+    folder, said = tmp_path_factory.mktemp("cookbook"), {}
+    for name, content in {**FILES, "survey.csv": SURVEY, "field.csv": LOG}.items():
+        (folder / name).write_text(content, encoding="utf-8")
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
+        exec(SCRIPT, {})
+        for verb, *rest in COMMANDS:
+            if verb != "link":
+                said[verb] = in_process([verb, *rest, *shlex.split(QUICKER.get(verb, ""))])
+    return folder, said
+
+
+def metrics(folder):
+    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+
+
+def test_every_answer_has_a_command():
+    assert [words[0] for words in COMMANDS] == ["run", "run", "link", "compare", "replay", "limit", "risk"]
+
+
+def test_a_tractor_of_mass_and_wheelbase_drives_a_surveyed_field(walk):
+    folder, _ = walk
+    way = np.loadtxt(folder / "way.csv", delimiter=",")
+    assert way[0].tolist() == [0.0, 0.0]
+    assert way[-1] == pytest.approx([70.4, 22.2], abs=0.3), "0.001 deg east and 0.0002 deg north at 51 degrees"
+    assert 'machine = "mine.toml"' in (folder / "runs" / "mine" / "scenario.toml").read_text(encoding="utf-8")
+    signals = pq.read_table(folder / "runs" / "field" / "signals.parquet")
+    loads = sum(signals[f"load_{wheel}"].to_numpy() for wheel in ("fl", "fr", "rl", "rr"))
+    assert np.median(loads) == pytest.approx(4200 * 9.81, rel=0.05)
+
+
+def test_laws_limits_and_risks_are_answered(walk):
+    folder, said = walk
+    rows = json.loads((folder / "runs" / "which" / "comparison.json").read_text(encoding="utf-8"))
+    assert [(row["guidance"], row["outcome"]) for row in rows] == [
+        (law, "completed") for law in ("stanley", "lqr", "pure_pursuit")
+    ]
+    assert "read as columns, 39.9 s" in said["replay"]
+    assert "Enough for replay" in said["replay"]
+    assert (folder / "runs" / "steep" / "limit.json").is_file()
+    assert (folder / "runs" / "rare" / "risk.json").is_file()
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """The C++ law, compiled as the page says."""
+    build, _ = [line.split() for line in LINES if "udp_law" in line]
+    if shutil.which(build[0]) is None:
+        pytest.skip(f"needs a C++ compiler, {build[0]}")
+    folder = tmp_path_factory.mktemp("law")
+    source = ROOT / build.pop()
+    done = subprocess.run(
+        [*build, "-Wall", "-Wextra", "-Werror", str(source)], cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "udp_law"
+
+
+def test_the_law_in_cpp_drives_over_udp(program, tmp_path):
+    """From 1 m beside the line to within decimetres of it, as fast as the law answers."""
+    (link,) = (words for words in COMMANDS if words[0] == "link")
+    own, boards = free_ports()
+    law = subprocess.Popen([str(program), str(own), str(boards)], stdout=subprocess.PIPE, text=True)
+    try:
+        ports = ["--port", str(boards), "--host-port", str(own), "--pace", "answered", "--no-rrd"]
+        with contextlib.chdir(tmp_path):
+            in_process([*link, *ports, "--duration", "14"])
+    finally:
+        law.terminate()
+        law.wait()
+    found = metrics(tmp_path / "runs" / "udp")
+    assert found["outcome"] == "completed"
+    assert found["link"]["engagements"] == 1
+    assert found["link"]["engaged_s"] > 10
+    left = pq.read_table(tmp_path / "runs" / "udp" / "signals.parquet")["rear_y"].to_numpy()
+    assert left[0] == pytest.approx(1.0, abs=0.05)
+    assert np.abs(left[-20:]).max() < 0.15
+
+
+def test_the_law_in_cpp_says_when_its_port_is_taken(program):
+    own, boards = free_ports()
+    with socket.socket(type=socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", own))
+        done = subprocess.run([str(program), str(own), str(boards)], capture_output=True, text=True, timeout=10)
+    assert done.returncode == 1
+    assert done.stderr.startswith("bind: ")
