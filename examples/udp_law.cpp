@@ -5,7 +5,7 @@
 //
 // In: $PAOGI, position and heading of the rear axle's antenna, 10 Hz. Out: message 254, the steering angle; its byte 7
 // says that we steer. docs/link.md has both. The line runs east through the scenario's x = y = 0. Angles are rad, left
-// positive. Ends 5 s after the last position.
+// positive. Ends 5 s after the last position, or where none comes for ten minutes.
 
 #include <arpa/inet.h>
 #include <sys/socket.h>
@@ -65,7 +65,7 @@ int main(int count, char** words) {
 
     char text[512];
     for (int heard = 0;;) {
-        const timeval patience{heard ? 5 : 60, 0};
+        const timeval patience{heard ? 5 : 600, 0};  // [s]
         setsockopt(udp, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
         const ssize_t size = recv(udp, text, sizeof text, 0);
         if (size <= 0) return std::printf("%d positions\n", heard), heard ? 0 : 1;
