@@ -415,8 +415,10 @@ def test_plants_that_cannot_run_it_are_skipped_unless_named(call):
     assert "the bicycle plant knows only flat ground" in err
 
 
-def test_parallel_comparison_equals_single_runs(call):
-    arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", "2")
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_comparison_equals_single_runs(call, jobs):
+    """Processes by default: a killed sweep, in tests/studies/sweep."""
+    arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", jobs)
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
     rows = json.loads(Path("cmp/comparison.json").read_text())
     cases = [("mujoco", controller, seed) for controller in ("pd", "pd_t1fnn") for seed in (1, 2)]

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 def test_the_trainer_improves_compares_and_saves(tmp_path):
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3"]
+    size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3", "--workers", "1"]
     command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size]
     done = subprocess.run(
         [*command, "--out", "policy.npz"],

@@ -157,7 +157,7 @@ def test_gains_that_crash_a_run_cost_most(call, driven, tmp_path):
 )
 @pytest.mark.slow
 def test_two_processes_find_the_same(call, tmp_path, command, name):
-    """Those of a comparison: tests/test_cli.py."""
+    """Those of a comparison: tests/test_cli.py; of a sweep, by default: tests/studies/sweep."""
     (tmp_path / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     one, two = (call(*command, "--jobs", jobs, "--out", f"jobs{jobs}") for jobs in (1, 2))
     assert (one[0], two[0]) == (0, 0)
