@@ -150,7 +150,7 @@ def test_a_killed_run_leaves_what_was_written_before(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("extra_bytes", [0, 150_000])
+@pytest.mark.parametrize("extra_bytes", [0, pytest.param(150_000, marks=pytest.mark.slow)])
 def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
     command = [
         sys.executable,
