@@ -1,3 +1,5 @@
+from copy import deepcopy
+
 import pyarrow.parquet as pq
 import pytest
 import rerun as rr
@@ -27,7 +29,13 @@ def signals(eight, tmp_path_factory):
     return {name: table[name].to_numpy() for name in table.column_names}
 
 
-@pytest.fixture
-def short():
-    """A run to change and to replay."""
+@pytest.fixture(scope="session")
+def unchanged():
+    """A run of 21 s."""
     return run(load_scenario("straight_line", {"duration_s": 21}))
+
+
+@pytest.fixture
+def short(unchanged):
+    """A run to change and to replay."""
+    return deepcopy(unchanged)

@@ -1,7 +1,7 @@
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording
 
-MOST_MB, FULL_S, PIECE_S = 12.0, 240, 60
+MOST_MB, FULL_S, PIECE_S = 12.0, 240, 40
 
 
 def test_a_figure_eight_stays_small(tmp_path):
