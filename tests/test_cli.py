@@ -64,18 +64,34 @@ def test_the_command_itself_works_from_any_folder(elsewhere):
     assert "figure_eight" in done.stdout
 
 
+def modules_after(folder, *arguments):
+    """Names of all modules that a command in a process of its own has imported."""
+    code = f"import sys; from agrobot_mj.cli import app; app({arguments!r}, standalone_mode=False); print(*sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
 HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy", "numpy")
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"], ["run", "--help"]])
 def test_commands_without_the_simulator_do_not_import_it(elsewhere, arguments):
-    code = f"import sys; from agrobot_mj.cli import app; app({arguments!r}, standalone_mode=False); print(*sys.modules)"
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=True)
-    modules = set(done.stdout.splitlines()[-1].split())
+    modules = modules_after(elsewhere, *arguments)
     assert "agrobot_mj.cli.runs" in modules
     assert not modules & set(HEAVY)
+
+
+IDLE = ("filterpy", "matplotlib", "plotly", "rerun", "PIL", "pandas", "SALib", "distributed", "gymnasium")
+IDLE_OF_SCIPY = ("optimize", "stats", "signal", "interpolate", "integrate", "ndimage", "spatial")
+
+
+def test_a_run_imports_nothing_that_it_does_not_need(elsewhere):
+    overrides = ("--set", "duration_s=0.1", "--set", "plant.kind=bicycle")
+    modules = modules_after(elsewhere, "run", "circle", *overrides, "--no-rrd", "--quiet")
+    assert {"numba", "pyarrow", "agrobot_mj.simulation.run"} <= modules
+    assert not modules & {*IDLE, *(f"scipy.{part}" for part in IDLE_OF_SCIPY)}
 
 
 @pytest.mark.parametrize("command", ["", *sorted(get_command(cli.app).commands)])

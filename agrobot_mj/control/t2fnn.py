@@ -116,20 +116,21 @@ class T2Fnn(Spec):
 
         Guard 6: with `learn=False` nothing adapts, the centres excepted.
         """
-        return self.update_with_report(state, x1, x2, tau_c, dt, learn)[:2]
+        known = ((state.x1, x1), (state.x2, x2))
+        last = (self._bounded(new) if old is None else float(old) for old, new in known)
+        return self.update_with_report(_plain(state, *last), x1, x2, tau_c, dt, learn)[:2]
 
     def update_with_report(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float, Array]:
         """As `update`, and the values of `columns` when the network gave this tau_n: centres moved, nothing learnt yet.
 
+        The state is one that `init` or this method has returned, as it is the compiled equations'.
         Centres, widths [unit of their input], consequents [rad] and normalised firing [-], shape (3 (I + J + I J),).
         """
-        x1, x2 = self._bounded(x1), self._bounded(x2)
-        last = (x1, x2) if state.x1 is None or state.x2 is None else (float(state.x1), float(state.x2))
-        arguments = _plain(state, x1, x2), last, x1, x2, self._bounded(tau_c), dt, self._learning, learn
-        advanced, tau_n, report = _compiled_tick()(*arguments)
-        return advanced, tau_n, report
+        inputs = (state.x1, state.x2), self._bounded(x1), self._bounded(x2), self._bounded(tau_c)
+        found: tuple[T2FnnState, float, Array] = _compiled_tick()(state, *inputs, dt, self._learning, learn)
+        return found
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -161,9 +161,11 @@ def inference(s: T2FnnState, x1: float, x2: float) -> float:
 
 
 @jit
-def laws(s: T2FnnState, x1: float, x2: float, alpha_sgn: float, floor: float) -> tuple[float, Rates]:
-    """tau_n [rad] at the inputs, and the rates that alpha sgn(tau_c) [rad/s] gives there."""
-    W_lower, W_upper = firing(s, x1, x2)
+def laws(
+    s: T2FnnState, W: tuple[Array, Array], x1: float, x2: float, alpha_sgn: float, floor: float
+) -> tuple[float, Rates]:
+    """tau_n [rad] at the inputs, where the firing is W, and the rates that alpha sgn(tau_c) [rad/s] gives there."""
+    W_lower, W_upper = W
     rates = Rates(
         width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
         width_rates(x1, s.c1, s.d1_upper, alpha_sgn, floor),
@@ -255,13 +257,14 @@ def tick(
     These two are of the network before it learnt.
     """
     s = stand_at(s, last, x1, x2, learning.follow)
-    tau_n, rates = laws(s, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
-    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, x1, x2)
+    W = firing(s, x1, x2)
+    tau_n, rates = laws(s, W, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
+    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, W)
 
 
 @jit
-def report_of(s: T2FnnState, x1: float, x2: float) -> Array:
-    """Centres, widths, consequents and normalised firing at the inputs, shape (3 (I + J + I J),)."""
-    W_lower, W_upper = firing(s, x1, x2)
+def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Array:
+    """Centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

@@ -6,6 +6,7 @@ no other stream, and the same seed gives the same numbers in every process (Pyth
 
 import io
 import pickle
+from functools import lru_cache
 from hashlib import blake2b
 from math import exp, sqrt
 from typing import Any, NamedTuple, cast
@@ -79,7 +80,15 @@ class GaussMarkov(NamedTuple):
 
     def after(self, dt: float, *correlation: float) -> "GaussMarkov":
         """The process `dt` later; `correlation` in the unit of `dt`, one for all axes or one for each."""
-        times = correlation if len(correlation) > 1 else correlation * len(self.value)
         white = self.generator.standard_normal(len(self.value)).tolist()
-        moved = [gauss_markov(v, w, dt, T) for v, w, T in zip(self.value, white, times, strict=True)]
-        return GaussMarkov(self.generator, tuple(moved))
+        shares = _shares(dt, correlation, len(self.value))
+        return GaussMarkov(
+            self.generator, tuple([k * v + new * w for (k, new), v, w in zip(shares, self.value, white, strict=True)])
+        )
+
+
+@lru_cache(maxsize=256)
+def _shares(dt: float, correlation: tuple[float, ...], axes: int) -> tuple[tuple[float, float], ...]:
+    """Shares of the last value and of the white noise in the next one, for each axis, as in `gauss_markov` [-]."""
+    times = correlation if len(correlation) > 1 else correlation * axes
+    return tuple((gauss_markov(1.0, 0.0, dt, T), gauss_markov(0.0, 1.0, dt, T)) for T in times)

@@ -36,7 +36,7 @@ class Health(NamedTuple):
 
 def largest_sigma(covariance: Array) -> float:
     """Largest standard deviation of the position in any direction, from a covariance (n >= 2, n) [m]."""
-    p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    (p_xx, p_xy), (_, p_yy) = covariance[:2, :2].tolist()
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 

@@ -52,7 +52,7 @@ class PoseEkf(FixEkf):
     ) -> tuple[Array, Array, float]:
         """As `FixEkf.step`, with n = 3."""
         speed, steer, dt = inputs
-        F, Q = jacobian(mean[2], speed, dt), dt * self.walk
+        F, Q = jacobian(float(mean[2]), speed, dt), dt * self.walk
         x = f(mean, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
         return self.corrected(x, covariance, F, Q, fix, x[:2], H, _noise(sigma))
 

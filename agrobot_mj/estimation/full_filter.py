@@ -1,4 +1,4 @@
-"""Filter of the estimator `ekf_full` at the time of a fix: one tick of filterpy's EKF with gates and alignment.
+"""Filter of the estimator `ekf_full` at the time of a fix: one tick of an EKF with gates and alignment.
 
 All that the filter believes stands in `Core`. A tick predicts, then corrects by
 all rows at once: gyro, wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
@@ -129,8 +129,7 @@ class FullFilter(Workspace):
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
         if core.search is not None:  # a displacement in an unknown direction says nothing
             F[:2], x[:2] = np.eye(2, len(x)), place
-        self.predict(x, core.covariance, F, Q)
-        return self.kf.x, self.kf.P
+        return self.predict(x, core.covariance, F, Q)
 
     def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
@@ -236,8 +235,8 @@ class FullFilter(Workspace):
             for j, value in row.jacobian.items():
                 H[i, j] = value
         innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
-        self.update(core.mean, core.covariance, innovations, H, R)
-        return core._replace(mean=self.kf.x, covariance=self.kf.P)
+        mean, covariance, _ = self.update(core.mean, core.covariance, innovations, H, R)
+        return core._replace(mean=mean, covariance=covariance)
 
 
 def _size(pair: list[MeasurementRow]) -> float:

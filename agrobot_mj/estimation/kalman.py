@@ -1,8 +1,7 @@
-"""filterpy's Kalman filters, with their matrix algebra compiled.
+"""What the filters share: a tick of the compiled `equations`, and filterpy's filter with its matrices for who asks.
 
-filterpy's own `predict` and `update` take 60 us in Python for matrices this small; `equations` takes their place, and a
-test compares. Importing filterpy costs 0.4 to 0.65 s of processor time, for SciPy's densities. It is paid where the
-first filter is built, so that commands without a filter do not pay.
+filterpy's own `predict` and `update` take 60 us in Python for matrices this small, and to import it half a second, for
+SciPy's densities: no run does. A test compares.
 """
 
 from copy import copy
@@ -14,39 +13,44 @@ from agrobot_mj.estimation.equations import posterior, prior, tick
 
 
 class Workspace:
-    """A filter of filterpy used as a workspace: nothing in it is carried over to the next tick."""
-
-    kf: Any
-    """`KalmanFilter` or `ExtendedKalmanFilter`; its x, P, F, Q, y, H, R and S are those of the last tick."""
+    """A filter that keeps nothing from tick to tick but, for `kf`, the matrices of the last one."""
 
     def __init__(self, states: int, measured: int, linear: bool = False) -> None:
-        from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
-
-        self.kf = (KalmanFilter if linear else ExtendedKalmanFilter)(dim_x=states, dim_z=measured)
+        self.sizes, self.linear = {"dim_x": states, "dim_z": measured}, linear
+        self._last: dict[str, Array] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Any:
         """A workspace that may work at the same time; matrices are replaced, never written into."""
-        made = copy(self)
-        made.kf = copy(self.kf)
-        return made
+        return copy(self)
 
-    def predict(self, x: Array, P: Array, F: Array, Q: Array) -> None:
-        """Prior of mean `x` (n,), the covariance P (n, n) taken through the transition F with process noise Q."""
-        self.kf.x, self.kf.P, self.kf.F, self.kf.Q = x, prior(P, F, Q), F, Q
+    @property
+    def kf(self) -> Any:
+        """filterpy's `KalmanFilter` or `ExtendedKalmanFilter` with the matrices of the last tick."""
+        from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 
-    def update(self, x: Array, P: Array, y: Array, H: Array, R: Array) -> float:
-        """Posterior of an innovation y (m,) that sees H (m, n) with noise R (m, m); its NIS [-]."""
-        kf = self.kf
-        kf.y, kf.H, kf.R = y, H, R
-        kf.x, kf.P, kf.S, nis = posterior(x, P, H, y, R)
-        return float(nis)
+        kf = (KalmanFilter if self.linear else ExtendedKalmanFilter)(**self.sizes)
+        for name, matrix in self._last.items():
+            setattr(kf, name, matrix)
+        return kf
 
-    def tick(self, x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> float:
-        """`predict`, then `update` unless there is no innovation: its NIS, NaN without one [-]."""
+    def predict(self, x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
+        """Prior of mean `x` (n,), and the covariance P (n, n) taken through the transition F with process noise Q."""
+        P = prior(P, F, Q)
+        self._last = {"x": x, "P": P, "F": F, "Q": Q}
+        return x, P
+
+    def update(self, x: Array, P: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
+        """Posterior of an innovation y (m,) that sees H (m, n) with noise R (m, m), and its NIS [-]."""
+        x, P, S, nis = posterior(x, P, H, y, R)
+        self._last = {**self._last, "x": x, "P": P, "y": y, "H": H, "R": R, "S": S}
+        return x, P, nis
+
+    def tick(
+        self, x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
+    ) -> tuple[Array, Array, float]:
+        """`predict`, then `update` unless there is no innovation: mean, covariance and NIS, NaN without one [-]."""
         if y is None:
-            self.predict(x, P, F, Q)
-            return nan
-        kf = self.kf
-        kf.F, kf.Q, kf.y, kf.H, kf.R = F, Q, y, H, R
-        kf.x, kf.P, kf.S, nis = tick(x, P, F, Q, y, H, R)
-        return float(nis)
+            return *self.predict(x, P, F, Q), nan
+        x, P, S, nis = tick(x, P, F, Q, y, H, R)
+        self._last = {"x": x, "P": P, "F": F, "Q": Q, "y": y, "H": H, "R": R, "S": S}
+        return x, P, nis

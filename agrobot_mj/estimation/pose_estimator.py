@@ -171,6 +171,8 @@ class PoseEstimator(StateEstimator):
 
     def _estimate(self, state: EstimatorState, measurement: Measurement, nis: float) -> Estimate:
         x, y, psi = state.pose[:3].tolist()
+        covariance = state.pose_covariance[:3, :3]  # a view of the filter's own, which nobody else may write
+        covariance.flags.writeable = False
         bias, u = self.steer_bias(state.pose), _along(psi, state.motion)
         match self.yaw_rate_source:
             case "ekf":
@@ -189,7 +191,7 @@ class PoseEstimator(StateEstimator):
             yaw_rate=gamma,
             rear_x=x,
             rear_y=y,
-            covariance=state.pose_covariance[:3, :3],
+            covariance=covariance,
             nis=nis,
             steer_bias=nan if bias is None else bias,
             fix_age=measurement.t - state.health.fix_t,

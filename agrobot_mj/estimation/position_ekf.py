@@ -1,4 +1,4 @@
-"""What the pose filters share: a tick of filterpy's extended Kalman filter that corrects by the position of a fix."""
+"""What the pose filters share: a tick of an extended Kalman filter that corrects by the position of a fix."""
 
 import numpy as np
 
@@ -32,5 +32,4 @@ class FixEkf(Workspace):
         The fix has noise R (2, 2) [m2] and sees H (2, n) of the state, `seen` (2,) [m] of the mean.
         """
         y = None if fix is None else np.array((fix.x, fix.y)) - seen
-        nis = self.tick(x, P, F, Q, y, H, R)
-        return self.kf.x, self.kf.P, nis
+        return self.tick(x, P, F, Q, y, H, R)

@@ -54,8 +54,7 @@ class VelocityKf(Workspace):
         Phi, Q = _model(self.velocity_walk, dt)
         x = applied(Phi, mean)
         y = None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
-        self.tick(x, covariance, Phi, Q, y, ALL, noise)
-        return self.kf.x, self.kf.P
+        return self.tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
 
 
 @lru_cache(maxsize=8)

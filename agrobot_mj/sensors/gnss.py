@@ -7,7 +7,6 @@ wanders by a centimetre over minutes, for which there are the further parts `mul
 ENU [m, m/s]; the solution is delivered whole ticks late.
 """
 
-from collections.abc import Iterator
 from math import nan, sqrt
 from typing import Annotated, NamedTuple
 
@@ -33,8 +32,8 @@ class GnssReading(NamedTuple):
     """One of `Quality`."""
 
 
-class GnssState(NamedTuple):
-    """The receiver between two ticks; its errors are in units of their standard deviations."""
+class FixErrors(NamedTuple):
+    """Correlated errors of the position, in units of their standard deviations."""
 
     fixed: GaussMarkov
     """Correlated error of a fixed solution, east and north; its stream gives the white errors too."""
@@ -46,6 +45,13 @@ class GnssState(NamedTuple):
     """Further part of a fixed solution's error, east, north and up."""
     drift: GaussMarkov
     """Further part of a fixed solution's error, slower."""
+
+
+class GnssState(NamedTuple):
+    """The receiver between two ticks."""
+
+    errors: FixErrors
+    """Errors of the position."""
     dual: DualAntennaState
     """Both antennas."""
     canopies: tuple[CanopyState, ...]
@@ -100,11 +106,13 @@ class Gnss(Sensor):
     def init(self, seed: int) -> GnssState:
         """The error drawn from its stationary distribution; no solution under way."""
         return GnssState(
-            fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
-            floating=GaussMarkov.stationary(stream(seed, "gnss.float"), 2),
-            height=GaussMarkov.stationary(stream(seed, "gnss.height"), 2),
-            multipath=GaussMarkov.stationary(stream(seed, "gnss.multipath"), 3),
-            drift=GaussMarkov.stationary(stream(seed, "gnss.drift"), 3),
+            errors=FixErrors(
+                fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
+                floating=GaussMarkov.stationary(stream(seed, "gnss.float"), 2),
+                height=GaussMarkov.stationary(stream(seed, "gnss.height"), 2),
+                multipath=GaussMarkov.stationary(stream(seed, "gnss.multipath"), 3),
+                drift=GaussMarkov.stationary(stream(seed, "gnss.drift"), 3),
+            ),
             dual=self.dual_antenna.init(seed),
             canopies=tuple(canopy.init(seed, k) for k, canopy in enumerate(self.canopy)),
         )
@@ -119,27 +127,25 @@ class Gnss(Sensor):
         """
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
         dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
-        state = state._replace(
-            fixed=state.fixed.after(dt, self.correlation_time_s),
-            floating=state.floating.after(dt, self.float_correlation_time_s),
-            height=state.height.after(dt, self.correlation_time_s, self.float_correlation_time_s),
-            multipath=state.multipath.after(dt, self.multipath_time_s) if self.multipath_sigma_m else state.multipath,
-            drift=state.drift.after(dt, self.drift_time_s) if self.drift_sigma_m else state.drift,
-            dual=dual,
-            canopies=canopies,
+        fixed, floating, height, multipath, drift = state.errors
+        errors = FixErrors(
+            fixed.after(dt, self.correlation_time_s),
+            floating.after(dt, self.float_correlation_time_s),
+            height.after(dt, self.correlation_time_s, self.float_correlation_time_s),
+            multipath.after(dt, self.multipath_time_s) if self.multipath_sigma_m else multipath,
+            drift.after(dt, self.drift_time_s) if self.drift_sigma_m else drift,
         )
-        white = (*state.fixed.generator.standard_normal(4).tolist(), state.height.generator.standard_normal())
+        white = (*fixed.generator.standard_normal(4).tolist(), height.generator.standard_normal())
         found = None
         if quality != Quality.NONE:
-            found = self._fix(state, truth, conditions.gnss_offset, quality, white, heading)
+            found = self._fix(errors, truth, conditions.gnss_offset, quality, white, heading)
             if conditions.gnss_frozen and state.last is not None:
                 found = _frozen(found, state.last, conditions.gnss_frozen)
-            state = state._replace(last=found)
         pending = (*state.pending, GnssReading(found, quality))
         due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
         reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
         left = pending[due + 1 :] if due >= 0 else pending
-        return state if left == state.pending else state._replace(pending=left), reading
+        return GnssState(errors, dual, canopies, left, found or state.last), reading
 
     def _below(
         self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float
@@ -153,19 +159,19 @@ class Gnss(Sensor):
         return tuple(found), quality
 
     def _fix(
-        self, state: GnssState, truth: Truth, offset: Pair, quality: int, white: tuple[float, ...], heading: float
+        self, errors: FixErrors, truth: Truth, offset: Pair, quality: int, white: tuple[float, ...], heading: float
     ) -> Fix:
         """The solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
         fixed = quality != Quality.FLOAT
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
-        east, north = (state.fixed if fixed else state.floating).value
+        east, north = (errors.fixed if fixed else errors.floating).value
         slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
         x, y, z = truth.antenna
         vx, vy, _ = truth.antenna_velocity
         dx, dy = offset
-        more_x, more_y, more_z = self._further(state) if fixed else (0.0, 0.0, 0.0)
-        up = slow * state.height.value[0 if fixed else 1] + fast * white[4] + more_z
+        more_x, more_y, more_z = self._further(errors) if fixed else (0.0, 0.0, 0.0)
+        up = slow * errors.height.value[0 if fixed else 1] + fast * white[4] + more_z
         return Fix(
             x=x + dx + slow * east + fast * white[0] + more_x,
             y=y + dy + slow * north + fast * white[1] + more_y,
@@ -176,10 +182,11 @@ class Gnss(Sensor):
             heading=heading,
         )
 
-    def _further(self, state: GnssState) -> Iterator[float]:
+    def _further(self, errors: FixErrors) -> tuple[float, float, float]:
         """Further parts of a fixed solution's error, east, north and up, the last one before `height_ratio` [m]."""
         a, b = self.multipath_sigma_m, self.drift_sigma_m
-        return (a * m + b * d for m, d in zip(state.multipath.value, state.drift.value, strict=True))
+        (m_x, m_y, m_z), (d_x, d_y, d_z) = errors.multipath.value, errors.drift.value
+        return a * m_x + b * d_x, a * m_y + b * d_y, a * m_z + b * d_z
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
         """Height, and heading where there are two antennas; NaN without a solution."""

@@ -12,7 +12,6 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from numpy.random import Generator
 from pydantic import Field, model_validator
-from scipy.linalg import lstsq
 
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import stream
@@ -69,9 +68,8 @@ class Potentiometer(Sensor):
         """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         before, shares = _resampling(len(history), self.samples)
-        return _rounded_mean(
-            history, before, shares, generator.standard_normal(self.samples), self.weights, counts, sigma
-        )
+        noise = generator.standard_normal(self.samples)
+        return _rounded_mean(history, before, shares, noise, self.weights, counts, sigma)
 
 
 class SteeringPotentiometer(Potentiometer):
@@ -167,7 +165,7 @@ def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
     """
     half, at, found = window // 2, np.arange(window), np.zeros((samples, samples))
     powers = np.arange(half, -half - 1, -1.0) ** np.arange(polyorder + 1)[:, None]
-    middle = lstsq(powers, np.eye(polyorder + 1)[0])[0][::-1]
+    middle = np.linalg.lstsq(powers, np.eye(polyorder + 1)[0])[0][::-1]
     middle[half + 1 :] = middle[:half][::-1]
     for row in range(half, samples - half):
         found[row, row - half : row + half + 1] = middle

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.contracts import check_pair
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.signals import Column, Conditions, Measurement, Truth
+from agrobot_mj.core.signals import NOMINAL, SOUND, Column, Conditions, Measurement, Truth
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.gnss import Gnss
@@ -29,8 +29,10 @@ class SensorState(NamedTuple):
     """State of each sensor."""
     readings: dict[str, Any]
     """Last reading of each sensor, empty before the first tick."""
-    lines: tuple[SignalLine, ...] = (SignalLine(),) * len(LINES)
-    """Lines of the sensors of `LINES`."""
+    present: tuple[str, ...] = ()
+    """Names of the sensors that are there; empty before the first tick, in which all are asked."""
+    lines: tuple[tuple[str, SignalLine], ...] = ()
+    """Those of `LINES` that were distorted in the last tick, by name; a sound one holds the last reading."""
 
 
 class Sensors(Spec):
@@ -71,14 +73,11 @@ class Sensors(Spec):
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
         """Measurement that reaches the controller in the tick of length `dt` [s] that ends at `truth.t`."""
-        states, readings = {}, {}
-        for name, last in state.states.items():
-            found = getattr(self, name).measure(last, truth, conditions, dt)
+        states, readings = state.states.copy(), state.readings.copy()
+        for name in state.present or states:
+            found = getattr(self, name).measure(states[name], truth, conditions, dt)
             states[name], readings[name] = check_pair(found, "its state and a reading", "the sensor", name, "measure")
-        lines = []
-        for name, line in zip(LINES, state.lines, strict=True):
-            line, readings[name] = line.carried(readings[name], getattr(conditions, name), dt)
-            lines.append(line)
+        lines = () if conditions is NOMINAL else _distort(readings, state, conditions, dt)
         gnss, imu = readings["gnss"], readings["imu"]
         measurement = Measurement(
             t=truth.t,
@@ -92,8 +91,27 @@ class Sensors(Spec):
             wheel_speed=readings["wheel_speed"],
             readings=readings,
         )
-        return SensorState(states, readings, tuple(lines)), measurement
+        return SensorState(states, readings, state.present or self._present(), lines), measurement
+
+    def _present(self) -> tuple[str, ...]:
+        """Names of the sensors that measure or report; the reading of any other is that of the first tick."""
+        return tuple(
+            name for name, sensor in self.all.items() if getattr(sensor, "enabled", True) or len(sensor.columns)
+        )
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Values of `columns` after a tick."""
-        return tuple(v for name, reading in state.readings.items() for v in getattr(self, name).report(reading))
+        return tuple([v for name in state.present for v in getattr(self, name).report(state.readings[name])])
+
+
+def _distort(
+    readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
+) -> tuple[tuple[str, SignalLine], ...]:
+    """Write what arrives over distorted lines into `readings`; the lines after a tick of length `dt` [s]."""
+    before, lines = dict(last.lines), []
+    for name in LINES:
+        if (distortion := getattr(conditions, name)) != SOUND:
+            line = before.get(name) or SignalLine(last.readings.get(name))
+            line, readings[name] = line.carried(readings[name], distortion, dt)
+            lines.append((name, line))
+    return tuple(lines)

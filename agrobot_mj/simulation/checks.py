@@ -58,23 +58,19 @@ class Numbers:
         parts = [n for n, shape in shapes.items() if shape == "message"]
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
-    def total(self, message: Any) -> float:
-        """Sum of the numbers, which is finite if all of them are."""
-        total: float = sum(self._ones(message))
-        for k in self._few:
-            total += sum(message[k])
-        for k in self._many:
-            total += sum(message[k].ravel().tolist())
-        for k in self._nones:
-            total += message[k] or 0.0
-        return total
-
     def check(self, message: Any, maker: str) -> None:
         """Raise `NotFiniteError` if they are not finite, `ScenarioError` if they are no numbers, naming the maker."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
-            finite = isfinite(self.total(message))
+            total: float = sum(self._ones(message))  # finite if all of them are
+            for k in self._few:
+                total += sum(message[k])
+            for k in self._many:
+                total += sum(message[k].ravel().tolist())
+            for k in self._nones:
+                total += message[k] or 0.0
+            finite = isfinite(total)
         except (AttributeError, TypeError, ValueError):
             raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {one_line(message)}") from None
         if finite:
@@ -125,11 +121,14 @@ class Stage(Generic[Message]):
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """State and message of a stage that remembers."""
         state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
-        return state, self._passed(message)
+        self.numbers.check(message, self.maker)
+        return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
         """Message of a stage that returns no state."""
-        return self._passed(check_type(self._found(arguments), self.message, *self.names, self.method))
+        message = check_type(self._found(arguments), self.message, *self.names, self.method)
+        self.numbers.check(message, self.maker)
+        return self.passed(message)
 
     def _found(self, arguments: tuple[Any, ...]) -> Any:
         try:
@@ -140,10 +139,6 @@ class Stage(Generic[Message]):
             if isinstance(error, NotFiniteError) or not numbers:
                 raise
             raise NotFiniteError(f"{self.maker} failed: {error}") from error
-
-    def _passed(self, message: Message) -> Message:
-        self.numbers.check(message, self.maker)
-        return self.passed(message)
 
 
 class Reception(NamedTuple):
@@ -200,7 +195,9 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """The estimate with a read-only view of its covariance, which is the filter's own array."""
+    """The estimate with a read-only view of its covariance, which may be the filter's own array."""
+    if not estimate.covariance.flags.writeable:
+        return estimate
     covariance = estimate.covariance.view()
     covariance.flags.writeable = False
     return estimate._replace(covariance=covariance)

@@ -8,6 +8,7 @@ values with `report(state)`; those that no other table names come behind these.
 
 from collections.abc import Callable, Iterable
 from math import nan
+from operator import attrgetter
 from typing import NamedTuple
 
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -43,8 +44,8 @@ class Signal(NamedTuple):
     """A column and where its value comes from."""
 
     column: Column
-    value: Callable[[Tick], float] | None
-    """Value in a tick; None where a stage reports it."""
+    value: str | Callable[[Tick], float] | None
+    """Where it stands in a tick, or what makes it of a tick; None where a stage reports it."""
 
 
 def _nees(k: Tick) -> float:
@@ -65,75 +66,75 @@ def _fixed(k: Tick) -> tuple[float, float]:
     return (k.measured.fix.x, k.measured.fix.y) if k.measured.fix else (nan, nan)
 
 
-def _signals(*rows: tuple[str, str, str, Callable[[Tick], float]]) -> tuple[Signal, ...]:
+def _signals(*rows: tuple[str, str, str, str | Callable[[Tick], float]]) -> tuple[Signal, ...]:
     return tuple(Signal(Column(name, unit, text), value) for name, unit, text, value in rows)
 
 
 _REFERENCE = _signals(
-    ("t", "s", "time since the start", lambda k: k.truth.t),
-    ("x_ref", "m", "reference of the CG, east", lambda k: k.reference.x),
-    ("y_ref", "m", "reference of the CG, north", lambda k: k.reference.y),
-    ("z_ref", "m", "height of the ground under the reference", lambda k: k.z_ref),
-    ("yaw_ref", "rad", "heading of the reference, from east, counter-clockwise", lambda k: k.reference.yaw),
-    ("curvature_ref", "1/m", "curvature of the path at the reference, left positive", lambda k: k.reference.curvature),
-    ("curvature_rate_ref", "1/(m s)", "change of it in time, 0 at its steps", lambda k: k.reference.curvature_rate),
+    ("t", "s", "time since the start", "truth.t"),
+    ("x_ref", "m", "reference of the CG, east", "reference.x"),
+    ("y_ref", "m", "reference of the CG, north", "reference.y"),
+    ("z_ref", "m", "height of the ground under the reference", "z_ref"),
+    ("yaw_ref", "rad", "heading of the reference, from east, counter-clockwise", "reference.yaw"),
+    ("curvature_ref", "1/m", "curvature of the path at the reference, left positive", "reference.curvature"),
+    ("curvature_rate_ref", "1/(m s)", "change of it in time, 0 at its steps", "reference.curvature_rate"),
 )
 _TRUTH = _signals(
-    ("x", "m", "true CG, east", lambda k: k.truth.x),
-    ("y", "m", "true CG, north", lambda k: k.truth.y),
-    ("z", "m", "true CG, up", lambda k: k.truth.z),
-    ("yaw", "rad", "true heading, from east, counter-clockwise, wrapped", lambda k: k.truth.yaw),
-    ("pitch", "rad", "true pitch, nose down positive", lambda k: k.truth.pitch),
-    ("roll", "rad", "true roll, left side up positive", lambda k: k.truth.roll),
-    ("speed", "m/s", "true velocity of the CG along the heading", lambda k: k.truth.speed),
-    ("lateral_speed", "m/s", "true velocity of the CG to the left of the heading", lambda k: k.truth.lateral_speed),
-    ("yaw_rate", "rad/s", "true yaw rate, left positive", lambda k: k.truth.yaw_rate),
-    ("rear_x", "m", "true R, the point below the rear axle's centre, east", lambda k: k.truth.rear_x),
-    ("rear_y", "m", "true R, north", lambda k: k.truth.rear_y),
+    ("x", "m", "true CG, east", "truth.x"),
+    ("y", "m", "true CG, north", "truth.y"),
+    ("z", "m", "true CG, up", "truth.z"),
+    ("yaw", "rad", "true heading, from east, counter-clockwise, wrapped", "truth.yaw"),
+    ("pitch", "rad", "true pitch, nose down positive", "truth.pitch"),
+    ("roll", "rad", "true roll, left side up positive", "truth.roll"),
+    ("speed", "m/s", "true velocity of the CG along the heading", "truth.speed"),
+    ("lateral_speed", "m/s", "true velocity of the CG to the left of the heading", "truth.lateral_speed"),
+    ("yaw_rate", "rad/s", "true yaw rate, left positive", "truth.yaw_rate"),
+    ("rear_x", "m", "true R, the point below the rear axle's centre, east", "truth.rear_x"),
+    ("rear_y", "m", "true R, north", "truth.rear_y"),
 )
 _ESTIMATE = _signals(
-    ("x_hat", "m", "estimated CG, east", lambda k: k.estimate.x),
-    ("y_hat", "m", "estimated CG, north", lambda k: k.estimate.y),
-    ("yaw_hat", "rad", "estimated heading, wrapped", lambda k: k.estimate.yaw),
-    ("speed_hat", "m/s", "estimated velocity along the heading", lambda k: k.estimate.speed),
-    ("yaw_rate_hat", "rad/s", "estimated yaw rate", lambda k: k.estimate.yaw_rate),
+    ("x_hat", "m", "estimated CG, east", "estimate.x"),
+    ("y_hat", "m", "estimated CG, north", "estimate.y"),
+    ("yaw_hat", "rad", "estimated heading, wrapped", "estimate.yaw"),
+    ("speed_hat", "m/s", "estimated velocity along the heading", "estimate.speed"),
+    ("yaw_rate_hat", "rad/s", "estimated yaw rate", "estimate.yaw_rate"),
     (
         "steer_bias_hat",
         "rad",
         "estimated bias of the steering sensor; null if not estimated",
-        lambda k: k.estimate.steer_bias,
+        "estimate.steer_bias",
     ),
-    ("rear_x_hat", "m", "estimated R, east", lambda k: k.estimate.rear_x),
-    ("rear_y_hat", "m", "estimated R, north", lambda k: k.estimate.rear_y),
+    ("rear_x_hat", "m", "estimated R, east", "estimate.rear_x"),
+    ("rear_y_hat", "m", "estimated R, north", "estimate.rear_y"),
     ("p_xx", "m2", "estimated variance of R, east", lambda k: float(k.estimate.covariance[0, 0])),
     ("p_xy", "m2", "estimated covariance of R, east and north", lambda k: float(k.estimate.covariance[0, 1])),
     ("p_yy", "m2", "estimated variance of R, north", lambda k: float(k.estimate.covariance[1, 1])),
     ("p_yaw", "rad2", "estimated variance of the heading", lambda k: float(k.estimate.covariance[2, 2])),
     ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", _nees),
-    ("position_nis", "-", "normalised innovation squared of the fix; null without", lambda k: k.estimate.nis),
+    ("position_nis", "-", "normalised innovation squared of the fix; null without", "estimate.nis"),
 )
 _CONDITIONS = _signals(
     ("gnss_x", "m", "GNSS solution of the antenna, east; null without", lambda k: _fixed(k)[0]),
     ("gnss_y", "m", "GNSS solution of the antenna, north; null without", lambda k: _fixed(k)[1]),
-    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", lambda k: float(k.measured.quality)),
-    ("faults_active", "-", "number of scripted faults that act", lambda k: float(k.faults)),
+    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
+    ("faults_active", "-", "number of scripted faults that act", "faults"),
 )
 _ERRORS = _signals(
     ("e_longitudinal", "m", "reference less true CG, ahead positive (time-based)", lambda k: _behind(k)[0]),
     ("e_lateral", "m", "reference less true CG, left positive (time-based)", lambda k: _behind(k)[1]),
-    ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", lambda k: k.command.speed),
+    ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "command.speed"),
 )
 _ACTUATION = _signals(
-    ("steer_ref", "rad", "angle that the steering loop steers to, left positive", lambda k: k.steer_ref),
-    ("steer", "rad", "true angle of the bicycle's virtual wheel, left positive", lambda k: k.truth.steer),
-    ("steer_measured", "rad", "steering potentiometer after its filter", lambda k: k.measured.steer),
-    ("steer_saturated", "-", "1 where the steering command is at its limit, else 0", lambda k: float(k.saturated)),
-    ("valve_voltage", "V", "steering valve, neutral at 6 V, above steers left", lambda k: k.drive.steer_voltage),
-    ("pedal_ref", "-", "pedal position that the speed loop asks for, -1 to 1", lambda k: k.pedal_ref),
-    ("pedal", "-", "true pedal position, forward positive", lambda k: k.truth.pedal),
-    ("pedal_measured", "-", "pedal potentiometer after its filter", lambda k: k.measured.pedal),
-    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above presses forward", lambda k: k.drive.pedal_voltage),
-    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", lambda k: k.drive.brake),
+    ("steer_ref", "rad", "angle that the steering loop steers to, left positive", "steer_ref"),
+    ("steer", "rad", "true angle of the bicycle's virtual wheel, left positive", "truth.steer"),
+    ("steer_measured", "rad", "steering potentiometer after its filter", "measured.steer"),
+    ("steer_saturated", "-", "1 where the steering command is at its limit, else 0", "saturated"),
+    ("valve_voltage", "V", "steering valve, neutral at 6 V, above steers left", "drive.steer_voltage"),
+    ("pedal_ref", "-", "pedal position that the speed loop asks for, -1 to 1", "pedal_ref"),
+    ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
+    ("pedal_measured", "-", "pedal potentiometer after its filter", "measured.pedal"),
+    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above presses forward", "drive.pedal_voltage"),
+    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", "drive.brake"),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
     ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
     ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", lambda k: k.actuation[2]),
@@ -165,12 +166,20 @@ WHEEL_SIGNALS = tuple(
 )
 """Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
-_SOURCES = tuple(signal.value or (lambda k: nan) for signal in SIGNALS)
+_read = attrgetter(*(signal.value if isinstance(signal.value, str) else "truth.t" for signal in SIGNALS))
+"""All that stands in a tick; the time in place of the others."""
+_MADE = tuple((k, signal.value) for k, signal in enumerate(SIGNALS) if callable(signal.value))
+_REPORTED = tuple(k for k, signal in enumerate(SIGNALS) if signal.value is None)
 
 
 def row(tick: Tick) -> list[float]:
     """Values of `COLUMNS` in a tick; NaN for columns that a stage reports."""
-    return [value(tick) for value in _SOURCES]
+    values = list(_read(tick))
+    for k, value in _MADE:
+        values[k] = value(tick)
+    for k in _REPORTED:
+        values[k] = nan
+    return values
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:

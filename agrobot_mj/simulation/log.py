@@ -55,12 +55,12 @@ class Rows:
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
         self._make_room(self.filled + 1)
-        values = self.values[self.filled]
+        values = self._values.numbers[self.filled]
         values[: len(COLUMNS)] = row
         values[self._wheels] = wheels
         if len(self._reported):
             values[self._reported] = report
-        self.poses[self.filled] = poses
+        self._poses.numbers[self.filled] = poses
         self.filled += 1
 
     @property

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import nan, radians
+from operator import attrgetter
 from typing import Any
 
 from agrobot_mj.control.base import Situation
@@ -17,6 +18,7 @@ from agrobot_mj.control.pid import SpeedState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.learned import Learned
+from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import (
     NEUTRAL_V,
     TICK_S,
@@ -90,7 +92,7 @@ class Loop:
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script = Script(s.fault, s.seed)
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
-        self.path = Stage("the path", s.path.kind, self.route, Reference, method="at")
+        self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
         truth = self.truth = self.plant.reset(start_of(s.path), conditions)
@@ -108,6 +110,10 @@ class Loop:
             brake=BrakeState(),
             wiring=Wiring(),
         )
+        parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
+        parts |= {"sensors.sensors": s.sensors, "steering": s.steering.loop}
+        self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
+        """The parts that report, each with the way to its state in `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
 
     def tick(self, command: Command | None = None) -> Tick:
@@ -186,21 +192,15 @@ class Loop:
     @property
     def columns(self) -> tuple[Column, ...]:
         """Signals that the stages and the plant report in addition to those of every log."""
-        s = self.scenario
-        stages = (*self.guidance.columns, *self.supervisor.columns, *s.estimator.columns, *s.sensors.columns)
-        return (*stages, *s.steering.loop.columns, *self.plant.columns)
+        return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:
         """Values of `columns` in this tick."""
-        s, state = self.scenario, self.stages
-        return (
-            *self.guidance.report(state.guidance),
-            *self.supervisor.report(state.supervisor),
-            *s.estimator.report(state.estimator),
-            *s.sensors.report(state.sensors.sensors),
-            *s.steering.loop.report(state.steering),
-            *self.plant.report(),
-        )
+        values: list[float] = []
+        for part, state_in in self.reporting:
+            values.extend(part.report(state_in(self.stages)))
+        values.extend(self.plant.report())
+        return values
 
     def learned(self) -> Learned:
         """What guidance law and steering loop have learnt."""

@@ -58,7 +58,9 @@ class Watch:
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
         tries = max(abs(truth.pedal), abs(asked)) >= STUCK_PEDAL
-        at = self.standstill = at._replace(
+        at = self.standstill = Standstill(
+            at.x,
+            at.y,
             tried_s=at.tried_s + TICK_S if tries else 0.0,
             waited_s=at.waited_s + TICK_S if led else 0.0,
             distance=at.distance if at.waited_s else distance,

@@ -93,7 +93,7 @@ class Simulation:
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         given = {k: v for k, v in wanted.items() if v is not None}
         try:
-            command = self._command(given, speed)
+            command = self._command(given, speed) if given or speed is not None else None
             self._finish_tick(self.loop.tick(command), led=command is None)
         except NotFiniteError as error:
             self._diverge(str(error))
@@ -114,8 +114,8 @@ class Simulation:
         self.loop.stages.guidance = request
         return self.step()
 
-    def _command(self, given: dict[str, float], speed: float | None) -> Command | None:
-        """The command that the arguments of `step` mean; None where they leave it to the guidance."""
+    def _command(self, given: dict[str, float], speed: float | None) -> Command:
+        """The command that the arguments of `step` mean; there is at least one."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
             if not hasattr(value, "__float__"):  # which text does not have
@@ -125,7 +125,7 @@ class Simulation:
         if len(given) > 1:
             raise CommandError(f"{' and '.join(given)}: give one of them")
         if not given:
-            return None if speed is None else self.loop.decide(*self._now())._replace(speed=float(speed))
+            return self.loop.decide(*self._now())._replace(speed=float(numbers["speed"]))
         situation, ((kind, value),) = self.situation, given.items()
         r = situation.reference
         along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import Image
 
 from agrobot_mj.core.datafile import checked, refuse
 from agrobot_mj.core.signals import Array
@@ -106,6 +105,8 @@ def _read_npy(path: Path) -> Sheet:
 
 
 def _read_png(path: Path) -> Sheet:
+    from PIL import Image  # here: most grounds are no picture
+
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from agrobot_mj.control.t2fnn import T2Fnn, T2FnnState
-from agrobot_mj.control.t2fnn_laws import Rates, laws, sgn
+from agrobot_mj.control.t2fnn_laws import Rates, firing, laws, sgn
 
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
@@ -60,7 +60,7 @@ def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float)
 def derivatives(network: T2Fnn, s: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
     """Right-hand sides of the laws as the network has them; of the guards only 2 and 5 apply."""
     alpha_sgn = network.alpha * sgn(tau_c, network.delta_s)
-    return laws(s._replace(x1=x1, x2=x2), x1, x2, alpha_sgn, network.floor)[1]
+    return laws(s._replace(x1=x1, x2=x2), firing(s, x1, x2), x1, x2, alpha_sgn, network.floor)[1]
 
 
 def far_from_guards(s: T2FnnState, x1: float, x2: float) -> bool:

@@ -24,7 +24,7 @@ def test_conditions_reach_tyres_loads_and_valve_and_are_removed_again():
     there = NOMINAL._replace(
         grip=0.5, tyre_stiffness=stiffness, tyre_rolling=rolling, drawbar=300.0, side_force=-40.0, valve_gain=0.7
     )
-    firm, flow = plant.tyred.tyres.stiffness.copy(), plant.valve
+    firm, flow = plant.tyred.tyres.stiffness.copy(), plant.actuators.valve
     plant.advance(Drive(NEUTRAL_V, NEUTRAL_V), there)
     tyres = plant.tyred.tyres
     assert tyres.grip.tolist() == [0.5] * 4
@@ -32,13 +32,13 @@ def test_conditions_reach_tyres_loads_and_valve_and_are_removed_again():
     assert tyres.carcass[:, 1].tolist() == list(rolling)
     assert tyres.stiffness == pytest.approx(firm * stiffness)
     assert (plant.loads[PULL], plant.loads[SIDE]) == (300.0, -40.0)
-    assert plant.valve != flow
+    assert plant.actuators.valve != flow
     plant.advance(Drive(NEUTRAL_V, NEUTRAL_V))
     assert (tyres.grip == 1.0).all()
     assert (tyres.carcass == 1.0).all()
     assert tyres.stiffness.tolist() == firm.tolist()
     assert (plant.loads[PULL], plant.loads[SIDE]) == (0.0, 0.0)
-    assert plant.valve == flow
+    assert plant.actuators.valve == flow
 
 
 def test_a_reset_clears_valve_drive_tyres_loads_and_cylinder():

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Sequence
-from math import cos, hypot, radians
+from math import cos, hypot, nan, radians
 from typing import Any
 
 import mujoco
@@ -37,6 +37,8 @@ ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
+NOWHERE = (nan, nan)
+"""Place where an implement works that is not there."""
 DIVERGED_SPEED = 100.0
 """A tractor faster than this has blown up [m/s]. Estimate."""
 
@@ -67,12 +69,15 @@ class MujocoPlant(RunningPlant):
         self.vertical = tyres.stiffness.copy()
         self.oil = oil_of(machine)
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
-        self.valve, self.conditions = self.nominal_valve, NOMINAL
-        self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
+        self.conditions = NOMINAL
+        drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.brake_torque, self.braking = machine.driveline.strength(machine.tractor).brake, 0.0
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
         self.samples, self.cylinder = np.zeros((4, clock.steps)), np.zeros(1)
+        self.actuators = Actuators(
+            self.oil, self.nominal_valve, self.valve_memory, drive, self.drive_memory, self.cylinder
+        )
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
@@ -80,7 +85,7 @@ class MujocoPlant(RunningPlant):
         self.clearance, self.clear = clearance_of(self.model), False
         self.option, self.flags = self.model.opt, self.model.opt.disableflags
         self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)), 0, False)
-        self._observe = bound(observe, self.views, self._actuators, *self.sites)
+        self._observe = bound(observe, self.views, self.actuators, *self.sites)
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -171,22 +176,19 @@ class MujocoPlant(RunningPlant):
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
         """First arguments of `run_steps`."""
-        actuators, samples = self._actuators, self.samples
+        actuators, samples = self.actuators, self.samples
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
-
-    @property
-    def _actuators(self) -> Actuators:
-        return Actuators(self.oil, self.valve, self.valve_memory, self.drive, self.drive_memory, self.cylinder)
 
     def _look(self) -> None:
         """Keep the present motion as `motion`."""
-        self.motion: TractorMotion = self._observe(self.views, self._actuators, *self.sites)
+        self.motion: TractorMotion = self._observe(self.views, self.actuators, *self.sites)
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         """Apply faults and disturbances. Raises ValueError for a payload that leaves no possible chassis."""
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
-        self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.actuators = self.actuators._replace(valve=valve)
         tyres = self.tyred.tyres
         tyres.grip[:] = conditions.grip
         tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
@@ -263,7 +265,7 @@ class MujocoPlant(RunningPlant):
             wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
             body_rates=m.body_rates,
             rear_velocity=m.rear.velocity,
-            **({"implement": self.implement.working_place} if self.implement else {}),
+            implement=self.implement.working_place if self.implement else NOWHERE,
         )
 
     def poses(self) -> Array:
