@@ -1,4 +1,4 @@
-"""What the filters share: a tick of the compiled `equations`, and filterpy's filter with its matrices for who asks.
+"""What the filters share: a tick of the compiled `equations`, and filterpy's filter with its matrices on request.
 
 filterpy's own `predict` and `update` take 60 us in Python for matrices this small, and to import it half a second, for
 SciPy's densities: no run does. A test compares.
