@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
-from agrobot_mj.recording.plots.axes import MOST_STEPS, Frame, readable, time_end
+from agrobot_mj.recording.plots.axes import Frame, most_steps, pixels, readable, time_end
 from agrobot_mj.recording.plots.catalogue import Plot
 from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
@@ -45,12 +45,12 @@ VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
-DRIVE_ROWS = 4
-"""Rows of the plots beside the scene and the states."""
 COLUMNS = 3
 """Plots side by side on a tab."""
-LANE, LANES_BESIDES, BESIDE = 0.041, 0.06, 1.0
-"""Heights of a lane, of the rest of the pane of states, and of everything beside the scene [-]."""
+LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
+"""Heights of a lane, of the rest of the pane of states, and of that pane at most, over that of the tab [-]."""
+NAMES = "world/names"
+"""Entities of names in 3D, which would lie over each other in the view from above."""
 
 
 class Shown(NamedTuple):
@@ -77,19 +77,19 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
 
-    def views(plots: Sequence[Plot], rows: int) -> list[rrb.View]:
-        return [plot_view(plot, end_s, shown.frames.get(plot.path, Frame()), rows) for plot in plots]
+    def framed(starts: tuple[str, ...]) -> list[tuple[Plot, Frame]]:
+        return [(plot, shown.frames.get(plot.path, Frame())) for plot in _of(shown.plots, starts)]
 
     def tab(name: str) -> rrb.Vertical:
         starts = (*TABS[name], *COMPANIONS.get(name, ()))
-        plots, maps = _of(shown.plots, starts), [one for one in shown.maps if one.entity.startswith(starts)]
-        rows = -(-(len(plots) + len(maps)) // COLUMNS)
-        return tiled([*views(plots, rows), *(_map(one) for one in maps)], name)
+        plots, maps = framed(starts), [one for one in shown.maps if one.entity.startswith(starts)]
+        share = 1 / -(-(len(plots) + len(maps)) // COLUMNS)
+        views = [plot_view(plot, end_s, frame, share) for plot, frame in plots]
+        return tiled([*views, *(_map(one) for one in maps)], name)
 
-    beside = _beside(views(_of(shown.plots, DRIVE), DRIVE_ROWS), shown, end_s)
     return layout(
         scenes(places, yaw, shown.size, shown.followed),
-        beside,
+        _beside(framed(DRIVE), shown, end_s),
         *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
     )
 
@@ -112,12 +112,22 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
     return [plot for plot in plots if plot.path.startswith(starts)]
 
 
-def _beside(plots: Sequence[rrb.View], shown: Shown, end_s: float) -> rrb.Vertical:
+def stacked(
+    plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
+) -> rrb.Vertical:
+    """Plots above each other, as high as their axes need, and views `below` with their shares of the height."""
+    heights = np.array([pixels(frame.values) for _, frame in plots])
+    shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
+    views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
+    rows = [*views, *(view for view, _ in below)]
+    return rrb.Vertical(*rows, row_shares=[*shares.tolist(), *(share for _, share in below)])
+
+
+def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
     """The plots beside the scene, and below them the states with all their lanes."""
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
     states = rrb.StateTimelineView(origin="states", name=name, time_view=whole_run(end_s))
-    share = min(LANES_BESIDES + LANE * shown.lanes, BESIDE / 2)
-    return rrb.Vertical(*plots, states, row_shares=[*((BESIDE - share) / len(plots) for _ in plots), share])
+    return stacked(plots, end_s, [(states, min(LANES_BESIDES + LANE * shown.lanes, MOST_LANES))])
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
@@ -142,7 +152,8 @@ def scenes(
     low, high = places.min(axis=0), places.max(axis=0)
     above, middle = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max(), (low + high) / 2
     overview = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
-    views = _view(following, "Tractor", growing, SKY), _view(overview, "From above", growing, BEYOND)
+    below = _view(overview, "From above", growing, BEYOND, ["+ $origin/**", f"- /{NAMES}/**"])
+    views = _view(following, "Tractor", growing, SKY), below
     return rrb.Vertical(*views, row_shares=[3, 2])
 
 
@@ -156,14 +167,14 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
     return rr.TimeRangeBoundary.absolute(seconds=t)
 
 
-def plot_view(plot: Plot, end_s: float, frame: Frame, rows: int) -> rrb.TimeSeriesView:
-    """The series at and below the entity of `plot` on a tab of so many rows; one alone needs no legend."""
+def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
+    """The series at and below the entity of `plot`, which has this share of the height; one alone needs no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
-    cut = f"; cut, the largest is {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
-    values = rrb.ScalarAxis(range=readable(shown.low, shown.high, MOST_STEPS / rows)) if shown else None
-    legend = rrb.PlotLegend(frame.legend, visible=len(plot.series) > 1)
-    mean = f"; bold: mean over {frame.mean_s:g} s" if frame.mean_s else ""
+    cut = f"; cut, largest {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
+    values = rrb.ScalarAxis(range=readable(shown.low, shown.high, most_steps(share))) if shown else None
+    legend = rrb.PlotLegend(frame.legend, visible=plot.legend and len(plot.series) > 1)
+    mean = f"; bold: {frame.mean_s:g} s mean" if frame.mean_s else ""
     name = f"{plot.title} [{plot.unit}]{cut}{mean}"
     return rrb.TimeSeriesView(origin=plot.entity, name=name, axis_x=axis, axis_y=values, plot_legend=legend)
 
@@ -174,9 +185,12 @@ def _map(shown: Map) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin=shown.entity, name=shown.title, visual_bounds=bounds)
 
 
-def _view(eye: rrb.EyeControls3D, name: str, growing: Sequence[str], behind: int) -> rrb.Spatial3DView:
+def _view(
+    eye: rrb.EyeControls3D, name: str, growing: Sequence[str], behind: int, contents: Sequence[str] = ("$origin/**",)
+) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="world",
+        contents=list(contents),
         name=name,
         eye_controls=eye,
         line_grid=False,

@@ -1,8 +1,8 @@
 """Several runs in one recording: tractors of different colours on the same ground, and plots with one line per run.
 
-The last run's tractor is solid and the camera follows it, the others are translucent. Tracks lie one above the other,
-the upper ones narrower, so that each keeps its colour along the whole way. Written at the end from the logs: poses ten
-times a second, signals at every tick, as far as each run went.
+The last run's tractor is solid and the camera follows it, the others are translucent; each has its name above it.
+Tracks lie one above the other, the upper ones narrower, so that each keeps its colour along the whole way. Written at
+the end from the logs: poses ten times a second, signals at every tick, as far as each run went.
 """
 
 import uuid
@@ -19,14 +19,17 @@ from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE,
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import layout, plot_view, scenes, tiled
+from agrobot_mj.recording.blueprint import layout, plot_view, scenes, stacked, tiled
 from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
-from agrobot_mj.recording.plots.catalogue import COMPARED, NEGATED, Plot, Series
+from agrobot_mj.recording.plots.catalogue import COMPARED, DIFFERENCE, NEGATED, Plot, Series
+from agrobot_mj.recording.plots.signals import MEAN_S, noisy_means, send_means, style
 from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.motion import sound_rows
+from agrobot_mj.recording.world.names import ENTITY as NAMES
+from agrobot_mj.recording.world.names import move_points, name_points
 from agrobot_mj.recording.world.scene import followed, reference_line, send_scene, shapes
 from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
@@ -45,6 +48,8 @@ PAINTED = 0.12
 """Difference of brightest and darkest channel above which parts take the colour of the run; others stay grey."""
 GHOST = 0.22
 """Opacity of the tractors that are not solid."""
+NAME_M, NAME_STEP_M = 0.2, 0.2
+"""Height of the lowest name above the default tractor, and from one name to the next [m]."""
 
 
 class RecordedRun(NamedTuple):
@@ -89,7 +94,9 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     send_scene(stream, Scene((), ()), ground, reference)
     for run in runs:
         _send(stream, run)
-    stream.send_blueprint(_blueprint(runs, reference))
+    _add_differences(runs)
+    plots = [each for plot in COMPARED for each in _send_plot(stream, plot, runs)]
+    stream.send_blueprint(_blueprint(runs, plots, reference))
     sink.close()
 
 
@@ -98,6 +105,8 @@ def _values(log: Log) -> dict[str, Array]:
     found = {}
     for plot in COMPARED:
         column = plot.series[0].column
+        if column == DIFFERENCE:
+            continue
         if column == "cross_track":
             values = cross_track(log.scenario.path, log.column("t"), log.column("x"), log.column("y"))
         else:
@@ -107,8 +116,18 @@ def _values(log: Log) -> dict[str, Array]:
     return found
 
 
+def _add_differences(runs: Sequence[RecordedRun]) -> None:
+    """To each run but the first its cross-track error less that of the first at the same time, on the same path."""
+    first = runs[0].values.get("cross_track")
+    for run in runs[1:]:
+        own = run.values.get("cross_track")
+        if first is not None and own is not None and run.log.scenario.path == runs[0].log.scenario.path:
+            both = min(len(own), len(first))
+            run.values[DIFFERENCE] = own[:both] - first[:both]
+
+
 def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
-    """Everything of one run."""
+    """Tractor and track of one run."""
     log = run.log
     times = nanoseconds(log.column("t"))
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
@@ -122,8 +141,16 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
             send(stream, f"{run.place}/{body}", times[:there:POSE_TICKS], moved)
     if there:
         _send_track(stream, run, times[:there])
-    for path, numbers in run.values.items():
-        _send_signal(stream, f"plots/{path}/{run.entity}", run, times, numbers)
+        _send_name(stream, run, times[:there:POSE_TICKS], poses[:, 0, :3])
+
+
+def _send_name(stream: rr.RecordingStream, run: RecordedRun, times: Times, places: Array) -> None:
+    """The run's name above its tractor, which is at `places` (n, 3) [m]."""
+    scene, size, entity = run.log.scene, run.log.scenario.tractor.size, f"{NAMES}/{run.entity}"
+    top = max(geom.pos[2] + min(geom.size) for geom in scene.geoms if geom.body == scene.bodies[0])
+    name_points(stream, entity, [run.name], [run.colour])
+    above = np.array([0.0, 0.0, top + size * (NAME_M + NAME_STEP_M * run.below)])
+    move_points(stream, entity, times, places + above)
 
 
 def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> None:
@@ -137,17 +164,27 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
     stream.log(f"world/tracks/{run.entity}", style, static=True)
 
 
-def _send_signal(stream: rr.RecordingStream, entity: str, run: RecordedRun, times: Times, numbers: Array) -> None:
-    """One line of a plot that the runs share, where it has values."""
-    finite = np.isfinite(numbers)
-    send(stream, entity, times[finite], rr.Scalars.columns(scalars=numbers[finite]))
-    style = rr.SeriesLines(
-        names=run.name,
-        colors=run.colour,
-        widths=1.5,
-        aggregation_policy=rr.components.AggregationPolicy.MinMax,
-    )
-    stream.log(entity, style, static=True)
+def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRun]) -> list[tuple[Plot, Frame]]:
+    """Send a line for each run that has the signal; the plot with its lines, and its frame, unless no run has it."""
+    having = [run for run in runs if plot.path in run.values]
+    if not having:
+        return []
+    t = max((run.log.column("t") for run in having), key=len)
+    numbers = np.full((len(t), len(having)), np.nan)
+    for k, run in enumerate(having):
+        numbers[: len(run.values[plot.path]), k] = run.values[plot.path]
+    means = noisy_means(numbers)
+    for k, run in enumerate(having):
+        line = Plot(f"{plot.path}/{run.entity}", "", plot.unit, (Series(run.name, "", run.colour),))
+        there = np.isfinite(numbers[:, k])
+        stream.log(line.entity, style(line), static=True)
+        send(stream, line.entity, nanoseconds(t[there]), rr.Scalars.columns(scalars=numbers[there, k]))
+        if means is not None:
+            send_means(stream, line, t, means[:, [k]])
+    lines = tuple(Series(run.name, plot.series[0].column, run.colour) for run in having)
+    title = f"{plot.title} {runs[0].name}" if plot.path == DIFFERENCE else plot.title
+    shown = plot._replace(series=lines, title=title)
+    return [(shown, frame(t, numbers, shown)._replace(mean_s=None if means is None else MEAN_S))]
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
@@ -160,7 +197,7 @@ def _painted(geom: Geom, run: RecordedRun) -> Geom:
     return geom._replace(rgba=(r, g, b, opacity))
 
 
-def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
+def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]], reference: Array) -> rrb.Blueprint:
     """Scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     t = longest.column("t")
@@ -170,21 +207,5 @@ def _blueprint(runs: Sequence[RecordedRun], reference: Array) -> rrb.Blueprint:
     growing = [f"world/tracks/{run.entity}" for run in runs]
     size, seen = max(run.log.scenario.tractor.size for run in runs), f"{runs[-1].place}/{followed(runs[-1].log.scene)}"
     left = scenes(reference, heading, size, seen, growing)
-    plots = [each for plot in COMPARED for each in _shared(plot, runs, t)]
-    beside, tab = (
-        [plot_view(plot, end_s, frame_, BESIDE) for plot, frame_ in some] for some in (plots[:BESIDE], plots)
-    )
-    return layout(left, rrb.Vertical(*beside), tiled(tab, "Control", 2))
-
-
-def _shared(plot: Plot, runs: Sequence[RecordedRun], t: Array) -> list[tuple[Plot, Frame]]:
-    """The plot with a line for each run that has the signal, and its frame; nothing if no run has it."""
-    having = [run for run in runs if plot.path in run.values]
-    if not having:
-        return []
-    lines = tuple(Series(run.name, plot.series[0].column, run.colour) for run in having)
-    numbers = np.full((len(t), len(having)), np.nan)
-    for k, run in enumerate(having):
-        numbers[: run.log.rows.filled, k] = run.values[plot.path]
-    shown = plot._replace(series=lines)
-    return [(shown, frame(t, numbers, shown))]
+    tab = [plot_view(plot, end_s, framed, 2 / (len(plots) + 1)) for plot, framed in plots]
+    return layout(left, stacked(plots[:BESIDE], end_s), tiled(tab, "Control", 2))

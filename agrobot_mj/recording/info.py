@@ -127,4 +127,4 @@ def _passes(metrics: dict[str, Any]) -> str:
 
 
 def _cell(value: float | str | None) -> str:
-    return "-" if value is None else value if isinstance(value, str) else f"{value:.6g}"
+    return "-" if value is None else value if isinstance(value, str) else f"{value:.4g}"

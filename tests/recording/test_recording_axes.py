@@ -6,7 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.blueprint import Corner2D
 
-from agrobot_mj.recording.plots.axes import EDGE, Range, free_corner, readable, time_end, value_range
+from agrobot_mj.recording.plots.axes import (
+    EDGE,
+    Range,
+    free_corner,
+    most_steps,
+    pixels,
+    readable,
+    time_end,
+    value_range,
+)
 
 
 def numbers(low, high, most_steps):
@@ -26,7 +35,18 @@ def test_every_axis_shows_two_numbers_and_all_values(low, span, most_steps):
 
 def test_a_range_with_numbers_only_at_its_ends_gets_a_margin():
     np.testing.assert_allclose(readable(-0.45, 0.5, 10.5), (-0.488, 0.538))
-    np.testing.assert_allclose(readable(-8.0, 8.0, 10.5), (-8.72, 10.72))
+    np.testing.assert_allclose(readable(-8.0, 8.0, 10.5), (-10.8, 10.8))
+
+
+@pytest.mark.parametrize("span", [1.01, 1.2, 1.3, 1.9, 3.0, 9.2])
+def test_a_plot_as_high_as_its_axis_needs_shows_three_numbers_in_a_browser(span):
+    """Beside the scene, where three plots share the height with the states."""
+    values = Range(-0.3 * span, 0.7 * span)
+    share = pixels(values) / 750
+    assert share <= 0.46, "two of them and the states have room"
+    low, high = readable(*values[:2], most_steps(share))
+    assert numbers(low, high, most_steps(share)) >= 3
+    assert high - low < 1.8 * span
 
 
 def test_rare_outliers_are_cut_only_where_allowed():

@@ -36,7 +36,7 @@ def test_markers_show_where_and_when_faults_begin_and_end(faulty):
     found = [(tick, label) for tick, label, _ in marks(faulty) if "limit" not in label]
     assert found == [
         *[(80, "GNSS loss begins"), (120, "GNSS loss ends"), (160, "friction begins")],
-        *[(199, "GNSS loss begins"), (200, "GNSS loss ends"), (239, "completed")],
+        *[(199, "GNSS loss begins"), (200, "GNSS loss ends")],
     ]
     for tick, _, place in marks(faulty):
         expected = [faulty.log.column(name)[tick] for name in ("x", "y")]
@@ -60,7 +60,7 @@ def test_a_fault_from_the_start_is_marked(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "fault": [{"kind": "gnss_loss"}]})
     run(scenario, (Recording(path),))
-    assert [(tick, label) for tick, label, _ in marks(Recorded(path))] == [(0, "GNSS loss begins"), (19, "completed")]
+    assert [(tick, label) for tick, label, _ in marks(Recorded(path))] == [(0, "GNSS loss begins")]
 
 
 def test_the_steering_limit_is_marked_once_per_event(short, tmp_path):
@@ -77,13 +77,14 @@ def test_markers_stay_few(short, tmp_path):
     faults = [{"kind": "gnss_loss", "start_s": 0.2 * k, "end_s": 0.2 * k + 0.1} for k in range(1, 60)]
     scenario = short.scenario.changed({"fault": faults})
     found = marks(replay(short, tmp_path / "run.rrd", scenario))
-    assert len(found) <= 50
-    assert found[-1][1] == "completed"
+    assert 20 < len(found) <= 50
 
 
 def test_an_early_end_is_marked(tmp_path):
     ticks, path = iter(range(10_000)), tmp_path / "run.rrd"
     run(load_scenario("straight_line"), (Recording(path),), lambda: next(ticks) == 229)
     recorded = Recorded(path)
-    assert marks(recorded)[-1][:2] == (229, "aborted")
+    tick, label, place = marks(recorded)[-1]
+    assert (tick, label) == (229, "aborted")
+    assert place[2] > 2.0, "not on the tractor"
     assert lane(recorded, "run")[-1] == (229, "aborted")

@@ -137,3 +137,15 @@ def test_the_reference_keeps_its_shape_on_long_runs():
     scenario = load_scenario("one_hectare")
     line = reference_line(scenario, scenario.terrain.ground())
     assert np.hypot(*np.diff(line[:, :2], axis=0).T).max() <= 0.25 + 1e-9
+
+
+def test_the_three_tracks_are_named_beside_them(eight):
+    """Each at a place of its own along the way, so that the names do not lie over each other."""
+    assert eight.static("/world/names", "Points3D:labels") == ["reference", "true", "estimated"]
+    times, places = eight.column("/world/names", "Points3D:positions")
+    np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::2] * 1e9))
+    reference, true, estimated = np.array(places)[100]
+    x, y = (eight.log.column(name) for name in ("x", "y"))
+    assert np.hypot(x - true[0], y - true[1]).min() < 1e-3, "on its track"
+    assert np.hypot(x[200] - reference[0], y[200] - reference[1]) > 1.5
+    assert 0.4 < np.hypot(*(true - estimated)[:2]) < 1.5

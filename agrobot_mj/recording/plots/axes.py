@@ -1,7 +1,8 @@
 """What plots show: ranges with readable numbers, few values that flatten the rest, and a legend that hides little.
 
 The viewer writes numbers at the multiples of a power of ten, at least 20 pixels apart. A range left to itself, such as
--8 to 8, may hold only one, and then nobody can tell its scale.
+-8 to 8, may hold only one, and then nobody can tell its scale. Sizes are those of a window of 1400 x 850 pixels, as a
+browser has; a larger one shows more numbers.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,10 +15,14 @@ from rerun.blueprint import Corner2D
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
-MOST_STEPS = 42.0
-"""Largest number of steps between axis numbers on a tab 1080 pixels high; plots share them."""
+TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
+"""Height of a tab's plots, of the title and the time axis of one, and from one number to the next."""
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [share of the range]."""
+THIRD = 1.6
+"""Length of an axis over its values up to which a third number is added [-]."""
+USUAL_STEPS, FEW_STEPS = 6.0, 1.35
+"""Steps between axis numbers of a plot whose values are not known yet, and up to which they are divided by ten [-]."""
 ROOM = 1.02
 """Length of the time axis over that of the run [-]."""
 EDGE = 0.045
@@ -35,8 +40,8 @@ LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Share of its points that a legend may hide, and of the time axis that it may have for itself [-]. Estimates."""
-PLOT_PIXELS = 680.0, 280.0
-"""Width and height of a plot among eight on a tab."""
+PLOT_PIXELS = 420.0, 180.0
+"""Width and height of a plot among nine on a tab."""
 
 
 class Range(NamedTuple):
@@ -66,6 +71,8 @@ def frame(t: Array, numbers: Array, plot: Plot) -> Frame:
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
+    if not plot.legend or len(plot.series) < 2:
+        return Frame(values)
     size, along = legend_size(plot.names), t / time_end(float(t[-1]))
     corner, hidden = free_corner(along, numbers, values, size)
     if hidden > MOST_HIDDEN * np.isfinite(numbers).sum():
@@ -95,16 +102,34 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """The range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`."""
+    """The range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`, and
+    three if it need not become much larger."""
     span = high - low
-    step = 10.0 ** floor(log10(span))
-    if span * (1 + 2 * MARGIN) > most_steps * step:
-        step *= 10
-    while floor(high / step + 1e-9) - ceil(low / step - 1e-9) < 1:
-        above, below = step * (floor(high / step + 1e-9) + 1), step * (ceil(low / step - 1e-9) - 1)
-        low, high = (low, above) if above - high <= low - below else (below, high)
+    step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
+    for steps, longest in ((1, np.inf), (2, THIRD * span)):
+        while floor(high / step + 1e-9) - ceil(low / step - 1e-9) < steps:
+            above, below = step * (floor(high / step + 1e-9) + 1), step * (ceil(low / step - 1e-9) - 1)
+            longer = (low, above) if above - high <= low - below else (below, high)
+            if longer[1] - longer[0] > longest:
+                break
+            low, high = longer
     margin = MARGIN * (high - low)
     return low - margin, high + margin
+
+
+def most_steps(share: float) -> float:
+    """Largest number of steps between axis numbers on a plot that has this share of the height of a tab."""
+    return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
+
+
+def pixels(values: Range | None) -> float:
+    """Height of a plot whose axis has room for as many numbers as its values ask for."""
+    steps = USUAL_STEPS
+    if values is not None:
+        span = (values.high - values.low) * (1 + 2 * MARGIN)
+        steps = span / 10.0 ** floor(log10(span))
+        steps *= 10 if steps < FEW_STEPS else 1
+    return BARS_PIXELS + STEP_PIXELS * (0.5 + max(steps, USUAL_STEPS / 2))
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:

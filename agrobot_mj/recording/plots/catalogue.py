@@ -35,6 +35,8 @@ class Series(NamedTuple):
     colour: int
     """0xRRGGBBAA."""
     sign: float = 1.0
+    wider: int = 0
+    """How many steps its line is wider than others."""
 
 
 class Plot(NamedTuple):
@@ -54,6 +56,8 @@ class Plot(NamedTuple):
     """Whether the values stay from one point to the next."""
     as_logged: bool = False
     """Whether the log has the values in the unit of the plot."""
+    legend: bool = True
+    """Whether a legend names the series; a title that says enough saves it."""
 
     @property
     def factor(self) -> float:
@@ -67,8 +71,8 @@ class Plot(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Labels of the series, with the unit."""
-        return [f"{series.label} [{self.unit}]" for series in self.series]
+        """Labels of the series."""
+        return [series.label for series in self.series]
 
 
 def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: str) -> Plot:
@@ -79,12 +83,12 @@ def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: st
 def _estimated(name: str, title: str, unit: str) -> Plot:
     error = Series("error", f"error_{name}", MEASURED)
     bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
-    return Plot(f"estimator/{name}", title, unit, (*bounds, error))
+    return Plot(f"estimator/{name}", f"{title}; grey: 3 sigma", unit, (*bounds, error), legend=False)
 
 
 def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
     series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
-    return Plot(f"tyres/{path}", title, unit, tuple(series))
+    return Plot(f"tyres/{path}", title, unit, tuple(series), legend=path == "load")  # the first one has it for all
 
 
 def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
@@ -94,8 +98,8 @@ def _single(path: str, title: str, unit: str, label: str, column: str, colour: i
 # The log keeps the paper's errors, reference less position. Shown is position less reference, so that all that lies
 # left of the path is positive: the lateral error, and beside it the cross-track error.
 _ERRORS = (
-    Series("longitudinal, ahead +", "e_longitudinal", MEASURED, -1.0),
-    Series("lateral, left +", "e_lateral", TRUE, -1.0),
+    Series("longitudinal", "e_longitudinal", MEASURED, -1.0),
+    Series("lateral", "e_lateral", TRUE, -1.0),
 )
 _COMMAND = (
     *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
@@ -104,10 +108,10 @@ _COMMAND = (
 _ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "pitch", MEASURED)
 
 PLOTS = (
-    Plot("tracking/error", "Tracking error: position less reference", "m", _ERRORS),
+    Plot("tracking/error", "Tracking error, ahead and left +", "m", _ERRORS),
     _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
     _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
-    Plot("control/command", "Steering command: PD and network", "deg", _COMMAND),
+    Plot("control/command", "Steering command", "deg", _COMMAND),
     _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
     _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
     _single("steering/flow", "Oil flow to the cylinder", "l/min", "flow", "valve_flow"),
@@ -117,17 +121,17 @@ PLOTS = (
     _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
     _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
     _wheels("load", "Wheel load", "kN", "load"),
-    _wheels("friction_use", "Friction used: force over what the ground can hold", "-", "friction_use"),
+    _wheels("friction_use", "Share of the friction in use", "-", "friction_use"),
     _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
-    _wheels("slip_ratio", "Slip ratio, driving positive ahead and in reverse", "%", "slip_ratio"),
+    _wheels("slip_ratio", "Slip ratio, driving +", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
     _wheels("lateral_force", "Lateral force", "kN", "fy"),
     _estimated("east", "East of R: estimate less truth", "cm"),
     _estimated("north", "North of R: estimate less truth", "cm"),
     _estimated("yaw", "Yaw: estimate less truth", "deg"),
     _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
-    _single("estimator/nees", "NEES of the position (2 on average if consistent)", "-", "NEES", "position_nees"),
-    _single("estimator/nis", "NIS of the position fixes (2 on average if consistent)", "-", "NIS", "position_nis"),
+    _single("estimator/nees", "NEES of the position (2 if consistent)", "-", "NEES", "position_nees"),
+    _single("estimator/nis", "NIS of the position fixes (2 if consistent)", "-", "NIS", "position_nis"),
     _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
     _single("estimator/faults", "Active faults", "-", "faults", "faults_active")._replace(includes=(0, 1), steps=True),
     _single("estimator/quality", "GNSS quality (2 fix, 1 float, 3 DGPS)", "-", "quality", "gnss_quality")._replace(
@@ -137,16 +141,18 @@ PLOTS = (
 )
 """Every plot of a run but those of the network, in the order of the tabs."""
 
+DIFFERENCE = "difference"
+"""What a comparison shows of each run but the first, whose name ends the title: its error less that of the first."""
 COMPARED = (
-    _single("lateral", "Lateral error to the moving reference, left +", "m", "", "e_lateral"),
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
+    _single("difference", "Cross-track error less that of", "m", "", DIFFERENCE),
     _single("command", "Steering command", "deg", "", "steer_ref"),
     _single("network", "Network's part of the command, -tau_n", "deg", "", "tau_n"),
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )
 """Every plot of a comparison; each run has one line on it. The label and the colour are those of the run."""
-NEGATED = ("e_lateral", "tau_n")
+NEGATED = ("tau_n",)
 """Columns that a comparison shows with the opposite sign."""
 
 

@@ -31,7 +31,7 @@ from agrobot_mj.simulation.log import Rows
 COLOURS = tuple(
     rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
 )
-"""Colours of the sets or rules, in turn."""
+"""Colours of the sets, in turn."""
 MOST_LINES = 18
 """Lines of a readable plot; of larger networks it shows as many, evenly chosen."""
 EVERY_TICKS = 5
@@ -43,8 +43,8 @@ BESIDE, ABOVE = 0.2, 0.1
 MOST_SHARE = 1e3
 """Normalised firing beyond which a network has diverged and has no map [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
-INPUTS = {"1": ("yaw-rate error", "deg/s"), "2": ("derivative of the error", "deg/s2")}
-"""Quantity and unit of its sets, by number of the input."""
+INPUTS = {"1": "deg/s", "2": "deg/s2"}
+"""Unit of its sets by number of the input: the yaw-rate error, and its derivative."""
 
 
 class Map(NamedTuple):
@@ -63,31 +63,48 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
     """Plots of the network whose parameters are among `columns` of the log; none without a network."""
     if not family("c1", columns):
         return []
-    rules = [(f"rule {name.removeprefix('f_').replace('_', ',')}", name) for name in family("f", columns)]
     return [
         Plot("network/q", "Share of the lower firing, q", "-", (Series("q", "q", NETWORK),)),
-        Plot("network/consequents", "Consequents f", "deg", _lines(rules), EVERY_TICKS),
-        *(_sets(f"network/centres_{k}", f"Centres of x{k}", k, (f"c{k}",), columns) for k in INPUTS),
-        *(_sets(f"network/widths_{k}", f"Widths of x{k}", k, (f"d{k}_lower", f"d{k}_upper"), columns) for k in INPUTS),
+        Plot(
+            *("network/consequents", "Consequents f; width: set of x1, colour: x2", "deg"),
+            *(_lines([_rule(name) for name in family("f", columns)]), EVERY_TICKS),
+            legend=False,
+        ),
+        *(_sets(f"network/centres_{k}", f"Centres of the sets of x{k}", k, (f"c{k}",), columns) for k in INPUTS),
+        *(
+            _sets(f"network/widths_{k}", f"Widths of x{k}, upper bold", k, (f"d{k}_lower", f"d{k}_upper"), columns)
+            for k in INPUTS
+        ),
     ]
 
 
 def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
     """The plot of families of parameters of input k."""
-    what, unit = INPUTS[k]
-    named = [(_label(name), name) for start in families for name in family(start, columns)]
-    cut = path.startswith("network/widths")
-    return Plot(path, f"{title}, the {what}", unit, _lines(named), EVERY_TICKS, may_be_cut=cut)
+    unit = INPUTS[k]
+    lines = _lines([_set(name) for start in families for name in family(start, columns)])
+    widths = path.startswith("network/widths")
+    return Plot(path, title, unit, lines, EVERY_TICKS, may_be_cut=widths, legend=not widths)
 
 
-def _label(column: str) -> str:
+def _rule(column: str) -> Series:
+    """The line of a rule: its colour tells the set of x2, its width that of x1."""
+    i, j = (int(number) for number in column.split("_")[1:])
+    return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
+
+
+def _set(column: str) -> Series:
+    """The line of a set's parameter: its colour tells the set, its width the bound."""
     kind, _, number = column.rpartition("_")
-    return f"{kind[1:].partition('_')[2]} set {number}".strip()
+    bound = kind[1:].partition("_")[2]
+    return Series(
+        f"{bound} {number}".strip(), column, COLOURS[int(number) % len(COLOURS)], wider=2 * (bound == "upper")
+    )
 
 
-def _lines(named: list[tuple[str, str]]) -> tuple[Series, ...]:
-    chosen = np.linspace(0, len(named) - 1, min(len(named), MOST_LINES)).astype(int)
-    return tuple(Series(named[i][0], named[i][1], COLOURS[k % len(COLOURS)]) for k, i in enumerate(chosen))
+def _lines(series: list[Series]) -> tuple[Series, ...]:
+    """As many of the series as a plot can show."""
+    chosen = np.linspace(0, len(series) - 1, min(len(series), MOST_LINES)).astype(int)
+    return tuple(series[i] for i in chosen)
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:

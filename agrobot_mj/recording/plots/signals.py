@@ -22,8 +22,8 @@ from agrobot_mj.simulation.log import Rows
 SETTLED_S = 5.0
 """Time from which the axis shows the bounds of the estimate, which begin far away [s]."""
 SCALARS = rr.Scalars.descriptor_scalars()
-WIDTH, PALE_WIDTH, BOLD_WIDTH = 1.5, 1.0, 2.5
-"""Widths of a line, of one below its mean, and of the mean [pixels]."""
+WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
+"""Widths of a line, of one below its mean, of the mean, and the step to a wider one [pixels]."""
 PALE = 0x48
 """Opacity of a line below its mean, of 0xFF."""
 MEAN_S = 2.0
@@ -33,9 +33,9 @@ MEAN_TICKS = 5
 MEAN = "mean"
 """Name of the entity of means below that of the plot."""
 WINDOWS = 100
-"""Windows into which a run is cut to see how dense it is: each is 6 pixels wide, within which strokes touch."""
-MOST_COVERED = 0.2
-"""Share of its plot that a series may cover [-]; more is a block in which nothing is to be read. Estimate."""
+"""Windows into which a run is cut to see how noisy it is: each is 6 pixels wide, within which strokes touch."""
+MOST_NOISE = 0.1
+"""Share of its plot over which a series may swing about its mean, in the noisier half of the windows [-]. Estimate."""
 
 
 class _Lines(NamedTuple):
@@ -76,7 +76,7 @@ class Signals:
                 continue
             if plot not in self.shown:
                 self.shown.append(plot)
-                stream.log(plot.entity, _style(plot), static=True)
+                stream.log(plot.entity, style(plot), static=True)
             which = there.tobytes()
             if which not in clocks:
                 clocks[which] = rr.TimeColumn(TIMELINE, duration=times[there])
@@ -95,12 +95,12 @@ class Signals:
             numbers = np.where(np.isfinite(values), values * factors, np.nan)
             if not _varies(numbers):
                 continue
-            dense = not plot.steps and plot.every == 1 and _covered(numbers) > MOST_COVERED
-            if dense:
-                _send_means(stream, plot, t, numbers)
+            means = None if plot.steps else noisy_means(numbers)
+            if means is not None:
+                send_means(stream, plot, t, means)
             bounds = [series.column.startswith("bound_") for series in plot.series]
             numbers[np.outer(t < SETTLED_S, bounds)] = np.nan
-            found[plot.path] = frame(t, numbers, plot)._replace(mean_s=MEAN_S if dense else None)
+            found[plot.path] = frame(t, numbers, plot)._replace(mean_s=None if means is None else MEAN_S)
         return found
 
     def _table(self, first: int) -> Array:
@@ -122,39 +122,39 @@ def _varies(numbers: Array) -> bool:
     return any(column.size > 0 and column.max() > column.min() for column in columns)
 
 
-def _covered(numbers: Array) -> float:
-    """Share of the plot that the densest series of `numbers` (rows, series) covers when the whole run is shown [-].
+def noisy_means(numbers: Array) -> Array | None:
+    """Moving means of `numbers` (rows, series), NaN where there is no number; None if none is noisy.
 
-    A slow curve covers little of each of the windows, however far it goes; one that swings within a window fills it.
+    A slow curve leaves its mean little, however far it goes; one that swings fills its plot with a block.
     """
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
     if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:
-        return 0.0
-    starts = np.linspace(0, len(numbers), WINDOWS, endpoint=False).astype(int)
-    extent = np.fmax.reduceat(numbers, starts) - np.fmin.reduceat(numbers, starts)
-    return float(np.nan_to_num(extent / span).mean(axis=0).max())
-
-
-def _send_means(stream: rr.RecordingStream, plot: Plot, t: Array, numbers: Array) -> None:
-    """The moving means of a dense plot, and the style that makes its signals pale."""
+        return None
     means = np.column_stack([moving_mean(column, round(MEAN_S / TICK_S)) for column in numbers.T])
-    there = np.isfinite(means).all(axis=1) & np.isfinite(numbers).all(axis=1)
-    there &= np.arange(len(t)) % MEAN_TICKS == 0
+    swing, starts = numbers - means, np.linspace(0, len(numbers), WINDOWS, endpoint=False).astype(int)
+    extent = np.nan_to_num(np.fmax.reduceat(swing, starts) - np.fmin.reduceat(swing, starts)) / span
+    noise = np.sort(extent, axis=0)[WINDOWS // 2 :].mean(axis=0).max()
+    return np.where(finite, means, np.nan) if noise > MOST_NOISE else None
+
+
+def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
+    """The moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
+    there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
-    stream.log(plot.entity, _style(plot, PALE, PALE_WIDTH), static=True)
+    stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)
     # A series and its mean share a name, for which the legend has one line, in the colour of the mean.
-    stream.log(entity, _style(plot, width=BOLD_WIDTH), static=True)
+    stream.log(entity, style(plot, width=BOLD_WIDTH), static=True)
     _send(stream, entity, rr.TimeColumn(TIMELINE, duration=nanoseconds(t[there])), means[there])
 
 
-def _style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
+def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
     """Names and colours; spikes survive zooming out."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,
         colors=np.array(colours, dtype=np.uint32),
-        widths=[width] * len(plot.series),
+        widths=[width + WIDER * series.wider for series in plot.series],
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
         interpolation_mode=rr.components.InterpolationMode.StepAfter if plot.steps else None,
     )

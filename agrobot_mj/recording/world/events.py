@@ -1,6 +1,7 @@
 """Markers where something happened: faults begin and end, the steering reaches its limit, the run ends.
 
-A marker is a labelled point at the tractor's place at that time and stays from then on.
+A marker is a labelled point at the tractor's place at that time and stays from then on. A run that completed has none
+at its end, that of another floats above the tractor.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
 """Bright colours, since labels have the colour of their point on a dark ground."""
-LIFT_M, RADIUS = 0.1, rr.Radius.ui_points(5.0)
+LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
+"""Height of a marker above the ground, and of one above the default tractor [m]; size on the screen."""
 MOST_EVENTS = 40
 """Largest number of markers besides the outcome."""
 QUIET_TICKS = 40
@@ -28,8 +30,9 @@ QUIET_TICKS = 40
 class Events:
     """Sends the markers."""
 
-    def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted]) -> None:
-        self.rows, self.ground, self.faults = rows, ground, by_subject(faults)
+    def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
+        """`size` is the tractor's over the default one's [-]."""
+        self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
@@ -40,8 +43,9 @@ class Events:
         self._send(stream, found)
 
     def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
-        """Mark the outcome at row `last`."""
-        self._send(stream, [(last, outcome.replace("_", " "), GOOD if outcome == "completed" else BAD)])
+        """Mark an outcome other than to complete, at row `last`."""
+        if outcome != "completed":
+            self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 
     def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:
         """Row, label and colour of each."""
@@ -63,13 +67,13 @@ class Events:
             self.limited = int(row)
         return found
 
-    def _send(self, stream: rr.RecordingStream, found: list[tuple[int, str, int]]) -> None:
+    def _send(self, stream: rr.RecordingStream, found: list[tuple[int, str, int]], lift: float = LIFT_M) -> None:
         if not found:
             return
         rows = [row for row, _, _ in found]
         places = np.column_stack([self.rows.column(name)[rows] for name in ("x", "y")])
         columns = rr.Points3D.columns(
-            positions=on_ground(self.ground, places, LIFT_M),
+            positions=on_ground(self.ground, places, lift),
             labels=[label for _, label, _ in found],
             colors=np.array([colour for _, _, colour in found], dtype=np.uint32),
         )

@@ -10,6 +10,7 @@ from agrobot_mj.recording.transport.timeline import Times, partitioned, send
 from agrobot_mj.recording.world.belief import Belief
 from agrobot_mj.recording.world.events import Events
 from agrobot_mj.recording.world.forces import Forces
+from agrobot_mj.recording.world.names import TrackNames
 from agrobot_mj.recording.world.ruts import send_ruts
 from agrobot_mj.recording.world.tracks import TRACKS, Tracks
 from agrobot_mj.recording.world.trail import Trail
@@ -28,11 +29,9 @@ class BodyMotion:
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
-        self.events = Events(rows, ground, scenario.fault)
-        self.parts: list[Tracks | Belief | Forces | Trail | Events] = [
-            Tracks(rows, ground),
-            Belief(rows, ground),
-            self.events,
+        self.events = Events(rows, ground, scenario.fault, scenario.tractor.size)
+        self.parts: list[Tracks | TrackNames | Belief | Forces | Trail | Events] = [
+            *(Tracks(rows, ground), TrackNames(rows, ground, scenario), Belief(rows, ground), self.events)
         ]
         self.trail = None
         if "load_fl" in rows.columns:

@@ -18,12 +18,12 @@ from agrobot_mj.plants.scene import Geom, Mesh, Scene
 from agrobot_mj.recording.world.contours import ENTITY as CONTOURS
 from agrobot_mj.recording.world.contours import contour_lines
 from agrobot_mj.recording.world.ground import ROUGH_LIFT_M, ground_mesh, on_ground, smooth_corners
+from agrobot_mj.recording.world.names import REFERENCE
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
-PATH_COLOUR, PATH_LIFT_M = 0xE8E8E8FF, 0.01
-"""Colour of the reference path, and its height above the ground [m]; lines differ in height, so that none hides
-another."""
+PATH_LIFT_M = 0.01
+"""Height of the reference path above the ground [m]; lines differ in height, so that none hides another."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Width of the reference path on the screen, visible from near and far."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
@@ -37,7 +37,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
     if lines is not None:
         stream.log(CONTOURS, lines, static=True)
-    stream.log("world/path", rr.LineStrips3D([reference], colors=PATH_COLOUR, radii=PATH_WIDTH), static=True)
+    stream.log("world/path", rr.LineStrips3D([reference], colors=REFERENCE, radii=PATH_WIDTH), static=True)
     for body in scene.bodies:
         for kind, shape in shapes([geom for geom in scene.geoms if geom.body == body]).items():
             stream.log(f"world/bodies/{body}/{kind}", shape, static=True)

@@ -10,10 +10,11 @@ import pyarrow as pa
 import rerun as rr
 from rerun.components import LineStrip3DBatch
 
-from agrobot_mj.core.palette import GREEN, ORANGE, SKY_BLUE, VERMILION, rgba
+from agrobot_mj.core.palette import GREEN, ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.transport.timeline import Index, Times, send
 from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.recording.world.names import ESTIMATED, TRUE
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
@@ -46,8 +47,8 @@ class DrawnTrack(NamedTuple):
 
 
 TRACKS = (
-    DrawnTrack("estimated", "x_hat", "y_hat", rgba(ORANGE), 0.015, 1.25),
-    DrawnTrack("true", "x", "y", rgba(SKY_BLUE), 0.04, 1.5),
+    DrawnTrack("estimated", "x_hat", "y_hat", ESTIMATED, 0.015, 1.25),
+    DrawnTrack("true", "x", "y", TRUE, 0.04, 1.5),
 )
 """Tracks of the CG; where both agree the true one shows."""
 

@@ -1,0 +1,60 @@
+"""Names in 3D: the three tracks beside the tractor, each at a place of its own along the way, and compared tractors."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from agrobot_mj.core.palette import ORANGE, SKY_BLUE, rgba
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.paths import sample
+from agrobot_mj.recording.transport.timeline import Times, send
+from agrobot_mj.recording.world.ground import on_ground
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Rows
+from agrobot_mj.terrain import Ground
+
+ENTITY = "world/names"
+REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
+"""Colours of the tracks and of their names."""
+AHEAD_M, BEHIND_M = 1.9, (1.3, 2.0)
+"""Distance of the name of the reference before the default tractor, and of truth and estimate behind it [m]."""
+EVERY_TICKS = 2
+"""Ticks from one place of a name to the next."""
+
+
+class TrackNames:
+    """Sends the names of reference, truth and estimate."""
+
+    def __init__(self, rows: Rows, ground: Ground, scenario: Scenario) -> None:
+        self.rows, self.ground, self.path = rows, ground, scenario.path
+        per_m = scenario.tractor.size / scenario.path.speed_m_s
+        self.ahead_s = AHEAD_M * per_m
+        self.ago = [round(distance * per_m / TICK_S) for distance in BEHIND_M]
+
+    def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
+        """Every second of the rows from `first` on, at `times` (n,)."""
+        if first == 0:
+            name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
+        at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
+        columns = ("x", "y"), ("x_hat", "y_hat")
+        tracks = [sample(self.path, self.rows.column("t")[at] + self.ahead_s)] + [
+            np.column_stack([self.rows.column(name)[np.maximum(at - ago, 0)] for name in names])
+            for names, ago in zip(columns, self.ago, strict=True)
+        ]
+        places = on_ground(self.ground, np.stack(tracks, axis=1).reshape(-1, 2), 0.0)
+        move_points(stream, ENTITY, times[at - first], places, len(tracks))
+
+
+def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
+    """Log names in their colours; their places come with time."""
+    nothing = rr.Radius.ui_points(0.0)
+    shown = np.array(colours, dtype=np.uint32)
+    style = rr.Points3D.from_fields(labels=labels, colors=shown, radii=nothing, show_labels=True)
+    stream.log(entity, style, static=True)
+
+
+def move_points(stream: rr.RecordingStream, entity: str, times: Times, places: Array, names: int = 1) -> None:
+    """Send places (n * names, 3) [m] of the names of an entity at `times` (n,)."""
+    columns = rr.Points3D.columns(positions=places.astype(np.float32))
+    send(stream, entity, times, columns.partition(np.full(len(times), names)))
