@@ -35,7 +35,10 @@ def view(
 def snapshot(
     file: Recorded,
     at: Annotated[str, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated.")] = "60",
-    tabs: Annotated[list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab; repeatable.")] = None,
+    tabs: Annotated[
+        list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab, or view in 3D; repeatable.")
+    ] = None,
+    gif: Annotated[bool, typer.Option("--gif", help="Animate the 10 s from each time on instead.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -47,7 +50,7 @@ def snapshot(
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
         with exclusive(folder, ()), interruptible():
-            paths = snapshots(file, seconds(at), folder, tabs or [])
+            paths = snapshots(file, seconds(at), folder, tabs or [], gif)
     except SnapshotError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None

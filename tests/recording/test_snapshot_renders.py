@@ -54,7 +54,7 @@ def test_a_tab_is_drawn_in_full(pictures, tabs):
 
 @needs_vulkan
 def test_the_scene_shows_sky_ground_tractor_and_tracks(pictures):
-    scene = pictures["drive"][90:650, 0:1140]
+    scene = pictures["drive"][60:620, 0:1140]
     r, g, b = np.moveaxis(scene, -1, 0)
     assert near(scene, (0xB9, 0xCD, 0xDB)) > 0.05, "sky"
     assert ((g > r) & (g > b + 20)).mean() > 0.2, "ground"
@@ -77,6 +77,11 @@ def test_plots_have_lines_in_the_colours_of_their_legends(pictures):
 def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
     (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])
     assert path == tmp_path / "info_3.5.png"
+    (alone,) = snapshots(eight.path, [3.5], tmp_path, ["tractor"], size=(640, 400))
+    view = np.asarray(Image.open(alone).convert("RGB")).astype(int)
+    assert alone.name == "tractor_3.5.png"
+    assert view.shape[1] > 600
+    assert near(view[:20], (0xB9, 0xCD, 0xDB)) > 0.9, "sky up to the edge, no bar"
     with pytest.raises(SnapshotError, match="no tab Engine; there are Drive, Control"):
         snapshots(eight.path, [1.0], tmp_path / "none", ["Engine"])
     assert not (tmp_path / "none").exists()
@@ -126,19 +131,25 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
     layout = {"root": {"ContainerBlueprint": {"active_tab": ""}}}
     clients, drawn = [], []
 
-    def picture(viewer, t):
+    def picture(viewer, t, view, settle_s=0.0):
         if viewer.breaks and drawn:
             raise ConnectionError("gone")
         drawn.append(t)
-        return b"png"
+        shown = np.zeros((1080, 1920, 3), dtype=np.uint8)
+        shown[:, 30 * len(drawn) :] = 255
+        return Image.fromarray(shown)
 
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
     monkeypatch.setattr(snapshot, "_connected", lambda process, port, seconds: Client())
     monkeypatch.setattr(snapshot, "_opened", lambda viewer, file, readable, patience: layout)
     monkeypatch.setattr(snapshot, "_tabs", lambda file, layout: ("root", {"Drive": "a"}))
-    monkeypatch.setattr(snapshot, "_picture", picture)
+    monkeypatch.setattr(snapshot, "_frame", picture)
     assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]
     assert (drawn, len(clients)) == ([1.0, 2.0], 2)
+    (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True)
+    with Image.open(animation) as moving:
+        assert (moving.format, moving.n_frames, moving.size) == ("GIF", 50, (960, 540))
+        assert moving.info["duration"] * moving.n_frames == 10_000
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")

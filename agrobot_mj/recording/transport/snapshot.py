@@ -1,9 +1,11 @@
-"""Pictures of a recording without a display: Rerun's own viewer, drawing into memory.
+"""Pictures and animations of a recording without a display: Rerun's own viewer, drawing into memory.
 
-The viewer needs a Vulkan driver; Mesa's software one will do. Pictures are written whole or not at all. A viewer that
-is late or breaks off, as on a busy machine, is started again with more patience.
+The viewer needs a Vulkan driver; Mesa's software one will do. Its title bar, with remarks on the machine that draws, is
+cut off. Pictures are written whole or not at all. A viewer that is late or breaks off, as on a busy machine, is started
+again with more patience.
 """
 
+import io
 import os
 import subprocess
 import time
@@ -12,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from PIL import Image, ImageOps
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.transport.mending import whole
@@ -20,8 +24,10 @@ from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.ownership import check_names
 from agrobot_mj.simulation.storage import atomic
 
-SIZE = "1920x1080"
-"""Size of the pictures [pixels]."""
+SIZE, TITLE_BAR = (1920, 1080), 37
+"""Width and height of the pictures, and height of the title bar above them [pixels]."""
+ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 5, (960, 540), 128
+"""Length of an animation, its frames in a second, their size at most [pixels], and the colours that they share."""
 TRIES = 3
 """Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
 START_S = 30.0
@@ -30,8 +36,8 @@ LOAD_S = 60.0
 """Longest loading of a recording in the first viewer [s]."""
 TOASTS_S = 4.5
 """Time for which the viewer's own messages lie over the picture after its start [s]."""
-SETTLE_S = 0.4
-"""Time from a new time or tab until all views are drawn [s]."""
+SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
+"""Time from a new time or tab until all views are drawn, and from one frame of an animation to the next [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
@@ -43,8 +49,18 @@ class _LateError(Exception):
     """The viewer was late or broke off; another may do."""
 
 
-def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[str] = ()) -> list[Path]:
+def snapshots(
+    file: Path,
+    times: Sequence[float],
+    folder: Path,
+    tabs: Sequence[str] = (),
+    animated: bool = False,
+    size: tuple[int, int] = SIZE,
+) -> list[Path]:
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
+
+    A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
+    each time on instead. `size` is that of the pictures, width and height [pixels].
 
     Raises `SnapshotError` if the viewer cannot draw, cannot open the file, or has no such tab.
     """
@@ -52,9 +68,9 @@ def snapshots(file: Path, times: Sequence[float], folder: Path, tabs: Sequence[s
     with whole(file) as readable:
         for patience in range(1, TRIES + 1):
             try:
-                with _viewer(file, patience) as viewer:
+                with _viewer(file, patience, size) as viewer:
                     layout = _opened(viewer, file, readable, patience)
-                    _draw(viewer, file, layout, times, folder, tabs, drawn)
+                    _draw(viewer, file, layout, times, folder, tabs, drawn, animated)
                 return list(drawn)
             except _LateError as error:
                 cause = str(error)
@@ -71,35 +87,62 @@ def _draw(
     folder: Path,
     tabs: Sequence[str],
     drawn: dict[Path, None],
+    animated: bool,
 ) -> None:
     """Draw what is not in `drawn` yet."""
     root, named = _tabs(file, layout)
-    asked, known = {name.lower() for name in tabs}, {name.lower() for name in named}
+    asked, views = {name.lower() for name in tabs}, _views(layout)
+    every = named | views  # a view that is maximised hides the tabs that come after it
+    known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
-    shown = {name: place for name, place in named.items() if not asked or name.lower() in asked}
-    check_names(folder, {_file(tab, t) for tab in shown for t in times} - {path.name for path in drawn})
+    shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
+    draw, suffix = (_animation, "gif") if animated else (_picture, "png")
+    files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
+    check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
     for name, place in shown.items():
-        layout[root]["ContainerBlueprint"]["active_tab"] = place
+        view = place.removeprefix("/view/") if name in views else None
+        if view:
+            layout["/viewport"]["ViewportBlueprint"]["maximized"] = view
+        else:
+            layout[root]["ContainerBlueprint"]["active_tab"] = place
         viewer.set_blueprint(layout, "recording")
         for t in times:
-            path = folder / _file(name, t)
+            path = files[name, t]
             if path not in drawn:
                 with atomic(path) as temporary:
-                    temporary.write_bytes(_picture(viewer, t))
+                    temporary.write_bytes(draw(viewer, t, view))
                 drawn[path] = None
 
 
-def _file(tab: str, t: float) -> str:
-    """Name of a picture's file."""
-    return f"{tab.lower()}_{t:g}.png"
+def _picture(viewer: ViewerClient, t: float, view: str | None) -> bytes:
+    """What the viewer shows at a time, as PNG."""
+    return _encoded([_frame(viewer, t, view)], "PNG")
 
 
-def _picture(viewer: ViewerClient, t: float) -> bytes:
+def _animation(viewer: ViewerClient, t: float, view: str | None) -> bytes:
+    """What the viewer shows from a time on, as GIF."""
+    times = t + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
+    frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times.tolist())]
+    small = [ImageOps.contain(frame, ANIMATED_SIZE) for frame in frames]
+    palette = small[len(small) // 2].quantize(ANIMATED_COLOURS)
+    return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in small], "GIF")
+
+
+def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
+    """What the viewer, or one view, shows at a time, without the title bar."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
     viewer.take_screenshot(max_size=64)  # the first frame loads what is shown
-    time.sleep(SETTLE_S)
-    return viewer.take_screenshot()
+    time.sleep(settle_s)
+    with Image.open(io.BytesIO(viewer.take_screenshot(view))) as shown:
+        return shown.convert("RGB").crop((0, 0 if view else TITLE_BAR, shown.width, shown.height))
+
+
+def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
+    """The frames as one file that repeats for ever."""
+    content, first = io.BytesIO(), frames[0]
+    first.save(content, kind, save_all=len(frames) > 1, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0)
+    return content.getvalue()
 
 
 def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
@@ -126,15 +169,21 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
     )
 
 
+def _views(layout: dict[str, Any]) -> dict[str, str]:
+    """The place of each view in 3D by its name."""
+    views = {place: parts for place, parts in layout.items() if "ViewBlueprint" in parts}
+    return {_name(parts): place for place, parts in views.items() if parts["ViewBlueprint"]["class_identifier"] == "3D"}
+
+
 def _name(parts: dict[str, Any]) -> str:
     return str(next(part["display_name"] for part in parts.values() if "display_name" in part))
 
 
 @contextmanager
-def _viewer(file: Path, patience: int) -> Iterator[ViewerClient]:
+def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[ViewerClient]:
     """A viewer without a window, on loopback, that ends with the block."""
     port = free_port()
-    command = [*RERUN, "--headless", "--window-size", SIZE]
+    command = [*RERUN, "--headless", "--window-size", f"{size[0]}x{size[1] + TITLE_BAR}"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
     environment = {**os.environ, "RUST_LOG": "error"}  # what it logs would lie over the picture
     with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
