@@ -2,6 +2,7 @@
 
 import re
 import sys
+import webbrowser
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -174,6 +175,7 @@ def importance(
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of run, compare, sweep, limit or validate.")],
+    show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write report.html for a folder of results.
@@ -182,6 +184,8 @@ def report(
     """
     from agrobot_mj.studies.pages import write_report
 
-    for path in write_report(folder):
-        if not quiet:
-            print(path)
+    written = write_report(folder)
+    if not quiet:
+        print(*written, sep="\n")
+    if show:
+        webbrowser.open(written[0].resolve().as_uri())

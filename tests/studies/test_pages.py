@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 import tomllib
+import webbrowser
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -20,7 +21,7 @@ from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
-from agrobot_mj.studies.pages.drive import thinned
+from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
 from agrobot_mj.studies.pages.print import ranking
 from agrobot_mj.studies.pages.sweep import Group, RerunCommand, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
@@ -208,6 +209,38 @@ def test_a_browser_draws_it_without_errors(folders, kind):
             page.close()
         browser.close()
     assert said == []
+
+
+def test_a_report_is_opened_where_asked(folders, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(sys, "argv", ["agrobot-mj", "report", str(folders["limit"]), "--open", "-q"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert opened == [(folders["limit"] / "report.html").resolve().as_uri()]
+
+
+def test_commands_break_between_options_only(folders):
+    (inside, *_) = re.findall(r"<pre>(<span>.*?)</pre>", page_of(folders["sweep"]))
+    parts = re.findall(r"<span>(.*?)</span>", inside)
+    assert parts[0].startswith("agrobot-mj run ")
+    assert all(part.startswith(" --") for part in parts[1:])
+    assert parts[-1].startswith(" --out run-")
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 3.0])
+def test_a_map_draws_errors_across_larger_and_no_others(yaw):
+    """10 cm left of a line of 100 m and 3 m behind, on any heading; at its end the reference stands."""
+    s = np.minimum(np.arange(120.0), 100.0)
+    forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+    reference = s[:, None] * forward
+    track = reference - 3 * forward + 0.1 * left
+    signals = {"x_ref": reference[:, 0], "y_ref": reference[:, 1], "x": track[:, 0], "y": track[:, 1]}
+    times = enlargement([signals])
+    assert times in (50, 100)
+    np.testing.assert_allclose(np.stack(enlarged(signals, times), 1), track + (times - 1) * 0.1 * left, atol=1e-9)
+    lost = {**signals, "x": signals["x"] + 20 * left[0], "y": signals["y"] + 20 * left[1]}
+    assert enlargement([lost]) == enlargement([signals, lost]) == 1
 
 
 def test_laws_without_a_success_have_a_rate_and_no_box():

@@ -89,9 +89,9 @@ def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
     def place(tried: Combination) -> tuple[float, float]:
         return tried.values[x], tried.values[more[0]] if more else tried.close
 
-    for fails, colour, label in ((False, BLUE, "holds"), (True, VERMILION, "fails")):
+    for fails, colour, marker, label in ((False, BLUE, "o", "holds"), (True, VERMILION, "x", "fails")):
         if places := [place(tried) for tried in found.tried if tried.fails is fails]:
-            axes.plot(*zip(*places, strict=True), "o", color=colour, markersize=2.5, label=label)
+            axes.plot(*zip(*places, strict=True), marker, color=colour, markersize=3, label=label)
     axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label="answer")
     axes.set(xlabel=x, ylabel=more[0] if more else "closeness to the condition [-]")
     axes.legend()

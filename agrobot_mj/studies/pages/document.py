@@ -5,6 +5,7 @@ shows that command when it is clicked.
 """
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from math import isfinite
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
+from agrobot_mj.core.palette import BLUE, BRIGHT_BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import atomic
 
@@ -21,37 +22,60 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True}
 """Axis of names, the first on top, as wide as they are."""
+INK, GRID, SHADE = "#1b1b1b", "#e5e5e5", "#dddddd"
+"""Colours of text, of grid lines and of shaded parts of charts."""
+DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE}
+"""What takes the place of colours of charts on a dark page."""
 STYLE = """
-:root { color-scheme: light; }
+:root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e8e8e8; --soft: #aaa; --line: #3a3a3a; --pale: #242424; --page: #161616; }
+}
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1280px; padding: 1.2rem; font: 16px/1.5 system-ui, sans-serif; color: #1b1b1b; }
+body { margin: 0 auto; max-width: 1280px; padding: 1.2rem; font: 16px/1.5 system-ui, sans-serif; color: var(--ink);
+  background: var(--page); }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 0.2rem 0; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 0.4rem; border-top: 1px solid #ddd; padding-top: 1.2rem; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 0.4rem; border-top: 1px solid var(--line); padding-top: 1.2rem; }
 h3 { font-size: 1rem; margin: 0.8rem 0 0.2rem; }
 p { max-width: 75ch; margin: 0.4rem 0; }
-.facts { color: #555; overflow-wrap: anywhere; }
-.grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 1rem; }
+.facts { color: var(--soft); overflow-wrap: anywhere; }
+.grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 1rem;
+  margin-bottom: 1.5rem; }
 .small { grid-template-columns: repeat(auto-fill, minmax(min(100%, 260px), 1fr)); }
 .card { min-width: 0; }
 .chart { width: 100%; height: 380px; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.9rem; }
-th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid #e5e5e5; text-align: left; white-space: nowrap; }
+th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-pre { background: #f5f5f5; padding: 0.7rem; font-size: 0.8rem; white-space: pre-wrap; overflow-wrap: anywhere; }
-.small svg { width: 100%; height: auto; background: #fafafa; }
-#command { position: sticky; bottom: 0; margin: 0; background: #1b1b1b; color: #fff; display: none; z-index: 2; }
+pre { background: var(--pale); padding: 0.7rem; font-size: 0.8rem; white-space: pre-wrap; overflow-wrap: anywhere; }
+pre span { display: inline-block; max-width: 100%; }
+.small svg { width: 100%; height: auto; background: var(--pale); }
+#command { position: sticky; bottom: 0; margin: 0; border-top: 2px solid var(--ink); display: none; z-index: 2; }
+@media (max-width: 600px) {
+  body { padding: 0.7rem; }
+  table { font-size: 0.8rem; }
+  th, td { padding: 0.2rem 0.35rem; white-space: normal; }
+  .chart { height: 320px; }
+}
 @media print { #command { display: none !important; } }
 """
 SCRIPT = """
-for (const [id, chart] of Object.entries(CHARTS)) {
+const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+let recoloured = JSON.stringify(CHARTS);
+for (const [light, other] of Object.entries(dark ? DARK : {})) recoloured = recoloured.replaceAll(light, other);
+for (const [id, chart] of Object.entries(JSON.parse(recoloured))) {
   const place = document.getElementById(id);
   Plotly.newPlot(place, chart.data, chart.layout, {responsive: true, displaylogo: false});
   place.on("plotly_click", event => {
     const command = event.points[0].customdata;
     if (typeof command !== "string") return;
     const box = document.getElementById("command");
-    box.textContent = command;
+    box.replaceChildren(...command.split(/(?= --)/).map(part => {
+      const piece = document.createElement("span");
+      piece.textContent = part;
+      return piece;
+    }));
     box.style.display = "block";
   });
 }
@@ -94,7 +118,7 @@ class Document:
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
         """Small pictures: title, SVG, command."""
         inner = "".join(
-            f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{escape(command)}</pre></div>'
+            f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards
         )
         self.parts.append(f'<div class="grid small">{inner}</div>')
@@ -109,7 +133,8 @@ class Document:
 {"".join(self.parts)}
 <p class="facts">Written by agrobot_mj {__version__}; this file needs no network.</p>
 <pre id="command"></pre>
-<script>{library}</script><script>const CHARTS = {charts};{SCRIPT}</script></body></html>
+<script>{library}</script><script>const CHARTS = {charts};
+const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 """
         with atomic(file) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -123,13 +148,20 @@ class Document:
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
     """Layout of a chart with these axis titles; room for a legend below."""
-    axis = {"gridcolor": "#e5e5e5", "zeroline": False, "ticks": "outside", "tickcolor": "#fff"}
+    clear = "rgba(0,0,0,0)"
+    axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
     for key, value in more.items():
         own[key] = {**own[key], **value} if key in own else value
     legend = {"orientation": "h", "y": -0.28, "yanchor": "top", "x": 0}
-    common = {"margin": {"l": 55, "r": 10, "t": 10, "b": 45}, "legend": legend, "plot_bgcolor": "#fff"}
-    return {**common, "font": {"family": "system-ui, sans-serif", "size": 12}, "hovermode": "closest", **own}
+    common = {"margin": {"l": 55, "r": 10, "t": 10, "b": 50}, "legend": legend, "hovermode": "closest"}
+    common |= {"plot_bgcolor": clear, "paper_bgcolor": clear}
+    return {**common, "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK}, **own}
+
+
+def unbroken(command: str) -> str:
+    """A command as HTML that breaks between its options only, wherever one fits a line."""
+    return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
@@ -151,7 +183,8 @@ def finite(value: Any) -> Any:
 
 
 def _cell(tag: str, value: object) -> str:
-    text = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
+    text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
     number = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
     return f"<{tag}{number}>{escape(text)}</{tag}>"
 

@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from statistics import fmean
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
+from agrobot_mj.core.palette import BLACK
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
@@ -18,8 +19,10 @@ from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Docume
 MOST_POINTS = 2500
 """Points of a curve; of longer signals the extremes of each stretch are drawn."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
-MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch")
+MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 CENTIMETRES = 100.0
+LARGEST_DRAWN, MOST_TIMES = 0.1, 500
+"""Share of a map that its largest error takes at most when it is drawn larger, and how many times that may be [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 RULE = (
@@ -66,12 +69,52 @@ def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
 
 
-def chart_of_tracks(runs: Mapping[str, Signals]) -> Chart:
-    """A map: reference and tracks."""
-    first = next(iter(runs.values()))
-    data = [line(first["x_ref"], first["y_ref"], "reference", "#000000", width=1, dash="dot")]
-    data += [line(s["x"], s["y"], name, COLOURS[k % len(COLOURS)]) for k, (name, s) in enumerate(runs.items())]
-    return {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+def across(s: Signals) -> tuple[Array, Array]:
+    """Directions left of the reference (n, 2), and how far left of it the track is (n,) [m]."""
+    points = np.stack([s["x_ref"], s["y_ref"]], 1)
+    along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
+    moves = np.hypot(*along.T) > 1e-9
+    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # as before where it stands
+    left = np.stack([-along[:, 1], along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    return left, ((np.stack([s["x"], s["y"]], 1) - points) * left).sum(axis=1)
+
+
+def implement_of(s: Signals) -> Signals:
+    """Signals with the place where the implement works in place of the tractor's; none without an implement."""
+    return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
+
+
+def enlargement(tractors: Iterable[Signals]) -> int:
+    """How many times larger a map draws errors across the path, to show them: 1, 2 or 5 times a power of 10."""
+    runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
+    extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
+    largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)
+    most = min(LARGEST_DRAWN * extent / max(largest, 1e-9), MOST_TIMES)
+    return max((k * 10**n for n in range(3) for k in (1, 2, 5) if k * 10**n <= most), default=1)
+
+
+def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
+    """The track with its errors across the path so many times larger, x and y (n,) [m]."""
+    left, off = across(s)
+    x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
+    return x, y
+
+
+def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
+    """A map and its title, which tells how many times larger errors across the path are drawn."""
+    first, times = next(iter(runs.values())), enlargement(runs.values())
+    data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
+    for k, (name, s) in enumerate(runs.items()):
+        parts = {name: ("solid", s), f"{name}: implement": ("dash", implement_of(s))}
+        colour = COLOURS[k % len(COLOURS)]
+        data += [line(*enlarged(own, times), part, colour, dash=dash) for part, (dash, own) in parts.items() if own]
+    chart = {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+    return f"Map{told(times)}", chart
+
+
+def told(times: int) -> str:
+    """How a title tells that errors are drawn larger."""
+    return f", errors across drawn {times} times larger" if times > 1 else ""
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
@@ -97,9 +140,9 @@ def run_page(folder: Path) -> Document:
     title = scenario.get("title") or scenario.get("name") or folder.name
     page = Document(title, facts(scenario, f"outcome: {metrics['outcome']}"))
     page.section("Where it went", "Scroll or pinch to zoom, drag to pan, double-click to see everything again.")
-    estimate = {**signals, "x": signals["x_hat"], "y": signals["y_hat"]}
+    estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
     error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
-    page.grid([("Map", chart_of_tracks({"tractor": signals, "estimate": estimate})), ("Lateral error", error)])
+    page.grid([map_of({"tractor": signals, "estimate": estimate}), ("Lateral error", error)])
     page.section("What it did")
     page.grid([("Steering", _pair(signals, "steer", "steering angle [deg]", 180 / np.pi))])
     page.grid([("Speed", _pair(signals, "speed", "speed [m/s]", 1.0)), *_shares(signals)])
@@ -154,7 +197,7 @@ def comparison_page(folder: Path) -> Document:
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
             error = chart_over_time(runs, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
-            page.grid([("Map", chart_of_tracks(runs)), ("Lateral error", error)])
+            page.grid([map_of(runs), ("Lateral error", error)])
     page.code("scenario.toml of the first run", text)
     return page
 
@@ -167,13 +210,14 @@ def _law(row: Mapping[str, Any]) -> str:
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
     """Ranking of the cases, one for each piece of path that they cover: errors on others tell nothing."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
+    laws = dict.fromkeys(_law(row) for rows in places.values() for row in rows)
     for number, piece in enumerate(pieces, 1):
         some = {name: rows for name, rows in places.items() if rows[0].get("piece") == piece}
         order = sorted(some, key=lambda name: _rank(some[name]))
         several = f" over piece {number} of the path" if len(pieces) > 1 else ""
         page.section(f"Ranking{several}", RULE + (APART if several else ""))
         if any(_numbers(rows, "xte_rms") for rows in some.values()):
-            page.grid([("Cross-track rms", _ranking(order, some))])
+            page.grid([("Cross-track rms", _ranking(order, some, list(laws)))])
         head = ("case", "runs", "successes", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]", "failed")
         page.table(head, [_summary(name, some[name]) for name in order])
 
@@ -200,8 +244,14 @@ def _summary(name: str, rows: Rows) -> tuple[object, ...]:
     return name, len(rows), sum(map(succeeded, rows)), *means, failures(rows)
 
 
-def _ranking(order: Sequence[str], places: Mapping[str, Rows]) -> Chart:
-    """Mean and single runs of each case that has successes, best first; who has failures is marked."""
+def _ranking(order: Sequence[str], places: Mapping[str, Rows], laws: Sequence[str]) -> Chart:
+    """Mean and single runs of each case that has successes, best first, in the colours of the `laws` on the maps.
+
+    Who has failures is marked.
+    """
+    colours = [
+        COLOURS[laws.index(_law(places[name][0])) % len(COLOURS)] for name in order if _numbers(places[name], "xte_rms")
+    ]
     values = {_marked(name, places[name]): v for name in order if (v := _numbers(places[name], "xte_rms"))}
     names, means = list(values), [fmean(each) for each in values.values()]
     points = [(value, name) for name, each in values.items() for value in each]
@@ -211,18 +261,18 @@ def _ranking(order: Sequence[str], places: Mapping[str, Rows]) -> Chart:
         "y": names,
         "x": means,
         "name": "mean",
-        "marker": {"color": COLOURS[5]},
+        "marker": {"color": colours, "opacity": 0.7},
     }
     dots: Chart = {"type": "scatter", "mode": "markers", "y": [n for _, n in points], "x": [v for v, _ in points]}
-    dots |= {"name": "runs", "marker": {"color": "#000000", "size": 5}}
+    dots |= {"name": "runs", "marker": {"color": BLACK, "size": 5}}
     own = layout("cross-track rms of the successful runs [cm]", "", yaxis=CATEGORIES, showlegend=False)
     return {"data": [bars, dots], "layout": own}
 
 
-def thumbnail(signals: Signals) -> str:
-    """A small picture of a track (colour) and its reference (black), as SVG."""
-    x, y = signals["x_ref"], signals["y_ref"]
-    points = np.concatenate([np.stack([x, y], 1), np.stack([signals["x"], signals["y"]], 1)])
+def thumbnail(signals: Signals, times: int = 1) -> str:
+    """A small picture of a track (colour), its errors drawn so many times larger, and its reference, as SVG."""
+    x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
+    points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(max(*(high - low), 1.0))
@@ -235,5 +285,5 @@ def thumbnail(signals: Signals) -> str:
         return f'<polyline points="{escape(text)}" fill="none" stroke="{colour}" stroke-width="{stroke}"/>'
 
     box = f"-5 -5 {max(width, 1) + 10:.0f} {max(height, 1) + 10:.0f}"
-    lines = trace(x, y, "#000000", 1) + trace(signals["x"], signals["y"], COLOURS[1], 1.5)
+    lines = trace(x, y, "currentColor", 1) + trace(*track, COLOURS[1], 1.5)
     return f'<svg viewBox="{box}" role="img" aria-label="track">{lines}</svg>'

@@ -19,7 +19,7 @@ from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
-from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, read_signals, thumbnail
+from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, enlargement, read_signals, thumbnail, told
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.sweep.plan import SweepPlan
@@ -30,6 +30,8 @@ from agrobot_mj.studies.sweep.store import read_rows
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
 CONFIDENCE = 0.8
 """Confidence of the intervals of success rates [-]."""
+QUANTILES = ("median", "10 %", "90 %")
+"""Columns of the errors of a group."""
 SUCCESS = 0.8
 """Success rate at the boundary that maps draw [-]."""
 MOST_VALUES = 40
@@ -160,30 +162,22 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
             "Without duration_s every run drives its path to the end."
         )
     page.section("Ranking", text)
-    rates, limits = [100 * g.rate for g in groups], [[100 * end for end in g.interval] for g in groups]
-    bars = {
-        "type": "scatter", "mode": "markers", "x": rates, "y": [g.name for g in groups],
-        "marker": {"size": 9, "color": COLOURS[0]}, "error_x": error_bars(rates, limits),
-    }  # fmt: skip
-    success: Chart = {"data": [bars], "layout": layout("successful runs, 80 % interval [%]", "", yaxis=CATEGORIES)}
-    success["layout"]["xaxis"]["range"] = [-3, 103]
     boxes = [
         {"type": "box", "x": g.values.tolist(), "y": [g.name] * len(g.values), "orientation": "h", "name": g.name,
          "marker": {"color": COLOURS[k % len(COLOURS)], "size": 3}, "showlegend": False}
         for k, g in enumerate(groups)
         if len(g.values)
     ]  # fmt: skip
-    charts = [("Success", success)]
-    if boxes:
-        charts.append(("Error", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)}))
-    page.grid(charts)
-    head = ("group", "runs", "success [%]", "median [cm]", "10 % [cm]", "90 % [cm]", "failed")
+    head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES), "failed")
     page.table(head, [_ranked(group) for group in groups])
+    if boxes:
+        page.grid([("Error of the successful runs", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)})])
 
 
 def _ranked(group: Group) -> tuple[object, ...]:
-    values = [float(v) for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
-    return (group.name, len(group.rows), 100.0 * group.rate, *values, failures(group.rows))
+    values = [float(f"{v:.3g}") for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
+    interval = " to ".join(f"{100 * end:.0f}" for end in group.interval)
+    return (group.name, len(group.rows), 100.0 * group.rate, interval, *values, failures(group.rows))
 
 
 def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
@@ -198,8 +192,8 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
         if _fills(group.rows, x, y)
     ]
     if charts:
-        text = f"Median {LABEL} of the successful runs; white: none. Crosses: a run failed."
-        text += f" Black: the boundary at which {SUCCESS:.0%} of runs succeed."
+        text = f"Median {LABEL} of the successful runs; blank: none. Crosses: a run failed."
+        text += f" Black line: the boundary at which {SUCCESS:.0%} of runs succeed."
         page.section("Maps", text + " Click for the command of a run.")
         page.grid(charts[:MOST_MAPS])
 
@@ -230,7 +224,7 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Re
     if failed:
         contour = {"start": SUCCESS, "end": SUCCESS, "size": 1, "coloring": "none"}
         boundary = {"type": "contour", "x": xs, "y": ys, "z": rates, "contours": contour, "showscale": False}
-        data.append({**boundary, "line": {"color": "#000000", "width": 3}, "hoverinfo": "skip"})
+        data.append({**boundary, "line": {"color": "black", "width": 3}, "hoverinfo": "skip"})
         cross = {"symbol": "x", "color": COLOURS[1], "size": 8}
         marks = {"type": "scatter", "mode": "markers", "x": [a for a, _ in failed], "y": [b for _, b in failed]}
         data.append({**marks, "marker": cross, "hoverinfo": "skip", "showlegend": False})
@@ -303,7 +297,9 @@ def _add_worst(page: Document, rows: list[Row], again: RerunCommand) -> None:
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
         value = error_of(row, METRIC)
         title = f"run {row['run']}: {row['outcome']}" + ("" if value is None else f", {CENTIMETRES * value:.3g} cm")
-        cards.append((title, thumbnail(again.signals(row)), again(row)))
+        signals = again.signals(row)
+        times = enlargement([signals])
+        cards.append((title + told(times), thumbnail(signals, times), again(row)))
     if cards:
-        page.section("The worst runs", "Black: where the tractor should have gone; colour: where it went.")
+        page.section("The worst runs", "Thin: where the tractor should have gone; colour: where it went.")
         page.thumbnails(cards)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, SHADE, Chart, Document, error_bars, layout
 
 
 def validation_page(folder: Path) -> Document:
@@ -87,7 +87,7 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
     shapes: list[dict[str, Any]] = []
     if law["interval"]:
         low, high = law["interval"]
-        shapes = [{"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": "#ddd"}]
+        shapes = [{"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": SHADE}]
         shapes[0] |= {"layer": "below", "line": {"width": 0}}
     own = layout(found["key"], "successful runs [%]", shapes=shapes, yaxis={"range": [-5, 105]})
     return {"data": [{**curve, "line": {"color": COLOURS[0]}}], "layout": own}
