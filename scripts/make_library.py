@@ -26,6 +26,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import task
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import atomic
+from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, told
 from agrobot_mj.studies.style import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
@@ -36,6 +37,8 @@ INDEX, PAGES = "index", "pages"
 """Names of the blocks of the page, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
+SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
+"""What a map is drawn from, and how often the implement is joined to the tractor on it."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")
@@ -77,20 +80,33 @@ def name_of(kind: str) -> str:
 
 
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """The ground from above with the path and the tracks."""
+    """The ground from above with the path and the tracks, dashed those of implements, joined to the tractors."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
     path = sample(scenario.path, longest.column("t"))
-    points = np.concatenate([path, *(np.column_stack([log.column("x"), log.column("y")]) for log in logs.values())])
+    signals = {
+        kind: {name: log.column(name) for name in SIGNALS if name in log.rows.columns} for kind, log in logs.items()
+    }
+    times = enlargement(signals.values())
+    tracks = {
+        kind: [np.stack(enlarged(s, times), 1) for s in (own, implement_of(own)) if s] for kind, own in signals.items()
+    }
+    points = np.concatenate([path, *itertools.chain(*tracks.values())])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     short = np.maximum(0.45 * (high - low).max() - (high - low), 0) / 2
     paint_ground(axes, scenario.terrain.ground(), low - short, high + short)
     axes.plot(*path.T, color="white", lw=0.8, ls="--", label="path")
-    for kind, log in logs.items():
-        axes.plot(log.column("x"), log.column("y"), color=COLOURS.get(kind, "black"), label=name_of(kind))
-        axes.plot(log.column("x")[-1], log.column("y")[-1], "o", ms=3, color=COLOURS.get(kind, "black"))
+    for kind, (track, *implement) in tracks.items():
+        colour = COLOURS.get(kind, "black")
+        axes.plot(*track.T, color=colour, label=name_of(kind))
+        axes.plot(*track[-1], "o", ms=3, color=colour)
+        for drawn in implement:
+            axes.plot(*drawn.T, color=colour, ls="--", label=f"{name_of(kind)}: implement")
+            some = np.linspace(0, len(track) - 1, BARS).astype(int)
+            axes.plot(*np.stack([track[some], drawn[some]]).transpose(2, 0, 1), color=colour, lw=0.6)
     (x_min, y_min), (x_max, y_max) = low - short, high + short
     axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
+    axes.set_title(told(times).removeprefix(", "))
     axes.grid(visible=False)
 
 
