@@ -1,4 +1,7 @@
-"""Checks of what methods of user-supplied kinds return: the type that their base asks for, or a message in words."""
+"""Checks of what users hand over: arguments of the API, and what methods of their own kinds return.
+
+A wrong type is told in words: an argument's as TypeError, a return value's as `ScenarioError`.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +19,12 @@ def without_exit() -> Iterator[None]:
         yield
     except SystemExit as error:
         raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
+
+
+def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
+    """Raise TypeError, naming the argument, unless its value `fits` what is `wanted`."""
+    if not fits:
+        raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:

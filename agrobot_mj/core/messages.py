@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from agrobot_mj.core.errors import shortened, suggestion
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.walk import elsewhere
 
 _TEXTS = {
     "greater_than": "must be above {gt:g}, got {input}",
@@ -43,7 +44,8 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
     kind, context = str(error["type"]), error.get("ctx", {})
     if kind == "extra_forbidden":
         known = sorted(owner.model_fields) if owner else []
-        text = f"unknown key{suggestion(keys[-1], known)} (known: {', '.join(known)})"
+        near = elsewhere(root, keys[-1], re.sub(r"\[\d+\]", "", ".".join(keys))) or suggestion(keys[-1], known)
+        text = f"unknown key{near} (known: {', '.join(known)})"
     elif kind == "union_tag_not_found":
         field = owner.model_fields.get(keys[-1].partition("[")[0]) if owner else None
         keys, text = [*keys, "kind"], f"is missing (known: {', '.join(members(field.annotation) if field else ())})"
@@ -53,6 +55,8 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         known = re.findall(r"'([^']+)'", expected)
         hint = suggestion(tag, known) or "; if it is a plugin's, give its file as --plugin FILE.py"
         text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
+    elif kind == "string_type" and isinstance(error["input"], Mapping):
+        text = fault(error) + elsewhere(root, str(next(iter(error["input"]), "")))
     elif kind == "tuple_type" and isinstance(error["input"], Mapping):
         text = f"must be a list of tables; write [[{'.'.join(keys)}]]"
     else:

@@ -5,7 +5,8 @@ from copy import deepcopy
 from pathlib import Path as FilePath
 from typing import Any
 
-from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
+from agrobot_mj.core.contracts import check_argument
+from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, read_toml
@@ -21,8 +22,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
     Raises `ScenarioError` with every fault of the input in one message, TypeError for what is no name and no mapping.
     """
-    if not isinstance(source, str | FilePath):
-        raise TypeError(f"scenario: must be a name or a path, got {shortened(repr(source))}")
+    check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
     load_plugins()
     path = _find(source)

@@ -7,12 +7,13 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.walk import elsewhere, places
 from agrobot_mj.plants.mujoco.own_files import own_files
-from agrobot_mj.scenario.walk import places
 
 FILE_KEYS = ("file", "machine", "mjcf")
 """Keys of these names hold the path of a file, relative to the scenario's own folder or to the library's."""
@@ -47,7 +48,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
             counted = (*tables, last)[depth + 1].isdecimal()
             table = table.setdefault(name, [] if counted else {})
         if not isinstance(table, dict | list):
-            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table")
+            near = elsewhere(type(default), last)
+            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table{near}")
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
@@ -65,8 +67,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
 
 def check_overrides(overrides: object) -> None:
     """Raise TypeError unless these are overrides by dotted key."""
-    if not isinstance(overrides, Mapping) or not all(isinstance(key, str) for key in overrides):
-        raise TypeError(f"overrides: must be a mapping of dotted keys to values, got {shortened(repr(overrides))}")
+    fits = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
+    check_argument("overrides", overrides, fits, "a mapping of dotted keys to values")
 
 
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:

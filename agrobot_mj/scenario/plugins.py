@@ -20,12 +20,13 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticSerializationError
 
+from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_plugins
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.walk import Key, keys
 from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.scenario.walk import Key, keys
 from agrobot_mj.sensors import Sensor, Sensors
 
 Member = TypeVar("Member", bound=type[Spec])
@@ -33,12 +34,14 @@ _files: dict[Path, ModuleType] = {}
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; serves as a decorator. Raises `ScenarioError`.
+    """Add a class to the family of its base class; serves as a decorator. Raises `ScenarioError`, TypeError.
 
     A sensor becomes the table `[sensors.NAME]`, by default its class name in small letters with underscores; a metric
     is evaluated for every run.
     """
-    if not (isinstance(member, type) and issubclass(member, Spec)):
+    check_argument("member", member, isinstance(member, type), "a class")
+    check_argument("name", name, name is None or isinstance(name, str), "a text")
+    if not issubclass(member, Spec):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
     if missing := _left_open(member):
         raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class asks for")

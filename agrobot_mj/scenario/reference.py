@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
+from agrobot_mj.core.walk import TableClass, keys, places
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.scenario.walk import TableClass, keys, places
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
@@ -55,10 +55,28 @@ def first_line(part: type[Spec]) -> str:
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0])
 
 
+class KnownKind(NamedTuple):
+    """A kind of a part."""
+
+    table: str
+    """Dotted key of the part's table; `metric` for a metric."""
+    kind: str
+    """Its kind."""
+    text: str
+    """What it is, in a line."""
+
+
+def known_kinds() -> list[KnownKind]:
+    """Every kind of every part, and every metric."""
+    found = [
+        KnownKind(key, kind, first_line(part)) for key, kinds in families().items() for kind, part in kinds.items()
+    ]
+    return [*found, *(KnownKind("metric", metric.kind, first_line(type(metric))) for metric in METRICS)]
+
+
 def kinds_text() -> str:
     """Every kind of every part, and every metric, one line each."""
-    rows = [(key, kind, first_line(part)) for key, kinds in families().items() for kind, part in kinds.items()]
-    rows += [("metric", metric.kind, first_line(type(metric))) for metric in METRICS]
+    rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
 

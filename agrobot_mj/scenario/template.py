@@ -11,9 +11,9 @@ import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
+from agrobot_mj.core.walk import TableClass, places
 from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.scenario.walk import TableClass, places
 
 SKIPPED = ("name", "title", "version", "seed")
 """Keys of the scenario that stand in the head, or that a run writes by itself."""

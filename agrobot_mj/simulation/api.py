@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
@@ -26,8 +27,11 @@ def run(
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
     returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
-    for a guidance law that is an external program.
+    for a guidance law that is an external program, TypeError for an argument of another type.
     """
+    watched = isinstance(watchers, tuple) and all(hasattr(each, "advance") for each in watchers)
+    check_argument("watchers", watchers, watched, "a tuple of watchers (start, advance, finish, fail)")
+    check_argument("should_stop", should_stop, callable(should_stop), "a function without arguments")
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     for line in hints(scenario):

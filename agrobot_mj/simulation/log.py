@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from agrobot_mj.core.contracts import check_argument
+from agrobot_mj.core.errors import suggestion
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.long_array import PIECE, LongArray
 from agrobot_mj.core.signals import Array, Column
@@ -182,7 +184,10 @@ class Log:
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
-        """Column `name`, shape (ticks,); raises ValueError for an unknown one."""
+        """Column `name`, shape (ticks,); raises ValueError for an unknown one, TypeError for what is no name."""
+        check_argument("name", name, isinstance(name, str), "the name of a column")
+        if name not in self.rows.columns:
+            raise ValueError(f"name: there is no column {name!r}{suggestion(name, self.rows.columns)}")
         return self.rows.column(name)
 
 

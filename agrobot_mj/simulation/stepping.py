@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.core.contracts import one_line, without_exit
+from agrobot_mj.core.contracts import check_argument, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.geometry import to_heading
@@ -109,8 +109,7 @@ class Simulation:
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:
             raise CommandError(f'guidance.kind: "{guidance.kind}" drives by itself; give step() a command of your own')
-        if not isinstance(request, message):
-            raise TypeError(f"request: must be of type {message.__name__}, got {one_line(request)}")
+        check_argument("request", request, isinstance(request, message), f"of type {message.__name__}")
         self.loop.stages.guidance = request
         return self.step()
 
@@ -118,8 +117,7 @@ class Simulation:
         """The command that the arguments of `step` mean; there is at least one."""
         numbers = given if speed is None else {**given, "speed": speed}
         for name, value in numbers.items():
-            if not hasattr(value, "__float__"):  # which text does not have
-                raise TypeError(f"{name}: must be a number, got {one_line(value)}")
+            check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
             if not isfinite(value):
                 raise CommandError(f"{name}: must be a finite number, got {value}")
         if len(given) > 1:
@@ -215,8 +213,7 @@ class Simulation:
         A state may be restored any number of times. Raises `CommandError` if it belongs to another scenario, TypeError
         if it is none.
         """
-        if not isinstance(state, Snapshot):
-            raise TypeError(f"state: must be what save() has returned, got {one_line(state)}")
+        check_argument("state", state, isinstance(state, Snapshot), "what save() has returned")
         require_same_scenario(state, self.scenario)
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)
@@ -226,8 +223,10 @@ class Simulation:
     def branch(self, number: int) -> None:
         """Let all noise go on otherwise from here: every random generator of the stages by a stream of this number.
 
-        The past, what it was drawn of once (the ground, a bias) and the values that wander stay.
+        The past, what it was drawn of once (the ground, a bias) and the values that wander stay. Raises TypeError for
+        what is no whole number.
         """
+        check_argument("number", number, isinstance(number, int), "a whole number")
         for generator in generators(vars(self.loop.stages)):
             branch(generator, number)
 
@@ -271,7 +270,8 @@ class Simulation:
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """The run so far, with its metrics; `wall_s` is the time that it took [s]."""
+        """The run so far, with its metrics; `wall_s` is the time that it took [s]. Raises TypeError."""
+        check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         plant, outcome = self.loop.plant, self.outcome or "aborted"
         log = Log(
             self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()

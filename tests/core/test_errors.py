@@ -87,6 +87,23 @@ def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
     assert "pressure_bar" not in line
 
 
+@pytest.mark.parametrize(
+    ("data", "hint"),
+    [
+        ({"width_m": 1}, "width_m: unknown key; did you mean 'box.width_m'?"),
+        ({"box": {"depth_m": 1}}, "box.depth_m: unknown key; did you mean 'depth_m'?"),
+        (
+            {"box": {"filling": {"kind": "foam", "pressure_bar": 2}}},
+            "box.filling.pressure_bar: unknown key; it belongs to kind = 'air'",
+        ),
+        ({"box": {"label": {"copies": 2}}}, "box.label: must be a text, got {'copies': 2}; did you mean 'box.copies'?"),
+    ],
+)
+def test_a_key_of_another_table_or_kind_is_named(data, hint):
+    (line,) = faults(data)
+    assert line.startswith(f"shelf.toml: {hint}")
+
+
 @pytest.mark.parametrize("filling", [{"kind": "foma"}, {"kind": "foma", "density": 3}])
 def test_an_unknown_kind_lists_the_known_ones(filling):
     (line,) = faults({"box": {"filling": filling}})

@@ -5,12 +5,12 @@ from operator import attrgetter
 
 import pytest
 
+from agrobot_mj.core.walk import keys
 from agrobot_mj.machine import Cylinder, Linkage, TractorParameters
 from agrobot_mj.machine.implements import Drawn, Mounted
 from agrobot_mj.machine.implements.base import wheel_loads
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.scenario.walk import keys
 
 COMPACT = TractorParameters()
 LARGE = TractorParameters(

@@ -9,13 +9,13 @@ import pytest
 from agrobot_mj.control import Controller
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
+from agrobot_mj.core.walk import keys
 from agrobot_mj.faults import Fault
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.scenario.template import write_template
-from agrobot_mj.scenario.walk import keys
 from agrobot_mj.tyres import Tyre
 
 SCHEMA = json_schema()

@@ -5,7 +5,7 @@ from math import atan, inf, nan, radians
 import numpy as np
 import pytest
 
-from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj import Simulation, load_scenario, register, run
 from agrobot_mj.control.agopengps import Actuation
 from agrobot_mj.control.cmd_vel import VelocityRequest
 from agrobot_mj.core.errors import CommandError, ScenarioError
@@ -113,6 +113,43 @@ def test_arguments_of_another_type_are_refused_by_name():
             Simulation(sim.scenario, overrides)
     with pytest.raises(TypeError, match=r"^scenario: must be a name or a path, got 3"):
         Simulation(3)
+    for odd in ("x", None, 1.5):
+        with pytest.raises(TypeError, match=r"^number: must be a whole number, got "):
+            sim.branch(odd)
+    for odd in ("x", None):
+        with pytest.raises(TypeError, match=r"^wall_s: must be a number, got "):
+            sim.log(odd)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((5,), r"^scenario: must be a name or a path, got 5"),
+        (("circle", 3), r"^watchers: must be a tuple of watchers \(start, advance, finish, fail\), got 3"),
+        (("circle", ("x",)), r"^watchers: must be a tuple of watchers"),
+        (("circle", (), 3), r"^should_stop: must be a function without arguments, got 3"),
+    ],
+)
+def test_arguments_of_a_run_of_another_type_are_refused_by_name(arguments, message):
+    with pytest.raises(TypeError, match=message):
+        run(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a text, got 3")],
+)
+def test_arguments_of_register_of_another_type_are_refused_by_name(arguments, message):
+    with pytest.raises(TypeError, match=message):
+        register(*arguments)
+
+
+def test_a_column_that_is_not_there_is_named():
+    log = Simulation("circle", SHORT).log()
+    with pytest.raises(TypeError, match=r"^name: must be the name of a column, got 3"):
+        log.column(3)
+    with pytest.raises(ValueError, match=r"^name: there is no column 'sped'; did you mean 'speed'"):
+        log.column("sped")
 
 
 def test_accepts_numpy_values():

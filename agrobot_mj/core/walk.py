@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 from agrobot_mj.core.spec import Spec, members
 
+MOST_OFFERED = 2
+"""Keys of a name that a message offers."""
+
 
 class Key(NamedTuple):
     """A key of the schema."""
@@ -44,6 +47,19 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
         for member in members(field.annotation).values():
             if member not in above:
                 yield from keys(member, f"{prefix}{name}.", (*above, member))
+
+
+def elsewhere(root: type[Spec], name: str, here: str = "") -> str:
+    """`; did you mean 'tractor.mass_kg'?`: the first keys of this very name in any table, or nothing.
+
+    Where the dotted key `here` is one of another kind of its table, that kind instead.
+    """
+    named = [key for key in keys(root) if key.name == name]
+    fields = [key.owner.model_fields for key in named if key.dotted == here]
+    if kinds := list(dict.fromkeys(repr(each["kind"].default) for each in fields if "kind" in each)):
+        return f"; it belongs to kind = {' or '.join(kinds)}"
+    found = list(dict.fromkeys(repr(key.dotted) for key in named))
+    return f"; did you mean {' or '.join(found[:MOST_OFFERED])}?" if found else ""
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
