@@ -34,17 +34,33 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")
+    found = _joined(bare, payload, mass)
+    if not is_physical_inertia(found.inertia):
+        principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
+        raise ValueError(
+            f"mass_kg: leaves the chassis an impossible inertia (principal moments {principal} kg m2); "
+            f"{100 * _fitting_share(bare, payload):.0f} % of it there would fit, or more nearer to the middle"
+        )
+    return found
+
+
+def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
+    """The largest share of a payload, in hundredths, with which the body is still possible [-]."""
+    for share in (percent / 100 for percent in range(99, 0, -1)):
+        some = tuple(load._replace(kg=share * load.kg) for load in payload)
+        if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
+            return share
+    return 0.0
+
+
+def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
+    """The body with its payload, of this mass together [kg], possible or not."""
     places = [np.array(load[1:]) for load in payload]
     moments = [load.kg * place for load, place in zip(payload, places, strict=True)]
     centre = (bare.mass * bare.centre + sum(moments, np.zeros(3))) / mass
     inertia = bare.inertia + steiner(bare.mass, bare.centre - centre)
     for load, place in zip(payload, places, strict=True):
         inertia = inertia + steiner(load.kg, place - centre)
-    if not is_physical_inertia(inertia):
-        raise ValueError(
-            f"mass_kg: leaves the chassis an impossible inertia (principal moments "
-            f"{np.round(np.linalg.eigvalsh(inertia), 1).tolist()} kg m2); take less away, or nearer to the middle"
-        )
     return Inertial(mass, centre, inertia)
 
 
