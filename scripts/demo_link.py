@@ -16,7 +16,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.links.agopengps.link import link
 from agrobot_mj.links.agopengps.session import LinkOptions
-from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.progress import tally
 
 LEVEL, SLOPE = "straight_line", "side_slope_10"
 TWO_ANTENNAS = {"guidance.position": "paogi", "sensors.gnss.dual_antenna.enabled": True}
@@ -80,7 +80,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
 def main() -> None:
     heads = ("run", "host", "overshoot [cm]", "below 5 cm after [s]", "rms of the last 40 s [cm]", "mean [cm]")
     some = {name: parts for name, parts in ROWS.items() if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]}
-    with tempfile.TemporaryDirectory() as folder, task(f"{len(some)} runs", len(some)) as advance:
+    with tempfile.TemporaryDirectory() as folder, tally(f"{len(some)} runs", len(some)) as advance:
         rows = []
         for name, parts in some.items():
             rows.append(row(name, *parts, Path(folder)))

@@ -7,11 +7,12 @@ import click
 import typer.main
 
 from agrobot_mj.cli import app
+from agrobot_mj.cli.examples import EXAMPLES
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.walk import TableClass, places
 from agrobot_mj.scenario.reference import document, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.scenario.walk import TableClass, places
 
 BASES = (
     "core.signals",
@@ -102,7 +103,8 @@ def _usage(name: str, command: Any) -> list[str]:
             continue
         flags, text = said
         rows.append((f"`{flags}`", _cell(text)))
-    return [*lines, markdown_table(("argument or option", "what"), rows)] if rows else lines
+    table = [markdown_table(("argument or option", "what"), rows), ""] if rows else []
+    return [*lines, *table, "```sh", *(f"agrobot-mj {example}" for example in EXAMPLES[name]), "```"]
 
 
 def api_page() -> str:

@@ -11,7 +11,7 @@ from sweeps import Blocks, Part, Study, publish
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.studies.tune import tune
 from agrobot_mj.studies.tuning_cases import read_tuning
 
@@ -31,7 +31,7 @@ def searched(study: Study, name: str) -> Blocks:
 def write(path: Path, name: str, study: Study) -> None:
     """Search the gains of one law, and write what was found, an evaluation a line."""
     scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
-    with task(f"{name}: {FILE.budget} evaluations", FILE.budget) as advance:
+    with tally(f"{name}: {FILE.budget} evaluations", FILE.budget) as advance:
 
         def done(evaluations: int) -> None:
             for _ in range(evaluations):

@@ -23,7 +23,7 @@ from agrobot_mj.metrics.passes import LABEL
 from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import atomic
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, told
@@ -206,7 +206,7 @@ def main() -> None:
     names = chosen or list(scenario_files())
     IMAGES.mkdir(parents=True, exist_ok=True)
     sections, index = [], []
-    with task(f"{len(names)} scenarios", len(names)) as advance:
+    with tally(f"{len(names)} scenarios", len(names)) as advance:
         for name in names:
             scenario = load_scenario(name)
             logs = runs_of(scenario)

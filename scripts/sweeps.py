@@ -24,7 +24,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.sources import source_digest
 from agrobot_mj.core.version import __version__
-from agrobot_mj.simulation.progress import task
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
@@ -95,7 +95,7 @@ class Study:
         if not self.only_draw:
             folder.mkdir(parents=True, exist_ok=True)
             todo = [file for file in files if not file.exists()]
-            with task(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
+            with tally(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
                 for file, row in spread(partial(_at, perform, files), todo, self.jobs):
                     write_json(file, row)
                     advance()

@@ -4,6 +4,7 @@ import gc
 import os
 import sys
 from functools import cache
+from math import inf
 
 import pytest
 import typer.main
@@ -36,10 +37,11 @@ def pytest_configure(config):
 def call(monkeypatch, capsys, tmp_path):
     """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in an empty folder and in this process alone.
 
-    Workers, which take three seconds of processor time to start, are asked for with `--jobs`.
+    Without lines of progress, which come by the clock. Workers, which take three seconds of processor time to start, are asked for with `--jobs`.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
+    monkeypatch.setattr("agrobot_mj.simulation.progress.BETWEEN_LINES_S", inf)
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])

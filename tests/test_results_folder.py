@@ -317,15 +317,6 @@ def test_a_data_files_content_decides_not_its_path(own_files):
     assert load_scenario("elsewhere/mine.toml").hash8 != before
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
-def test_refuses_a_pipe_as_export_file(call):
-    assert call("run", "circle", *QUICK)[0] == 0
-    os.mkfifo("pipe")
-    status, err = call("export", "out", "--mcap", "--out", "pipe")
-    assert (status, "is a device or a pipe" in err) == (2, True)
-    assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
-
-
 def test_a_folder_may_have_a_drives_name(call):
     assert call("run", "circle", *QUICK[:-1], "a:") == (0, "")
     assert call("report", "a:", "--quiet") == (0, "")

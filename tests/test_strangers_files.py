@@ -19,7 +19,7 @@ from agrobot_mj.simulation.storage import RECORDING, SET, atomic, exclusive, wri
 
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
-LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--seeds", 1, "--jobs", 1)
+LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--max-seeds", 1, "--jobs", 1)
 VARIED = ("--vary", "path.speed_m_s=1:3", "--vary", "path.radius_m=8:11")
 HERE, MINE = "HERE", "MINE"
 """Stand for the stranger's folder, and for the folder with sources of one's own."""
@@ -40,10 +40,15 @@ WRITERS = {
     "importance": [(HERE,)],
     "link": [("straight_line", "--pace", "answered", "--wait", 0, *BICYCLE, "--out", HERE)],
     "ros2": [("circle", "--wait", 0, *BICYCLE, "--out", HERE)],
-    "export": [(f"{MINE}/driven", "--mcap", "--out", f"{HERE}/run.mcap"), (HERE, "--mcap")],
+    "export": [(f"{MINE}/driven", "--mcap", "--out", HERE), (HERE, "--mcap")],
     "snapshot": [(f"{MINE}/run.rrd", "--at", 1, "--out", HERE)],
     "rig": [("linear", "--out", HERE)],
-    "identify": [(HERE,), (f"{MINE}/driven", "--vehicle", "--out", HERE), (HERE, "--vehicle")],
+    "identify": [
+        (HERE,),
+        (f"{MINE}/driven", "--out", HERE),
+        (f"{MINE}/driven", "--vehicle", "--out", HERE),
+        (HERE, "--vehicle"),
+    ],
     "replay": [(f"{MINE}/driven", "--out", HERE)],
     "calibrate": [(f"{MINE}/driven", "--out", HERE)],
     "twin": [(f"{MINE}/driven", "--out", HERE)],
@@ -235,11 +240,12 @@ def test_a_recording_from_python_leaves_other_files(place):
 
 def test_exports_overwrite_only_our_own_files(call, sources, place):
     arguments = ("export", sources / "driven", "--mcap", "--out")
-    assert call(*arguments, "a.mcap")[0] == 0
-    status, _, err = call(*arguments, "a.mcap")
-    assert (status, err) == (2, "--out a.mcap: is there already; move it away, or name another file\n")
-    reserve(place / "ours", ())
-    assert [call(*arguments, "ours/a.mcap")[0] for _ in range(2)] == [0, 0]
+    assert [call(*arguments, "ours")[0] for _ in range(2)] == [0, 0]
+    (place / "theirs").mkdir()
+    (place / "theirs/run.mcap").write_bytes(b"mine")
+    status, _, err = call(*arguments, "theirs")
+    assert refused(status, err)
+    assert (place / "theirs/run.mcap").read_bytes() == b"mine"
 
 
 def test_every_written_file_is_named_in_the_mark(place):

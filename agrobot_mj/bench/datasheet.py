@@ -7,7 +7,7 @@ rolls off, or no longer climbs.
 """
 
 from collections.abc import Iterator
-from math import cos, degrees, hypot, nan, radians, sin
+from math import cos, degrees, hypot, isfinite, nan, radians, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +49,11 @@ class Measured(NamedTuple):
     """Value [unit]."""
     unit: str
     """Its unit."""
+
+    @property
+    def written(self) -> dict[str, str | float | None]:
+        """The line as plain data; a value that there is not is None."""
+        return {**self._asdict(), "value": self.value if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:

@@ -1,8 +1,9 @@
 """The command line: typer only. Every command loads, calls one function, and prints.
 
 Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise, or its files could not be written; 2 bad
-input, told in one message without a traceback; 130 broken off by Ctrl-C or SIGTERM. A command imports what it needs
-when it is called, so that `--help` and `list` answer at once.
+input, told in one message without a traceback; 130 broken off by Ctrl-C or SIGTERM. With `--json` stdout holds one
+document whatever the status (`answers`). A command imports what it needs when it is called, so that `--help` and `list`
+answer at once.
 """
 
 import atexit
@@ -12,8 +13,13 @@ import io
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
+import typer
+
+from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
+from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 
 __all__ = ["app", "main"]
@@ -26,10 +32,12 @@ OBJECTS_PER_COLLECTION = 500_000
 the modules' objects are looked through again and again while they are imported."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a disk, which are no bad input."""
+USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
+"""Error of the parser of the command line, of click or of typer's own copy of it."""
 
 
 def main() -> None:
-    """Entry point: bad input ends with status 2 and one message."""
+    """Entry point: bad input ends with status 2 and one message, with `--json` in a document, too."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     atexit.register(gc.freeze)  # else a process that ends looks for cycles among all modules once more, for 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
@@ -46,6 +54,8 @@ def main() -> None:
         status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"
     if message:
         print(message, file=sys.stderr)
+        if FLAG in sys.argv:
+            say(document(next(iter(sys.argv[1:]), ""), status, message, {}))
     raise SystemExit(_flushed(status))
 
 
@@ -55,12 +65,17 @@ def _called() -> tuple[int, str]:
         Path.cwd()
     except FileNotFoundError:
         return 2, "the working directory no longer exists; change to another one"
+    status: Any
     try:
-        app()
+        status = app(standalone_mode=False)
+    except USAGE_ERROR as error:  # an option that there is not, say
+        error.show(shown := io.StringIO())
+        return 2, shown.getvalue().rstrip("\n")
     except SystemExit as leaving:
-        status = leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
-    except KeyboardInterrupt:
+        status = leaving.code
+    except (KeyboardInterrupt, typer.Abort):
         status = BROKEN_OFF
+    status = status if isinstance(status, int) else int(status is not None)
     return status, "stopped before its end" if status == BROKEN_OFF else ""
 
 

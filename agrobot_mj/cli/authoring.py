@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
+from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.options import utf8
+from agrobot_mj.cli.output import say
 from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
 
@@ -14,19 +16,20 @@ def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
     sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
     machines: Annotated[bool, typer.Option("--machines", help="Machines instead, for `--machine`.")] = False,
-) -> None:
+) -> Answer:
     """List the scenarios that come with the package."""
     if kinds:
-        from agrobot_mj.scenario.reference import kinds_text
+        from agrobot_mj.scenario.reference import kinds_text, known_kinds
 
-        print(kinds_text())
-        return
-    files = sweep_files() if sweeps else machine_files() if machines else scenario_files()
+        return Answer({"kinds": [row._asdict() for row in known_kinds()]}, kinds_text())
+    noun, files = "scenarios", scenario_files()
+    if sweeps or machines:
+        noun, files = ("sweeps", sweep_files()) if sweeps else ("machines", machine_files())
     # Read as plain TOML: to validate each against the whole schema would take seconds.
     titles = {name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "") for name, path in files.items()}
     width = max(map(len, titles))
-    for name, title in titles.items():
-        print(f"{name:{width}}  {title}")
+    rows = [{"name": name, "title": title} for name, title in titles.items()]
+    return Answer({noun: rows}, "\n".join(f"{name:{width}}  {title}" for name, title in titles.items()))
 
 
 def explain(
@@ -40,15 +43,18 @@ def explain(
 
 def machine(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A name from `agrobot-mj list --machines`, or a file.")],
-) -> None:
+) -> Answer:
     """Print the data sheet of a machine.
 
     Everything is measured in the simulator, with the bare machine on firm ground.
     """
-    from agrobot_mj.bench.datasheet import data_sheet, sheet_text
+    from agrobot_mj.bench.datasheet import Measured, data_sheet, sheet_text
 
+    sheet = list[Measured]()
     for measured in data_sheet(utf8(name, "machine")):
-        print(sheet_text(measured), flush=True)
+        sheet.append(measured)
+        say(sheet_text(measured))
+    return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")
 
 
 def init(

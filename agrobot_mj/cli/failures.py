@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, overrides, results_folder, utf8
+from agrobot_mj.cli.options import Jobs, Out, Quiet, Seeds, Sets, Source, finite, overrides, results_folder, utf8
 from agrobot_mj.cli.output import error_printer, print_hints, say
 from agrobot_mj.core.errors import ScenarioError, shortened
 
@@ -67,7 +67,7 @@ def falsify(
     ],
     until: Until,
     budget: Annotated[int, typer.Option(min=20, help="Combinations of the search.")] = 150,
-    seeds: Annotated[int, typer.Option(min=1, help="Runs of a combination.")] = 3,
+    seeds: Seeds = 3,
     score: Score = None,
     jobs: Jobs = None,
     sets: Sets = None,

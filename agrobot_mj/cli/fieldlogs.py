@@ -91,6 +91,7 @@ def calibrate(
     start: From = 0.0,
     end: To = inf,
     out: Out = None,
+    quiet: Quiet = False,
 ) -> None:
     """Find centre and scale of the steering sensor, ages, antenna.
 
@@ -108,7 +109,8 @@ def calibrate(
         found = find(sources, log_map, scenario, start, end)
         if folder:
             write_calibration(found, folder)
-    say(report(found, scenario.tractor))
+    if not quiet:
+        say(report(found, scenario.tractor))
 
 
 def twin(
@@ -162,6 +164,7 @@ def identify(
     start: From = 0.0,
     end: To = inf,
     out: Out = None,
+    quiet: Quiet = False,
 ) -> None:
     """Fit the steering valve to a run, or a vehicle to a log.
 
@@ -171,11 +174,16 @@ def identify(
     if not vehicle:
         from agrobot_mj.fieldlogs.identify.valve import identify_command
         from agrobot_mj.simulation.ownership import check_output
+        from agrobot_mj.simulation.storage import exclusive
 
         if len(logs) > 1:
             raise ScenarioError("identify: the valve is fitted to one run; name one, or fit the vehicle with --vehicle")
-        check_output(logs[0], ("identified.json",))
-        say(identify_command(logs[0]))
+        place = logs[0] if out is None else results_folder(out, "")
+        check_output(place, ("identified.json",))
+        with nullcontext() if out is None else exclusive(place, ("identified.json",)):
+            text = identify_command(logs[0], place)
+        if not quiet:
+            say(text)
         return
     from agrobot_mj.fieldlogs.identify.command import identify_vehicle_command
     from agrobot_mj.fieldlogs.identify.vehicle import NothingExplainedError
@@ -185,10 +193,12 @@ def identify(
     folder = (logs[0] if logs[0].is_dir() else None) if out is None else results_folder(out, "")
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
     try:
-        say(identify_vehicle_command(sources, log_map, scenario, folder, **options))
+        text = identify_vehicle_command(sources, log_map, scenario, folder, **options)
     except NothingExplainedError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
+    if not quiet:
+        say(text)
 
 
 def _scenario(logs: list[Path], base: str | None, sets: list[str] | None) -> "Scenario":

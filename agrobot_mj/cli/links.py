@@ -1,6 +1,5 @@
 """Commands that connect programs outside: `link` and `ros2` let one drive, `export` writes a run for others."""
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import (
     NoRrd,
@@ -18,11 +18,10 @@ from agrobot_mj.cli.options import (
     finite,
     number,
     overrides,
-    results_file,
     results_folder,
 )
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.runs import Live, leave_unexpected, recordings
+from agrobot_mj.cli.runs import Live, answer, recordings
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def link(
     no_rrd: NoRrd = False,
     live: Live = False,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Let a guidance program of the AgOpenGPS family drive over UDP.
 
     The tractor is its steer module, GNSS receiver and inertial unit. Writes link.parquet beside the files of a run.
@@ -66,10 +65,8 @@ def link(
         *(live, not no_rrd, _tell(quiet)),
     )
     keys = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
-    log, folder = _drive(run_link, options, (source, keys, sets), out, quiet)
-    if not quiet:
-        say(f"{log.scenario.name}: {log.outcome}, engaged {log.metrics['link']['engaged_s']:.1f} s, {folder}")
-    leave_unexpected(log)
+    given = (source, keys, sets)
+    return _drive(run_link, options, given, out, quiet, lambda found: f"engaged {found['link']['engaged_s']:.1f} s")
 
 
 def ros2(
@@ -87,7 +84,7 @@ def ros2(
     no_rrd: NoRrd = False,
     live: Live = False,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Let a ROS 2 program drive over /cmd_vel.
 
     The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in an environment of its own.
@@ -99,16 +96,14 @@ def ros2(
         pace, every, start, wait, network, domain, stamped, live, recorded=not no_rrd, notify=_tell(quiet)
     )
     keys = {"guidance.kind": "cmd_vel", **SENSORS, "duration_s": duration}
-    log, folder = _drive(run_node, options, (source, keys, sets), out, quiet)
-    if not quiet:
-        say(f"{log.scenario.name}: {log.outcome}, {log.metrics['ros2']['requests']} requests, {folder}")
-    leave_unexpected(log)
+    given = (source, keys, sets)
+    return _drive(run_node, options, given, out, quiet, lambda found: f"{found['ros2']['requests']} requests")
 
 
 def export(
     folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that a run has written.")],
     mcap: Annotated[bool, typer.Option("--mcap", help="As ROS 2 messages in an MCAP file.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The file; run.mcap in the folder.")] = None,
+    out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Write a run for other programs.
@@ -117,11 +112,13 @@ def export(
     """
     if not mcap:
         raise ScenarioError("export: name a format: --mcap")
-    from agrobot_mj.links.ros2.bag import export_run
+    from agrobot_mj.links.ros2.bag import FILE, export_run
 
-    file, count = export_run(folder, None if out is None else results_file(out))
+    if out is not None and out.suffix == ".mcap":
+        raise ScenarioError(f"--out {out}: names a folder, as for every command; {FILE} is written into it")
+    file, count = export_run(folder, folder if out is None else results_folder(out, ""))
     if not quiet:
-        print(f"{file}: {count} messages")
+        say(f"{file}: {count} messages")
 
 
 def _tell(quiet: bool) -> Callable[[str], None]:
@@ -134,10 +131,12 @@ def _drive(
     given: tuple[str, dict[str, Any], list[str] | None],
     out: Path | None,
     quiet: bool,
-) -> "tuple[Log, Path]":
-    """Log and folder of a run that `drive` leaves to a program outside; `given` are scenario, keys and overrides.
+    about: Callable[[dict[str, Any]], str],
+) -> Answer:
+    """The answer of a run that `drive` leaves to a program outside; `given` are scenario, keys and overrides.
 
-    Exit status 1 where no program comes: there was no run then, and the recording is taken away again.
+    `about` says of its metrics what its line says. Where no program comes there was no run, and the recording is taken
+    away again.
     """
     from agrobot_mj.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
@@ -146,13 +145,13 @@ def _drive(
 
     source, keys, sets = given
     scenario = load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
-    print_hints([scenario], quiet)
+    said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
     watchers = recordings(folder, options.recorded, options.live)
     with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         try:
-            return drive(scenario, folder, options, watchers, lambda: bool(stopped)), folder
+            log = drive(scenario, folder, options, watchers, lambda: bool(stopped))
         except NotBegunError as error:
             remove(folder, [RECORDING])
-            print(error, file=sys.stderr)
-            raise typer.Exit(1) from None
+            return Answer({"scenario": scenario.name}, "", str(error))
+    return answer(log, folder, said, [about(log.metrics)])

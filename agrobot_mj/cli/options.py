@@ -16,7 +16,7 @@ import typer
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import installed_plugins, scenario_files
-from agrobot_mj.simulation.ownership import check_folder, owned
+from agrobot_mj.simulation.ownership import check_folder
 
 
 def _starting_with(incomplete: str) -> list[str]:
@@ -68,9 +68,23 @@ Out = Annotated[
     typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
 ]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
+SEEDS = typer.Option(min=1, help="How many seeds to drive each with, counting up from the scenario's.")
+Seeds = Annotated[int, SEEDS]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1000, help="Processes; as many as there are cores by default.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
+
+
+def renamed(new: str, why: str) -> Any:
+    """A hidden option that was called so before: it is refused with the name that it has now."""
+
+    def refuse(value: object) -> None:
+        if value is not None:
+            raise typer.BadParameter(f"{why}; use {new}")
+
+    return typer.Option(hidden=True, callback=refuse)
+
+
 LONGEST_NAME = 150
 """Characters of a folder's default name."""
 
@@ -103,37 +117,39 @@ def utf8(text: str, option: str) -> str:
         raise ScenarioError(f"{option} {shown}: holds bytes that are not UTF-8; write it in UTF-8") from None
 
 
-def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
+def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
     """The command with the option `--plugin`: it begins with the kinds of plugin files and installed plugins."""
 
     @wraps(command)
-    def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> None:
+    def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
         if plugins or installed_plugins():  # else the schema is not needed yet
             from agrobot_mj.scenario.plugins import load_plugins
 
             load_plugins(plugins or ())
-        command(*given, **options)
+        return command(*given, **options)
 
-    return _with_option(begun, command, "plugins", Plugins)
+    return with_option(begun, command, "plugins", Plugins)
 
 
-def with_machine(command: Callable[..., None]) -> Callable[..., None]:
+def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
     """A command that takes overrides of a scenario, with the option `--machine`, which counts before them."""
     if "sets" not in signature(command).parameters:
         return command
 
     @wraps(command)
-    def begun(*given: Any, machine: str | None, sets: list[str] | None = None, **options: Any) -> None:
+    def begun(*given: Any, machine: str | None, sets: list[str] | None = None, **options: Any) -> Any:
         named = [] if machine is None else [f"machine={json.dumps(utf8(machine, '--machine'), ensure_ascii=False)}"]
-        command(*given, sets=[*named, *(sets or [])], **options)
+        return command(*given, sets=[*named, *(sets or [])], **options)
 
-    return _with_option(begun, command, "machine", OnMachine)
+    return with_option(begun, command, "machine", OnMachine)
 
 
-def _with_option(begun: Callable[..., None], command: Callable[..., None], name: str, kind: Any) -> Callable[..., None]:
-    """`begun` with the signature of `command` and one more option, left out by default."""
+def with_option(
+    begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
+) -> Callable[..., Any]:
+    """`begun` with the signature of `command` and one more option."""
     own = signature(command)
-    option = Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+    option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
     begun.__annotations__ = {**command.__annotations__, name: kind}
     return begun
@@ -177,15 +193,3 @@ def results_folder(out: Path | None, default: str) -> Path:
     except OSError as error:
         raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
     return folder
-
-
-def results_file(out: Path) -> Path:
-    """File that `--out` names. Raises `ScenarioError` where no file can be written there."""
-    utf8(str(out), "--out")
-    if not out.name or out.is_dir():
-        raise ScenarioError(f"--out {out}: is a folder; name a file in it")
-    if out.exists() and not out.is_file():
-        raise ScenarioError(f"--out {out}: is a device or a pipe; name a file")
-    if (out.exists() or out.is_symlink()) and out.name not in (owned(out.parent) or ()):
-        raise ScenarioError(f"--out {out}: is there already; move it away, or name another file")
-    return out

@@ -12,10 +12,10 @@ MOST_SCENARIOS, MOST_LINES = 100, 10
 """Largest number of scenarios that are checked for hints, and of lines that are printed."""
 
 
-def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
-    """Print the hints on the first scenarios to stderr, each once."""
+def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
+    """Print the hints on the first scenarios to stderr, each once, and return them; none if `quiet`."""
     if quiet:
-        return
+        return []
     from agrobot_mj.scenario.hints import hints
 
     some = islice(scenarios, MOST_SCENARIOS)
@@ -24,6 +24,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> None:
         print(line, file=sys.stderr)
     if len(lines) > MOST_LINES:
         print(f"and {len(lines) - MOST_LINES} more such lines", file=sys.stderr)
+    return lines
 
 
 def say(text: object) -> None:

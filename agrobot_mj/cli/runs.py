@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
-from agrobot_mj.cli.options import Jobs, NoRrd, Out, Quiet, Sets, Source, names, overrides, results_folder
-from agrobot_mj.cli.output import print_hints, say
+from agrobot_mj.cli.options import Jobs, NoRrd, Out, Quiet, Seeds, Sets, Source, names, overrides, results_folder
+from agrobot_mj.cli.output import print_hints
 from agrobot_mj.cli.variants import variants
 
 if TYPE_CHECKING:
@@ -25,8 +26,9 @@ def run(
     no_rrd: NoRrd = False,
     live: Live = False,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Run one scenario."""
+    from agrobot_mj.metrics.lag import lag_of
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import Progress
@@ -36,18 +38,16 @@ def run(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
-    print_hints([scenario], quiet)
+    said = print_hints([scenario], quiet)
     with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
-    if not quiet:
-        rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
-        error = "" if rms is None else f", lateral rms {rms:.3f} m"
-        say(f"{scenario.name}: {log.outcome}{error}, {folder}")
-    if rejected := log.metrics.get("rejected_readings"):
-        counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
-        print(f"{scenario.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
-    leave_unexpected(log)
+    rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
+    follows = scenario.guidance.using(scenario.controller).follows_path
+    lag = lag_of(log) if follows and log.outcome in ("completed", "unfinished") else None
+    about = [*([] if rms is None else [f"lateral rms {rms:.3f} m"]), *([lag.text] if lag and lag.text else [])]
+    found = answer(log, folder, said, about)
+    return found._replace(content={**found.content, "lag": lag and lag._asdict()})
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
@@ -60,15 +60,25 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
     return (Recording(folder / RECORDING if recorded else None, live=live),)
 
 
-def leave_unexpected(log: "Log") -> None:
-    """Leave with exit status 1 if a run has not ended as its scenario expects."""
+def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
+    """The answer of a run, with what its line says of it beside the outcome."""
+    s, metrics = log.scenario, log.metrics
+    if rejected := metrics.get("rejected_readings"):
+        counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
+        print(f"{s.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
+    end = {"scenario": s.name, "seed": s.seed, "outcome": log.outcome, "expected": log.as_expected}
+    text = ", ".join([f"{s.name}: {log.outcome}", *about, str(folder)])
+    return Answer({**end, "folder": str(folder), "hints": hints, "metrics": metrics}, text, _unexpected(log))
+
+
+def _unexpected(log: "Log") -> str:
+    """How a run ended, where that is not as its scenario expects."""
     if log.as_expected:
-        return
+        return ""
     s, t = log.scenario, log.column("t")
     why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
     ended = f"ended after {t[-1] if len(t) else 0.0:.2f} s: {log.outcome}{why}"
-    print(f"{s.name}: {ended}; expected_outcome is {s.expectation}", file=sys.stderr)
-    raise typer.Exit(1)
+    return f"{s.name}: {ended}; expected_outcome is {s.expectation}"
 
 
 def compare(
@@ -84,24 +94,24 @@ def compare(
     plants: Annotated[
         str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, counting up from the scenario's.")] = 1,
+    seeds: Seeds = 1,
     max_runs: Annotated[int, typer.Option(min=1, help="Refuse to plan more runs than this.")] = 2000,
     jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Run one scenario under several laws, variants and plants.
 
     Writes a folder for each run, comparison.json, and the paper's figures. Broken off, the same command goes on.
     """
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import task
+    from agrobot_mj.simulation.progress import tally
     from agrobot_mj.studies.compare import compare as drive_all
     from agrobot_mj.studies.compare_plan import plan
-    from agrobot_mj.studies.tables import notes, table
+    from agrobot_mj.studies.tables import legend, notes, table
 
     scenario = load_scenario(source, overrides(sets))
     kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}
@@ -109,18 +119,11 @@ def compare(
     todo, left_out = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
     if left_out:
         print(*left_out, sep="\n", file=sys.stderr)
-    print_hints((case.scenario for case in todo[::seeds]), quiet)
+    said = print_hints((case.scenario for case in todo[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interruptible(), task(f"{scenario.name}: {len(todo)} runs", len(todo), quiet) as advance:
-        rows = drive_all(todo, folder, not no_rrd, jobs, lambda k: advance())
-    if not quiet:
-        say("\n".join([table(rows), *notes(rows), f"figures and runs: {folder}"]))
-    _leave_failed(scenario.name, failures(rows), quiet)
-
-
-def _leave_failed(name: str, failed: str, quiet: bool) -> None:
-    """Leave with exit status 1 if runs failed."""
-    if failed and quiet:
-        print(f"{name}: failed {failed}", file=sys.stderr)
-    if failed:
-        raise typer.Exit(1)
+    with interruptible(), tally(f"{scenario.name}: {len(todo)} runs", len(todo), quiet=quiet) as advance:
+        rows = drive_all(todo, folder, not no_rrd, jobs, advance)
+    shown = table(rows)
+    text = "\n".join([shown, *legend(shown), *notes(rows), f"figures and runs: {folder}"])
+    content = {"scenario": scenario.name, "folder": str(folder), "left_out": left_out, "hints": said, "rows": rows}
+    return Answer(content, text, f"{scenario.name}: failed {failed}" if (failed := failures(rows)) else "")

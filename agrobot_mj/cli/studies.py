@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, overrides, results_folder
+from agrobot_mj.cli.options import SEEDS, Jobs, Out, Quiet, Sets, Source, overrides, results_folder
 from agrobot_mj.cli.output import error_printer, print_hints, say
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def tune(
     budget: Annotated[
         int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")
     ] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds of each case; as TUNING says by default.")] = None,
+    seeds: Annotated[int | None, SEEDS] = None,
     jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,
@@ -76,7 +76,7 @@ def tune(
     command goes on.
     """
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import task
+    from agrobot_mj.simulation.progress import tally
     from agrobot_mj.studies.tune import tune as search
     from agrobot_mj.studies.tuning_cases import read_tuning, tuning_cases
 
@@ -87,10 +87,8 @@ def tune(
     parts = ("training", "test")
     print_hints((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
     evaluations = budget or file.budget
-    with interruptible(), task(f"{scenario.law}: {evaluations} evaluations", evaluations) as advance:
-        found = search(
-            scenario, file, folder, budget, seeds, jobs, None, lambda n: [advance() for _ in range(n)], error_printer()
-        )
+    with interruptible(), tally(f"{scenario.law}: {evaluations} evaluations", evaluations, quiet=quiet) as advance:
+        found = search(scenario, file, folder, budget, seeds, jobs, None, advance, error_printer())
     if not quiet:
         for part in parts:
             now, before = (_score(found[part], name) for name in ("score", "score_before"))

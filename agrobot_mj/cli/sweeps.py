@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, names, overrides, results_folder
+from agrobot_mj.cli.options import Jobs, Out, Quiet, Sets, Source, finite, names, overrides, renamed, results_folder
 from agrobot_mj.cli.output import error_printer, print_hints, say
 from agrobot_mj.core.errors import ScenarioError
 
@@ -91,7 +92,7 @@ def limit(
     guidance: Annotated[
         list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Most runs at a value; the two printed have 10 or more.")] = 10,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Most seeds at a value; the two printed have 10 or more.")] = 10,
     reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
     confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
     tolerance: Annotated[
@@ -105,40 +106,41 @@ def limit(
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
-) -> None:
+    seeds: Annotated[int | None, renamed("--max-seeds", "a value takes fewer seeds once it is decided")] = None,
+) -> Answer:
     """Search where a guidance law stops working along one key.
 
     CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png, and resumes.
     """
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.studies.limit import Question, Tried
+    from agrobot_mj.studies.limit import Question, Tried, content
     from agrobot_mj.studies.limit import limit as search
 
     kinds = names(",".join(guidance), "--guidance") if guidance else []
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"limit-{scenario.name}-{key}")
-    question = Question(key, *_ends(range_), until, seeds, reliability, confidence, tolerance)
+    question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
     sound = overrides(beside, "--beside") if beside else None
 
     def tell(law: str, tried: Tried) -> None:
         if not quiet:
             ends = f" ({tried.ends})" if tried.unexpected else ""
-            print(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}", flush=True)
+            say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
 
+    said = list[str]()
     with interruptible():
-        hints = partial(print_hints, quiet=quiet)
-        found = search(scenario, question, kinds, folder, jobs, tell, hints, sound, error_printer())
-    if not quiet:
-        _print_answers(found, folder)
+        found = search(
+            *(scenario, question, kinds, folder, jobs, tell),
+            *(lambda ends: said.extend(print_hints(ends, quiet)), sound, error_printer()),
+        )
+    lines = [line for each in found for line in _answers(each)]
+    about = {"folder": str(folder), "hints": said}
+    return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))
 
 
-def _print_answers(found: "list[Found]", folder: Path) -> None:
-    """The answer for each law, below it that of its counterpart, and where they are written."""
-    for each in found:
-        print(each.statement)
-        if each.beside:
-            print(f"  {each.beside.statement}")
-    print(folder / "limit.json")
+def _answers(found: "Found") -> list[str]:
+    """The answer for a law, below it that of its counterpart."""
+    return [found.statement, *([f"  {found.beside.statement}"] if found.beside else [])]
 
 
 def _ends(text: str) -> tuple[float, float]:

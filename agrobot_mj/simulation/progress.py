@@ -1,8 +1,9 @@
-"""Progress on a terminal; nothing in a pipe."""
+"""Progress on stderr: a bar on a terminal; in a pipe a line for each of many runs, and nothing for one."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from agrobot_mj.plants.scene import Scene
@@ -11,6 +12,11 @@ from agrobot_mj.simulation.log import Log, Rows
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
+
+BETWEEN_LINES_S = 1.0
+"""Least time between two lines of progress: a thousand quick runs write fewer, and what is done at once none [s]."""
+LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
+"""Longest times that are told in seconds and in minutes."""
 
 
 def bar() -> "Bar | None":
@@ -33,33 +39,56 @@ def bar() -> "Bar | None":
     )
 
 
-@contextmanager
-def task(description: str, total: int, quiet: bool = False) -> Iterator[Callable[[], None]]:
-    """Show a bar for `total` pieces of work; yields a function to call after each."""
-    with tally(description, total, quiet=quiet) as advance:
-        yield lambda: advance(True)
+class Tally:
+    """Counts pieces of work as they end, on stderr: a bar on a terminal, else lines with the time left."""
+
+    def __init__(self, description: str, total: int, done: int, progress: "Bar | None", quiet: bool) -> None:
+        self.description, self.total, self.done, self.bar, self.quiet = description, total, done, progress, quiet
+        self.new, self.failed = 0, 0
+        self.began = self.told = time.monotonic()
+        if progress:
+            self.number = progress.add_task(description, total=total, completed=done)
+
+    def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
+        """Count what has ended, whether as `expected`, and whether its results were `there` already."""
+        self.done += count
+        self.new += 0 if there else count
+        self.failed += not expected
+        failed = f", {self.failed} failed" if self.failed else ""
+        if self.bar:
+            self.bar.update(self.number, completed=self.done, description=f"{self.description}{failed}")
+        elif not self.quiet and self._due():
+            print(f"{self.description}: {self.done:,} done{failed}{self._time()}", file=sys.stderr, flush=True)
+
+    def _due(self) -> bool:
+        """Whether there is to be a line now: a second after the last one, and at the end of what took longer."""
+        now = time.monotonic()
+        if now - (self.began if self.done >= self.total else self.told) < BETWEEN_LINES_S:
+            return False
+        self.told = now
+        return True
+
+    def _time(self) -> str:
+        """Time that the rest will take at the pace so far, if there is one, or, at the end, that all took."""
+        spent = self.told - self.began
+        if self.done >= self.total:
+            return f", {span(spent)} in all"
+        return f", {span(spent / self.new * (self.total - self.done))} left" if self.new else ""
 
 
 @contextmanager
-def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[[bool], None]]:
-    """Show a bar for runs, of which `done` are there already, with the number of those that failed.
+def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
+    """Show how much of `total` pieces of work has ended, of which `done` were before; yields `Tally.advance`."""
+    progress = None if quiet else bar()
+    with progress or nullcontext():
+        yield Tally(description, total, done, progress, quiet).advance
 
-    Yields a function to call after each run, with whether it ended as expected.
-    """
-    progress, failed = None if quiet else bar(), 0
-    if progress is None:
-        yield lambda expected: None
-        return
-    with progress:
-        number = progress.add_task(description, total=total, completed=done)
 
-        def advance(expected: bool) -> None:
-            nonlocal failed
-            failed += not expected
-            text = f"{description}, {failed} failed" if failed else description
-            progress.update(number, advance=1, description=text)
-
-        yield advance
+def span(seconds: float) -> str:
+    """A time in words: `48 s`, `12 min`, `3.5 h`."""
+    if seconds < LONGEST_IN_S:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < LONGEST_IN_MIN * 60 else f"{seconds / 3600:.1f} h"
 
 
 class Progress:

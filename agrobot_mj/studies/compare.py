@@ -30,13 +30,13 @@ def compare(
     folder: Path,
     rrd: bool = True,
     jobs: int | None = None,
-    done: Callable[[int], object] = lambda k: None,
+    done: Callable[..., object] = lambda expected, there: None,
 ) -> list[dict[str, Any]]:
     """Do the cases that `folder` lacks, and write everything there; returns the rows of comparison.json.
 
     Tracking errors of a run that failed are None there; its own metrics.json has what was measured. A run that raised
     has `error` and no metrics. Figures and the common recording are of the first seed and the first `MOST_DRAWN` laws.
-    `done` hears of the place of each case.
+    `done` hears of each case whether it ended as `expected`, and whether its row was `there` already.
     """
     folders = [case.folder for case in todo]
     with resuming(folder, (*FILES, *folders), jobs, most=len(todo)) as resumed:

@@ -34,7 +34,7 @@ COMMANDS = [
     identify run --vehicle --share 0.6 --from 0 --to 15 --fit front --out out
     importance run --metric xte_rms
     init mine
-    limit circle --key speed_m_s --range 1:3 --until xte_rms>1 --seeds 1 {BICYCLE}
+    limit circle --key speed_m_s --range 1:3 --until xte_rms>1 --max-seeds 1 {BICYCLE}
     link straight_line --wait 0.1 --duration 0.2 --pace fast --no-rrd {BICYCLE}
     list --kinds
     replay run --by steer --from 1 --to 3 --out out
@@ -56,6 +56,7 @@ FLAGS = (
     "--merge",
     "--fresh",
     "--quick",
+    "--json",
     "--kinds",
     "--sweeps",
     "--help",
@@ -82,7 +83,7 @@ MADE = {
     "run": "run figure_eight --no-rrd --out run --quiet --set plant.kind=bicycle --set duration_s=20",
     "compare": f"compare circle --controllers pd --plants bicycle --no-rrd --out compare --quiet {BICYCLE}",
     "sweep": f"{SWEEP_ON} --quiet",
-    "limit": f"limit circle {LIMIT} --seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
+    "limit": f"limit circle {LIMIT} --max-seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
 }
 """Commands that make a folder of earlier results of each kind."""
 NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "strangers": ("run",), "studies": ()}
@@ -177,7 +178,7 @@ EXTRAS = {
         "--max-runs 1",
     ],
     "sweep": ["--fresh", "--shard 2/3", "--shard 1/1", "--merge", "--max-runs 1", "--fresh --shard 1/2"],
-    "limit": ["--tolerance 1e-300", "--confidence 0.5", "--reliability 1e-9", "--range 1:1e308", "--seeds 2"],
+    "limit": ["--tolerance 1e-300", "--confidence 0.5", "--reliability 1e-9", "--range 1:1e308", "--max-seeds 2"],
     "tune": ["--seeds 200000", "--budget 8 --seeds 99999", "--budget 999999", "--guidance nope", "--jobs 1000000"],
 }
 """What is added to the studies."""

@@ -11,6 +11,7 @@ import pytest
 import typer.main
 
 from agrobot_mj.cli import app
+from agrobot_mj.cli.examples import EXAMPLES
 from agrobot_mj.core.spec import members
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import Scenario
@@ -55,8 +56,10 @@ def test_every_command_and_option_is_in_the_reference():
         section = text.partition(f"\n## `{name}`\n")[2].partition("\n## ")[0]
         assert f"agrobot-mj {name}" in section
         for parameter in command.params:
-            for option in parameter.opts if parameter.param_type_name == "option" else []:
+            shown = parameter.param_type_name == "option" and not parameter.hidden
+            for option in parameter.opts if shown else []:
                 assert option in section, (name, option)
+        assert all(f"agrobot-mj {example}\n" in section for example in EXAMPLES[name])
 
 
 def test_the_public_python_names_are_in_the_reference():

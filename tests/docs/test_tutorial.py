@@ -14,6 +14,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from processes import command
+from told import without_progress
 
 from agrobot_mj import cli
 
@@ -47,7 +48,7 @@ def on_one_core():
 def in_a_process_of_its_own(arguments):
     """As `in_process`, for commands that bring kinds, on one core: a comparison then starts no workers."""
     done = command(Path.cwd(), *arguments, before=on_one_core)
-    assert (done.returncode, done.stderr) == (0, ""), arguments
+    assert (done.returncode, without_progress(done.stderr)) == (0, ""), arguments
     return done.stdout
 
 

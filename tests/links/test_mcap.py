@@ -139,11 +139,12 @@ def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, word
         export_run(tmp_path)
 
 
-@pytest.mark.parametrize("out", ["", ".", "elsewhere"])
-def test_refuses_a_folder_as_export_file(call, log, tmp_path, out):
-    (tmp_path / "elsewhere").mkdir()
+@pytest.mark.parametrize(("out", "words"), [("", "name a folder"), ("a.mcap", "names a folder"), ("file", "is a file")])
+def test_exports_into_a_folder_and_refuses_a_file(call, log, tmp_path, out, words):
+    (tmp_path / "file").touch()
     write_log(log, tmp_path / "run")
     status, said, err = call("export", "run", "--mcap", "--out", out)
     assert (status, said) == (2, "")
     assert "--out" in err
-    assert "name a file" in err
+    assert words in err
+    assert not list(tmp_path.rglob("*.mcap"))

@@ -86,6 +86,7 @@ def test_the_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
     assert capsys.readouterr().err == "circle: fault[0].start_s: 60 s is not before the end of the run, 1 s\n"
 
 
+SEEDS = ("--max-seeds", 2)
 LATE = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle", "--set", "duration_s=1")
 
 
@@ -93,7 +94,7 @@ LATE = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kin
     "command",
     [
         ("compare", "circle", "--guidance", "lqr", "--no-rrd", *LATE),
-        ("limit", "circle", "--key", "path.radius_m", "--range", "12:9", "--until", "xte_rms > 9", "--seeds", 2, *LATE),
+        ("limit", "circle", "--key", "path.radius_m", "--range", "12:9", "--until", "xte_rms > 9", *SEEDS, *LATE),
         ("tune", "circle", "--guidance", "stanley", "--budget", 8, "--seeds", 1, *LATE),
         ("sweep", "late.toml", "--jobs", 1),
         ("link", "circle", "--wait", 0.1, "--no-rrd", *LATE),

@@ -82,7 +82,7 @@ def test_a_name_is_not_interpreted_as_markup(monkeypatch, name):
     written = StringIO()
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setattr("rich.console.Console", lambda **_: Console(file=written, force_terminal=True, width=100))
-    with progress.task(name, 1) as advance:
+    with progress.tally(name, 1) as advance:
         advance()
     assert name in written.getvalue()
 

@@ -50,10 +50,13 @@ def compared(call, plugin, *more):
 def test_a_comparison_ranks_driving_before_standing(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
-    assert (status, err) == (1, "")
-    lines = [line for line in out.splitlines() if f"| {still} " in line]
+    assert status == 1
+    assert err.startswith("lane_change: failed 2 of 6: 2 unfinished (drove 0.0 of ")
+    shown = [line for line in out.splitlines() if "lateral MSE [m2] |" in line or f"| {still} " in line]
+    heads, *lines = [line.split("|") for line in shown]
+    numbers = [head.strip() for head in heads].index("lateral MSE [m2]")
     assert len(lines) == 2
-    assert {cell.strip() for line in lines for cell in line.split("|")[-8:-1]} == {"-"}
+    assert {cell.strip() for line in lines for cell in line[numbers:-1]} == {"-"}
     assert f"bicycle-{still}: failed 2 of 2: 2 unfinished (drove 0.0 of " in out
     rows = json.loads((tmp_path / "out" / "comparison.json").read_text())
     for row in rows:
@@ -116,7 +119,7 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
 
 def test_standing_still_finds_no_limit(call, plugin, tmp_path):
     file, still = plugin
-    where = ("--key", "path.radius_m", "--range", "12:6", "--seeds", 2, "--until", "xte_rms > 0.5")
+    where = ("--key", "path.radius_m", "--range", "12:6", "--max-seeds", 2, "--until", "xte_rms > 0.5")
     status, out, _ = call(
         "limit", "circle", "--plugin", file, "--guidance", still, *where, *AWAY, "--jobs", 1, "--out", "out"
     )

@@ -405,7 +405,7 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
     """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
-    options = (*where, "--guidance", "stanley,lqr", "--seeds", 7, "--beside", "path.radius_m=6")
+    options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 7, "--beside", "path.radius_m=6")
     status, out, err = call("circle", *options, "--until", "xte_rms > 0.02", *SHORT)
     assert (status, err) == (0, "")
     content = json.loads((tmp_path / "out" / "limit.json").read_text())

@@ -15,7 +15,7 @@ from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line
 from agrobot_mj.studies import report, style
 from agrobot_mj.studies.report import ReportedRun, q, write_figures
-from agrobot_mj.studies.tables import table
+from agrobot_mj.studies.tables import legend, table
 
 NAMES = ["trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q"]
 CONTROLLERS = {"pd": 0.5, "pd_isgn": 0.3, "pd_t1fnn": 0.2, "pd_t2fnn": 0.1}
@@ -186,9 +186,15 @@ def test_the_table_holds_the_numbers() -> None:
 
 def test_missing_values_are_dashes() -> None:
     early = cells(table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)]))
-    assert early[2][3:] == ["-", "0.0000", "-", "-", "0.123", "0.250", "-"]
-    assert early[3][3:] == ["3.0e+07", "-", "-", "1.00", "0.123", "-", "-"]
-    assert cells(table([row("mujoco", "pd_t2fnn", 0.5)]))[2][6] == "-"
+    assert early[0][3:] == ["lateral MSE [m2]", "turn 1", "/ pd", "xte rms [m]", "nn 1"]  # others hold nothing
+    assert early[2][3:] == ["-", "0.0000", "-", "0.123", "0.250"]
+    assert early[3][3:] == ["3.0e+07", "-", "1.00", "0.123", "-"]
+    assert "/ pd" not in cells(table([row("mujoco", "pd_t2fnn", 0.5)]))[0]
+
+
+def test_the_legend_explains_the_numbers_that_are_shown() -> None:
+    text = table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)])
+    assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 
 
 def test_seeds_have_a_column_and_their_own_ratio() -> None:

@@ -35,7 +35,7 @@ class Fragile(GuidanceLaw):
 '''
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=1", "--jobs", 1, "--out", "out")
 COMPARE = ("compare", "circle", "--guidance", "stanley,lqr", "--plants", "bicycle", "--seeds", 2, *BICYCLE)
-LIMIT = ("limit", "circle", "--key", "path.radius_m", "--range", "6:2", "--until", "xte_rms > 0.02", "--seeds", 3)
+LIMIT = ("limit", "circle", "--key", "path.radius_m", "--range", "6:2", "--until", "xte_rms > 0.02", "--max-seeds", 3)
 LIMIT += ("--guidance", "stanley", *BICYCLE)
 TUNE = ("tune", "circle", "--guidance", "stanley", "--cases", "mine.toml", "--budget", 8, *BICYCLE)
 WALL = ("wall_s", "real_time_factor")
@@ -120,7 +120,7 @@ def test_a_crashing_run_of_a_comparison_is_a_row_and_the_others_go_on(call, driv
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.gain=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)
-    assert (status, err) == (1, "")
+    assert (status, err) == (1, "circle: failed 1 of 2: 1 error (RuntimeError: gain too large)\n")
     assert "bicycle-hard: failed 1 of 1: 1 error (RuntimeError: gain too large); no errors of these" in out
     lqr, hard = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert (lqr["outcome"], "error" in lqr) == ("completed", False)
@@ -132,7 +132,7 @@ def test_a_crashing_run_of_a_comparison_is_a_row_and_the_others_go_on(call, driv
 
 
 def test_crashing_runs_of_a_limit_count_as_failed_and_are_reported(call, driven, tmp_path):
-    where = ("--key", "guidance.gain", "--range", "0.1:0.9", "--until", "outcome == diverged", "--seeds", 2)
+    where = ("--key", "guidance.gain", "--range", "0.1:0.9", "--until", "outcome == diverged", "--max-seeds", 2)
     command = ("limit", "circle", "--plugin", "laws.py", "--guidance", "fragile", *where)
     status, _, err = call(*command, "--set", "expected_outcome=completed", *BICYCLE)
     assert (status, err) == (0, "a run raised an error: RuntimeError: gain too large\n")

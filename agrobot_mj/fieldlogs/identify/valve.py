@@ -175,8 +175,8 @@ def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tu
     return wider if seen else fit
 
 
-def identify_command(run_dir: Path) -> str:
-    """Identify the valve of the run in `run_dir`, write `identified.json` there, and return a table.
+def identify_command(run_dir: Path, out: Path | None = None) -> str:
+    """Identify the valve of the run in `run_dir`, write `identified.json` there or into `out`, and return a table.
 
     Raises `ScenarioError` for a folder that holds no run.
     """
@@ -191,7 +191,7 @@ def identify_command(run_dir: Path) -> str:
         found = identify(signals, cylinder, limit)
     except ScenarioError as error:
         raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
-    write_json(run_dir / "identified.json", found._asdict())
+    write_json((out or run_dir) / "identified.json", found._asdict())
     known = scenario.steering.valve if file.is_file() else None
     return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
 

@@ -24,26 +24,25 @@ from agrobot_mj.links.ros2.sample import TickSample, samples_of
 from agrobot_mj.links.running import gyro_heading
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.simulation.storage import atomic
+from agrobot_mj.simulation.storage import atomic, exclusive
 
+FILE = "run.mcap"
+"""Name of the file."""
 LARGEST = 1e9
 """Magnitude that no signal of a tractor reaches, in its own SI unit."""
 
 
-def export_run(folder: Path, file: Path | None = None) -> tuple[Path, int]:
-    """Write the run of `folder` as `run.mcap` in it, or as `file`; returns the file and its number of messages.
+def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
+    """Write the run of `folder` into it, or into the folder `out`; returns the file and its number of messages.
 
     Raises `ScenarioError` where the folder holds no run or a damaged one, or without the extra `mcap`.
     """
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
-    if file is None:
-        check_output(folder, ["run.mcap"])
-    file = file or folder / "run.mcap"
-    scenario = load_scenario(folder / "scenario.toml")
-    return file, write_mcap(scenario, _signals(folder / "signals.parquet"), file)
+    with exclusive(out or folder, [FILE]) as place:
+        scenario = load_scenario(folder / "scenario.toml")
+        return place / FILE, write_mcap(scenario, _signals(folder / "signals.parquet"), place / FILE)
 
 
 def _signals(file: Path) -> pa.Table:

@@ -80,11 +80,12 @@ class Resumed:
         tasks: Sequence[Task],
         names: Sequence[str] | None = None,
         keep: Callable[[int, Mapping[str, bytes]], object] = lambda k, files: None,
-        done: Callable[[int], object] = lambda k: None,
+        done: Callable[..., object] = lambda expected, there: None,
     ) -> list[Done]:
         """The results of tasks, in their order, without their files: `keep` is given these, with the task's place.
 
-        Rows have the `names` given, or such that equal tasks share one; `done` hears of each place.
+        Rows have the `names` given, or such that equal tasks share one; `done` hears of each whether it ended as
+        `expected`, and whether its row was `there` already.
         """
         keys = [self._key(task) for task in tasks]
         names = names or [f"{key[:2]}/{key}" for key in keys]
@@ -93,7 +94,7 @@ class Resumed:
             row = self.files.read(name) or {}
             if row.pop("task", None) == key and row.get("error") is None:
                 found[name] = Done(row, {})
-                done(k)
+                done(expected=row["expected"], there=True)
             elif name not in todo:
                 todo[name] = task._replace(number=k)
         for task, result in self.perform(todo.values()):
@@ -102,7 +103,7 @@ class Resumed:
             keep(task.number, result.files)
             self.files.write(name, {"task": keys[task.number], **result.numbers})
             found[name] = Done(result.numbers, {})
-            done(task.number)
+            done(expected=result.numbers["expected"], there=False)
             if error := result.numbers["error"]:
                 self.failed(error)
         return [found[name] for name in names]

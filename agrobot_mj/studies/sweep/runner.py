@@ -9,7 +9,7 @@ from typing import NamedTuple
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.simulation.progress import tally, task
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import exclusive
 from agrobot_mj.studies.engine import Done, Task, base_text, performing
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
@@ -102,7 +102,7 @@ def _complete(plan: SweepPlan, store: Store, options: SweepOptions, begin: Begin
             store.put(run, store.row(run, result, plan), result.files)
             unexpected += not expected
             errors += result.numbers["error"] is not None
-            advance(expected)
+            advance(expected=expected)
     return SweepSummary(store.folder, plan.total, before, len(todo), unexpected, errors)
 
 
@@ -128,7 +128,9 @@ def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) 
                 "--fresh discards them, --out with another folder keeps them"
             )
         return
-    with task(f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, options.quiet) as advance:
+    with tally(
+        f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, quiet=options.quiet
+    ) as advance:
         plan.check(advance)
     with _full_disk_told(store), nullcontext() if _is_whole(options) else exclusive(folder, names, shared=True):
         if options.fresh:

@@ -1,0 +1,75 @@
+"""What a command has found, as lines for people or, with `--json`, as one JSON document for programs.
+
+The document is all that stdout then holds, whatever the exit status: progress, hints and what libraries or plugins
+print go to stderr. Beside the keys of its verb it has `command`, `version`, `exit_status`, and `error`: what stderr
+says of a failure, else null.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from functools import wraps
+from inspect import signature
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from agrobot_mj.cli.options import with_option
+from agrobot_mj.cli.output import say
+from agrobot_mj.core.version import __version__
+
+FLAG = "--json"
+Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document instead, also of a failure.")]
+
+
+class Answer(NamedTuple):
+    """What a command has found."""
+
+    content: Mapping[str, Any]
+    """Keys of the document, as plain data."""
+    text: str
+    """Lines for people, without what was printed on the way."""
+    failed: str = ""
+    """Why the exit status is 1; empty where it is 0."""
+
+
+def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that returns an `Answer`, with the option `--json`; others stay as they are."""
+    if signature(command).return_annotation is not Answer:
+        return command
+
+    @wraps(command)
+    def begun(*given: Any, as_json: bool, **options: Any) -> None:
+        with _stdout_to_stderr() if as_json else nullcontext():
+            answer: Answer = command(*given, **options)
+        if as_json:
+            say(document(command.__name__.rstrip("_"), int(bool(answer.failed)), answer.failed, answer.content))
+        elif answer.text and not options.get("quiet"):
+            say(answer.text)
+        if answer.failed:
+            print(answer.failed, file=sys.stderr)
+            raise typer.Exit(1)
+
+    return with_option(begun, command, "as_json", Json, False)
+
+
+def document(command: str, status: int, error: str, content: Mapping[str, Any]) -> str:
+    """The JSON document of a command."""
+    about = {"command": command, "version": __version__, "exit_status": status, "error": error or None}
+    return json.dumps({**about, **content}, indent=2, allow_nan=False)
+
+
+@contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """Let all that the block prints go to stderr, also that of worker processes and libraries."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)

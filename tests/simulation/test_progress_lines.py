@@ -1,0 +1,67 @@
+"""Progress in a pipe: a line for each run that ends, with the time left, and none for what is done at once."""
+
+import pytest
+
+from agrobot_mj.simulation import progress
+from agrobot_mj.simulation.progress import span, tally
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Seconds that a test sets."""
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_each_run_has_a_line_with_the_time_left(clock, capsys):
+    with tally("circle: 4 runs", 4) as advance:
+        for expected in (True, False, True, True):
+            clock[0] += 30.0
+            advance(expected=expected)
+    assert capsys.readouterr().err.splitlines() == [
+        "circle: 4 runs: 1 done, 90 s left",
+        "circle: 4 runs: 2 done, 1 failed, 60 s left",
+        "circle: 4 runs: 3 done, 1 failed, 30 s left",
+        "circle: 4 runs: 4 done, 1 failed, 2 min in all",
+    ]
+
+
+def test_what_was_there_already_does_not_count_for_the_pace(clock, capsys):
+    with tally("8 runs", 8, done=2) as advance:
+        for _ in range(4):
+            advance(there=True)
+        clock[0] += 10.0
+        advance()
+    assert capsys.readouterr().err == "8 runs: 7 done, 10 s left\n"
+
+
+def test_a_thousand_quick_runs_have_a_line_a_second(clock, capsys):
+    with tally("runs", 1000) as advance:
+        for _ in range(1000):
+            clock[0] += 0.01
+            advance()
+    lines = capsys.readouterr().err.splitlines()
+    assert 9 <= len(lines) <= 11
+    assert lines[-1] == "runs: 1,000 done, 10 s in all"
+
+
+@pytest.mark.parametrize(("quiet", "seconds"), [(True, 60.0), (False, 0.9)])
+def test_nothing_is_said_if_quiet_or_at_once(clock, capsys, quiet, seconds):
+    with tally("run", 1, quiet=quiet) as advance:
+        clock[0] += seconds
+        advance()
+    assert capsys.readouterr().err == ""
+
+
+def test_generations_count_as_many(clock, capsys):
+    with tally("lqr: 16 evaluations", 16) as advance:
+        for _ in range(2):
+            clock[0] += 40.0
+            advance(8)
+    assert capsys.readouterr().err.splitlines()[0] == "lqr: 16 evaluations: 8 done, 40 s left"
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (99.0, "99 s"), (300.0, "5 min"), (7200.0, "2.0 h")])
+def test_a_span_of_time_is_told_in_its_unit(seconds, text):
+    assert span(seconds) == text

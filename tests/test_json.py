@@ -1,0 +1,179 @@
+"""`--json`: one document on stdout whatever the exit status, with the numbers that the text has."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from agrobot_mj import __version__, cli
+from agrobot_mj.bench import datasheet
+from agrobot_mj.bench.datasheet import Measured
+from agrobot_mj.cli.answers import _stdout_to_stderr
+
+QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
+PAGE = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
+COMMON = {"command", "version", "exit_status", "error"}
+VERBS = ("list", "machine", "run", "compare", "limit")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def asked(call):
+    """(document, stderr) of a command line with `--json`, whose status the document has."""
+
+    def command(*arguments):
+        status, out, err = call(*arguments, "--json")
+        found = json.loads(out)
+        assert set(found) >= COMMON
+        assert (found["command"], found["version"], found["exit_status"]) == (arguments[0], __version__, status)
+        assert (found["error"] is None) == (status == 0)
+        return found, err
+
+    return command
+
+
+def documented(verb):
+    """The keys of a verb's document that the page names outside parentheses, before any colon."""
+    cells = re.search(rf"^\| `{verb}` \| (.*) \|$", PAGE, re.MULTILINE)[1]
+    named = [part.partition(":")[0] for part in re.sub(r"\(.*?\)", "", cells).split(";")]
+    return {name for part in named for name in re.findall(r"`(\w+)`(?!\.)", part)}
+
+
+def test_the_page_names_every_verb_that_has_it():
+    commands = get_command(cli.app).commands
+    having = {name for name, command in commands.items() if any("--json" in each.opts for each in command.params)}
+    assert having >= set(VERBS)
+    assert having - set(VERBS) == {"link", "ros2"}  # those of a run
+
+
+@pytest.mark.parametrize("what", ["scenarios", "sweeps", "machines"])
+def test_lists_have_the_names_and_titles_of_the_text(asked, call, what):
+    option = () if what == "scenarios" else (f"--{what}",)
+    rows = asked("list", *option)[0][what]
+    assert [line.split(maxsplit=1) for line in call("list", *option)[1].splitlines()] == [
+        [row["name"], row["title"]] for row in rows
+    ]
+    assert what in documented("list")
+
+
+def test_kinds_are_those_of_the_text(asked, call):
+    rows = asked("list", "--kinds")[0]["kinds"]
+    texts = [" ".join(row.values()).split() for row in rows]
+    assert texts == [line.split() for line in call("list", "--kinds")[1].splitlines()]
+    assert set(rows[0]) == {"table", "kind", "text"}
+
+
+def test_a_run_has_the_numbers_of_its_files_and_line(asked, call):
+    found, err = asked("run", "circle", *QUICK, "--out", "out")
+    assert err == ""
+    assert found["metrics"] == json.loads(Path("out/metrics.json").read_text())
+    assert set(found) == COMMON | {"seed", "hints", "lag"} | {"scenario", "outcome", "expected", "folder", "metrics"}
+    assert documented("run") >= set(found) - COMMON
+    line = call("run", "circle", *QUICK, "--out", "out")[1]
+    assert line == f"circle: {found['outcome']}, lateral rms {found['metrics']['lateral_rms']:.3f} m, out\n"
+
+
+def test_an_unexpected_end_and_a_hint_are_in_the_document(asked):
+    fault = "fault=[{kind='gnss_loss', start_s=9}]"
+    found, err = asked("run", "circle", *QUICK, "--set", "expected_outcome=stuck", "--set", fault, "--out", "out")
+    assert (found["exit_status"], found["outcome"], found["expected"]) == (1, "completed", False)
+    assert err.splitlines() == [f"circle: {found['hints'][0]}".replace("circle: circle", "circle"), found["error"]]
+    assert "expected_outcome is stuck" in found["error"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "circl"), "did you mean 'circle'"),
+        (("run", "circle", "--set", "plant.mass_kg=3"), "tractor.mass_kg"),
+        (("run", "circle", "--nope"), "No such option: --nope"),
+        (("limit", "circle"), "--key"),
+        (("list", "--jobs", "2"), "--jobs"),
+        (("explain", "tractor"), "--json"),
+    ],
+)
+def test_bad_input_is_told_on_both_streams(asked, arguments, words):
+    found, err = asked(*arguments)
+    assert found["exit_status"] == 2
+    assert words in found["error"]
+    assert found["error"] == err.rstrip("\n")
+    assert set(found) == COMMON
+
+
+def test_what_is_broken_off_says_so(asked, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("agrobot_mj.simulation.run.run", interrupted)
+    found, err = asked("run", "circle", *QUICK, "--out", "out")
+    assert (found["exit_status"], found["error"]) == (130, "stopped before its end")
+    assert err == "stopped before its end\n"
+
+
+def test_a_comparison_has_the_rows_of_its_file_and_table(asked, call):
+    words = ("compare", "circle", "--controllers", "pd,pi", "--plants", "bicycle", *QUICK, "--jobs", 1, "--out", "out")
+    found, _ = asked(*words)
+    assert found["rows"] == json.loads(Path("out/comparison.json").read_text())
+    assert documented("compare") == set(found) - COMMON
+    status, text, _ = call(*words)  # resumes
+    table = [line.split("|") for line in text.splitlines() if line.startswith("|")]
+    heads, _, *lines = [[cell.strip() for cell in line] for line in table]
+    assert status == 0
+    for row, line in zip(found["rows"], lines, strict=True):
+        cells = dict(zip(heads, line, strict=True))
+        assert (cells["controller"], cells["xte rms [m]"]) == (row["controller"], f"{row['xte_rms']:.3f}")
+        assert cells["lateral MSE [m2]"] == f"{row['lateral_mse']:.4f}"
+    assert "nn 1" not in heads  # no law has a network, and no turn is complete
+    told = [line.partition("  ")[0] for line in text.splitlines()[len(table) :]]
+    assert told[:3] == ["lateral MSE [m2]", "/ pd", "xte rms [m]"]
+
+
+def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
+    where = ("--key", "path.radius_m", "--range", "12:6", "--until", "xte_rms > 9", "--max-seeds", 1, "--jobs", 1)
+    words = ("limit", "circle", *where, *QUICK[1:], "--out", "out")
+    found, err = asked(*words)
+    assert "path.radius_m = 12: 1 of 1 runs succeed" in err  # each value as it is tried
+    written = json.loads(Path("out/limit.json").read_text())
+    assert set(found) == COMMON | set(written) | {"folder", "hints"}
+    assert documented("limit") == {"folder", "hints"}  # and those of the file
+    assert {name: found[name] for name in written} == written
+    assert written["laws"][0]["statement"] in call(*words)[1]
+
+
+def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
+    sheet = [Measured("mass", 3912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
+    monkeypatch.setattr(datasheet, "data_sheet", lambda name: iter(sheet))
+    found, err = asked("machine", "row_crop")
+    assert found["sheet"][0] == {"name": "mass", "value": 3912.123456, "unit": "kg"}
+    assert found["sheet"][1]["value"] is None
+    assert documented("machine") == set(found) - COMMON
+    assert err == call("machine", "row_crop")[1]  # as it is measured
+    assert f"{found['sheet'][0]['value']:.4g} kg" in err
+
+
+def test_quiet_keeps_the_document_alone(call):
+    status, out, err = call("run", "circle", *QUICK, "--out", "out", "--json", "-q")
+    assert (status, err) == (0, "")
+    assert json.loads(out)["outcome"] == "completed"
+
+
+def test_what_plugins_print_leaves_the_document_whole(asked):
+    Path("loud.py").write_text("print('hello')\n")
+    assert asked("list", "--plugin", "loud.py")[0]["scenarios"]
+
+
+def test_what_other_processes_print_goes_to_stderr(capfd):
+    with _stdout_to_stderr():
+        os.system("echo a worker")
+        print("this process")
+    print("the document")
+    out, err = capfd.readouterr()
+    assert out == "the document\n"
+    assert sorted(err.splitlines()) == ["a worker", "this process"]
