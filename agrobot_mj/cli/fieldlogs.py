@@ -4,7 +4,7 @@ import sys
 from contextlib import nullcontext
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -171,34 +171,49 @@ def identify(
     Prints dead band, gains, rate limit, lag and delay with their uncertainty. With --vehicle: cornering stiffness,
     understeer gradient, relaxation lengths, steering offset, delay and backlash with 95 % intervals.
     """
-    if not vehicle:
-        from agrobot_mj.fieldlogs.identify.valve import identify_command
-        from agrobot_mj.simulation.ownership import check_output
-        from agrobot_mj.simulation.storage import exclusive
+    if vehicle:
+        options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
+        text = _identified_vehicle(logs, map_file, base, sets, out, options)
+    else:
+        text = _identified_valve(logs, out)
+    if not quiet:
+        say(text)
 
-        if len(logs) > 1:
-            raise ScenarioError("identify: the valve is fitted to one run; name one, or fit the vehicle with --vehicle")
-        place = logs[0] if out is None else results_folder(out, "")
-        check_output(place, ("identified.json",))
-        with nullcontext() if out is None else exclusive(place, ("identified.json",)):
-            text = identify_command(logs[0], place)
-        if not quiet:
-            say(text)
-        return
+
+def _identified_valve(logs: list[Path], out: Path | None) -> str:
+    """A table of the valve of a run."""
+    from agrobot_mj.fieldlogs.identify.valve import identify_command
+    from agrobot_mj.simulation.ownership import check_output
+    from agrobot_mj.simulation.storage import exclusive
+
+    if len(logs) > 1:
+        raise ScenarioError("identify: the valve is fitted to one run; name one, or fit the vehicle with --vehicle")
+    place = logs[0] if out is None else results_folder(out, "")
+    check_output(place, ("identified.json",))
+    with nullcontext() if out is None else exclusive(place, ("identified.json",)):
+        return identify_command(logs[0], place)
+
+
+def _identified_vehicle(
+    logs: list[Path],
+    map_file: Path | None,
+    base: str | None,
+    sets: list[str] | None,
+    out: Path | None,
+    options: dict[str, Any],
+) -> str:
+    """A table of the vehicle of logs. Exit status 1 where they explain nothing."""
     from agrobot_mj.fieldlogs.identify.command import identify_vehicle_command
     from agrobot_mj.fieldlogs.identify.vehicle import NothingExplainedError
 
     scenario = _scenario(logs, base, sets)
     sources, log_map = _sources(logs, map_file)
     folder = (logs[0] if logs[0].is_dir() else None) if out is None else results_folder(out, "")
-    options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end}
     try:
-        text = identify_vehicle_command(sources, log_map, scenario, folder, **options)
+        return identify_vehicle_command(sources, log_map, scenario, folder, **options)
     except NothingExplainedError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None
-    if not quiet:
-        say(text)
 
 
 def _scenario(logs: list[Path], base: str | None, sets: list[str] | None) -> "Scenario":

@@ -16,7 +16,7 @@ from agrobot_mj.cli.output import error_printer, print_hints, say
 from agrobot_mj.core.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from agrobot_mj.studies.limit import Found
+    from agrobot_mj.studies.limit import Found, Tried
 
 
 def sweep(
@@ -113,29 +113,29 @@ def limit(
     CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png, and resumes.
     """
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.studies.limit import Question, Tried, content
+    from agrobot_mj.studies.limit import Question, content
     from agrobot_mj.studies.limit import limit as search
 
     kinds = names(",".join(guidance), "--guidance") if guidance else []
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"limit-{scenario.name}-{key}")
     question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
-    sound = overrides(beside, "--beside") if beside else None
-
-    def tell(law: str, tried: Tried) -> None:
-        if not quiet:
-            ends = f" ({tried.ends})" if tried.unexpected else ""
-            say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
-
-    said = list[str]()
+    sound, said = overrides(beside, "--beside") if beside else None, list[str]()
     with interruptible():
         found = search(
-            *(scenario, question, kinds, folder, jobs, tell),
+            *(scenario, question, kinds, folder, jobs, partial(_tell, key, quiet)),
             *(lambda ends: said.extend(print_hints(ends, quiet)), sound, error_printer()),
         )
     lines = [line for each in found for line in _answers(each)]
     about = {"folder": str(folder), "hints": said}
     return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))
+
+
+def _tell(key: str, quiet: bool, law: str, tried: "Tried") -> None:
+    """Print how the runs of a law at a value of the key ended."""
+    ends = f" ({tried.ends})" if tried.unexpected else ""
+    if not quiet:
+        say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
 
 
 def _answers(found: "Found") -> list[str]:

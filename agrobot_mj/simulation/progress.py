@@ -39,7 +39,7 @@ def bar() -> "Bar | None":
     )
 
 
-class Tally:
+class Count:
     """Counts pieces of work as they end, on stderr: a bar on a terminal, else lines with the time left."""
 
     def __init__(self, description: str, total: int, done: int, progress: "Bar | None", quiet: bool) -> None:
@@ -78,10 +78,10 @@ class Tally:
 
 @contextmanager
 def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
-    """Show how much of `total` pieces of work has ended, of which `done` were before; yields `Tally.advance`."""
+    """Show how much of `total` pieces of work has ended, of which `done` were before; yields `Count.advance`."""
     progress = None if quiet else bar()
     with progress or nullcontext():
-        yield Tally(description, total, done, progress, quiet).advance
+        yield Count(description, total, done, progress, quiet).advance
 
 
 def span(seconds: float) -> str:
