@@ -37,7 +37,8 @@ def pytest_configure(config):
 def call(monkeypatch, capsys, tmp_path):
     """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in an empty folder and in this process alone.
 
-    Without lines of progress, which come by the clock. Workers, which take three seconds of processor time to start, are asked for with `--jobs`.
+    Without lines of progress, which come by the clock. Workers, which take three seconds of processor time to start,
+    are asked for with `--jobs`.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)

@@ -80,16 +80,6 @@ def test_a_run_has_the_numbers_of_its_files_and_line(asked, call):
     assert line == f"circle: {found['outcome']}, lateral rms {found['metrics']['lateral_rms']:.3f} m, out\n"
 
 
-def test_a_run_behind_its_reference_says_so(call):
-    slow = ("speed.outer.kp=0", "speed.outer.ki=0", "speed.feedforward_s_m=0.21", "path.speed_m_s=2", "duration_s=15")
-    words = [word for text in ("plant.kind=bicycle", *slow) for word in ("--set", text)]
-    status, line, _ = call("run", "straight_line", "--no-rrd", *words, "--out", "out")
-    assert status == 0
-    behind, speed = re.search(r" m, (\d\.\d) m behind its reference, at (\d\.\d\d) of 2\.00 m/s, out\n$", line).groups()
-    assert 2.0 < float(behind) < 5.0
-    assert 1.6 < float(speed) < 1.9
-
-
 def test_an_unexpected_end_and_a_hint_are_in_the_document(asked):
     fault = "fault=[{kind='gnss_loss', start_s=9}]"
     found, err = asked("run", "circle", *QUICK, "--set", "expected_outcome=stuck", "--set", fault, "--out", "out")
