@@ -123,7 +123,8 @@ def _add_differences(runs: Sequence[RecordedRun]) -> None:
         own = run.values.get("cross_track")
         if first is not None and own is not None and run.log.scenario.path == runs[0].log.scenario.path:
             both = min(len(own), len(first))
-            run.values[DIFFERENCE] = own[:both] - first[:both]
+            with np.errstate(invalid="ignore", over="ignore"):  # a run that diverged has values up to infinity
+                run.values[DIFFERENCE] = own[:both] - first[:both]
 
 
 def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
@@ -173,6 +174,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
     numbers = np.full((len(t), len(having)), np.nan)
     for k, run in enumerate(having):
         numbers[: len(run.values[plot.path]), k] = run.values[plot.path]
+    numbers[~np.isfinite(numbers)] = np.nan
     means = noisy_means(numbers)
     for k, run in enumerate(having):
         line = Plot(f"{plot.path}/{run.entity}", "", plot.unit, (Series(run.name, "", run.colour),))

@@ -224,7 +224,7 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Re
     if failed:
         contour = {"start": SUCCESS, "end": SUCCESS, "size": 1, "coloring": "none"}
         boundary = {"type": "contour", "x": xs, "y": ys, "z": rates, "contours": contour, "showscale": False}
-        data.append({**boundary, "line": {"color": "black", "width": 3}, "hoverinfo": "skip"})
+        data.append({**boundary, "line": {"color": "black", "width": 3}, "hoverinfo": "skip", "showlegend": False})
         cross = {"symbol": "x", "color": COLOURS[1], "size": 8}
         marks = {"type": "scatter", "mode": "markers", "x": [a for a, _ in failed], "y": [b for _, b in failed]}
         data.append({**marks, "marker": cross, "hoverinfo": "skip", "showlegend": False})
