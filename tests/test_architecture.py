@@ -26,7 +26,7 @@ OWNERS = {
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
-    "PIL": {"terrain"},
+    "PIL": {"terrain", "recording"},
     "matplotlib": {"studies", "fieldlogs", "bench"},
     "typer": {"cli"},
     "tomli_w": {"scenario", "studies", "fieldlogs"},

@@ -21,7 +21,7 @@ def test_every_option_it_names_exists():
     known = {option for name in ("ros2", "export", "run") for each in commands[name].params for option in each.opts}
     assert set(re.findall(r"--[a-z][a-z0-9-]*", TEXT)) <= known
     given = {option for each in commands["ros2"].params for option in each.opts if option.startswith("--")}
-    common = {"--set", "--machine", "--plugin", "--out", "--no-rrd", "--live", "--quiet", "--duration"}
+    common = {"--set", "--machine", "--plugin", "--out", "--no-rrd", "--live", "--quiet", "--json", "--duration"}
     assert given - common <= set(re.findall(r"--[a-z][a-z0-9-]*", TEXT))
 
 

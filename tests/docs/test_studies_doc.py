@@ -38,7 +38,7 @@ def folder(request, tmp_path_factory):
         for line in COMMANDS:
             words = shlex.split(line)
             quick = [] if (whole and "--jobs" in words) or "--merge" in words else ["--jobs", "1"]
-            fewer = ["--seeds", "3"] if words[1] == "limit" and not whole else []
+            fewer = ["--max-seeds", "3"] if words[1] == "limit" and not whole else []
             patch.setattr(sys, "argv", [*words, *quick, *fewer])
             with pytest.raises(SystemExit) as leaving:
                 cli.main()
