@@ -94,6 +94,9 @@ def test_a_dying_second_run_leaves_no_signals_of_the_first():
         def start(self, scenario, scene, rows):
             raise MemoryError
 
+        def advance(self, ticks):
+            raise AssertionError("died at the start")
+
         def fail(self, error):
             pass
 
