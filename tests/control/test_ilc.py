@@ -233,7 +233,7 @@ def test_settings_that_diverge_are_stopped_within_a_lap(smoothing: float, loop: 
     }
     log = run(load_scenario("figure_eight", {**EIGHT, **keys}))
     assert log.outcome == "completed"
-    assert np.abs(RunView(log).beside.offset).max() < 0.3
+    assert np.abs(RunView(log).cg_on_path.offset).max() < 0.3
 
 
 def test_the_line_of_the_tractor_brings_a_trailer_onto_the_path() -> None:
