@@ -256,7 +256,8 @@ def test_a_recording_of_the_previous_rerun_opens():
     times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
     np.testing.assert_array_equal(times, np.arange(200) * 50_000_000)
     np.testing.assert_allclose(np.array(values)[:, 0], np.sin(np.arange(200) / 20))
-    assert recorded.static("/plots/tracking/error", "SeriesLines:names") == ["longitudinal [m]", "lateral [m]"]  # of then
+    named_then = ["longitudinal [m]", "lateral [m]"]
+    assert recorded.static("/plots/tracking/error", "SeriesLines:names") == named_then
     assert recorded.static("/__properties/scenario", "hash") == ["0123abcd"]
     assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 200
     verify(path)
