@@ -148,14 +148,21 @@ def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
 
 
 def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
-    sheet = [Measured("mass", 3912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
+    sheet = [Measured("mass", 13912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
     monkeypatch.setattr(datasheet, "data_sheet", lambda name: iter(sheet))
     found, err = asked("machine", "row_crop")
-    assert found["sheet"][0] == {"name": "mass", "value": 3912.123456, "unit": "kg"}
+    assert found["sheet"][0] == {"name": "mass", "value": 13912.123456, "unit": "kg"}
     assert found["sheet"][1]["value"] is None
     assert documented("machine") == set(found) - COMMON
     assert err == call("machine", "row_crop")[1]  # as it is measured
-    assert f"{found['sheet'][0]['value']:.4g} kg" in err
+    assert " 13910 kg\n" in err
+
+
+def test_a_machine_that_cannot_be_is_told_by_its_own_name(asked):
+    Path("mine.toml").write_text("[tractor]\nmass_kg = 5000\nwheelbase_m = 2.6\nyaw_inertia_kg_m2 = 100\n")
+    found, _ = asked("machine", "mine.toml")
+    assert found["exit_status"] == 2
+    assert found["error"].startswith("mine.toml: tractor: roll_")
 
 
 def test_quiet_keeps_the_document_alone(call):

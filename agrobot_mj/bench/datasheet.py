@@ -23,6 +23,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.terrain import Flat, Ground
 from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres.patch import LOAD
@@ -61,6 +62,8 @@ def data_sheet(machine: str) -> Iterator[Measured]:
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet is that of the MuJoCo plant")
+    with naming(machine):
+        _plant(scenario)
     yield from _standing(scenario)
     yield from _turning(scenario)
     yield Measured("understeer gradient", _understeer(scenario), "deg s2/m")
@@ -163,4 +166,5 @@ def _top_speed(scenario: Scenario) -> float:
 
 def sheet_text(measured: Measured) -> str:
     """A line of a data sheet as text."""
-    return f"{measured.name:32} {measured.value:9.4g} {measured.unit}".rstrip()
+    rounded = float(f"{measured.value:.4g}")  # without an exponent for ten tonnes
+    return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()

@@ -27,17 +27,17 @@ def check_tractor(scenario: Scenario) -> None:
     """Raise `ScenarioError` for an impossible tractor: its chassis, or tyres that are not stable."""
     s = scenario
     if isinstance(s.plant, Mujoco):
-        with naming(s):
+        with naming(s.name):
             build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
 
 
 @contextmanager
-def naming(scenario: Scenario) -> Iterator[None]:
-    """Within the block, turn ValueError into a `ScenarioError` that begins with the scenario's name."""
+def naming(name: str) -> Iterator[None]:
+    """Within the block, turn ValueError into a `ScenarioError` that begins with the name of what is built."""
     try:
         yield
     except ValueError as error:
-        raise ScenarioError(f"{scenario.name or 'scenario'}: {error}") from None
+        raise ScenarioError(f"{name or 'scenario'}: {error}") from None
 
 
 def check_tractors(scenarios: Iterable[Scenario]) -> None:

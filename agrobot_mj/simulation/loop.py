@@ -224,7 +224,7 @@ def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     """
     s = scenario
     ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)
-    with naming(s):
+    with naming(s.name):
         if isinstance(s.plant, Bicycle):
             return BicyclePlant(s.plant, s.vehicle, ground, clock)
         return MujocoPlant(s.plant, s.vehicle, ground, clock, s.seed, loadings(s.fault))
