@@ -4,14 +4,19 @@ from collections.abc import Iterator
 from math import ceil
 
 from agrobot_mj.core.contracts import without_exit
+from agrobot_mj.core.learned import read_learned
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S
+from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
+OTHER_LAP = 0.02
+"""Share by which the lap of a learnt map may differ from that of the path [-]. Estimate: places are 0.25 m apart."""
+
 
 def hints(scenario: Scenario) -> list[str]:
-    """One line for each key that has no effect, or that does not fit the machine's size, beginning with it."""
-    return [*_faults(scenario), *_overruled(scenario), *_machine(scenario)]
+    """One line for each key without effect, or that does not fit the machine's size or the path, beginning with it."""
+    return [*_faults(scenario), *_overruled(scenario), *_machine(scenario), *_learned(scenario)]
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:
@@ -41,3 +46,16 @@ def _machine(scenario: Scenario) -> list[str]:
             return list(scenario.plant.hints(scenario.vehicle, scenario.path.speed_m_s))
     except ValueError:
         return []  # no such machine can be: whoever builds it says so
+
+
+def _learned(scenario: Scenario) -> Iterator[str]:
+    """A map that was learnt on a lap of another length."""
+    if (file := getattr(scenario.guidance, "file", None)) is None:
+        return
+    lap = SampledRoute(scenario.path).lap()
+    for places in (rows[:, 0] for rows in read_learned(file).values() if len(rows) > 1):
+        learnt = float(places[0] + places[-1])  # they are the middles of equal parts of the lap
+        if abs(learnt - lap) > OTHER_LAP * lap:
+            laps = f"a lap of {learnt:.4g} m, that of this path is {lap:.4g} m"
+            yield f"guidance.file: learnt on {laps}; is it the same path?"
+            return

@@ -14,6 +14,7 @@ from agrobot_mj.core.learned import LEARNED, read_learned
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
 from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.scenario.hints import hints
 from agrobot_mj.simulation.storage import write_log
 
 LAP, STEP, BOUND = 40.0, 0.0625, 1.0
@@ -201,7 +202,10 @@ def test_what_was_learnt_begins_the_next_run(tmp_path) -> None:
     assert (tmp_path / "second" / f"{LEARNED[:-8]}-2.parquet").read_bytes() == (
         tmp_path / "first" / LEARNED
     ).read_bytes()
-    load_scenario(tmp_path / "second" / "scenario.toml")
+    assert hints(load_scenario(tmp_path / "second" / "scenario.toml")) == []
+    (hint,) = hints(load_scenario("figure_eight", {**keys, "guidance.file": file, "path.radius_m": 8}))
+    lap = SampledRoute(sim.scenario.path).lap()
+    assert hint.startswith(f"guidance.file: learnt on a lap of {lap:.4g} m, that of this path is 104.5 m")
 
 
 @pytest.mark.parametrize("law", ["ilc", "implement_ilc"])

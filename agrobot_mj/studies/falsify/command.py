@@ -16,7 +16,7 @@ from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.closeness import Closeness, check_closeness
 from agrobot_mj.studies.courses import courses, draw_courses
 from agrobot_mj.studies.engine import Task, base_text, resuming
-from agrobot_mj.studies.falsify.question import Combination, Falsified, FalsifyQuestion
+from agrobot_mj.studies.falsify.question import NOT_FOUND, Combination, Falsified, FalsifyQuestion
 from agrobot_mj.studies.falsify.search import FalsifySearch
 from agrobot_mj.studies.limit.question import condition_of
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
@@ -24,7 +24,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
 """Files of the run at the answer, and what they are called in the folder of the falsification."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
-"""What a falsification leaves."""
+"""What a falsification leaves; where nothing fails, no failure."""
 
 
 def falsify(
@@ -48,7 +48,7 @@ def falsify(
         found = FalsifySearch(scenario, question, condition, do, done).run()
         base, shown = base_text(scenario), (found.tried[0], found.mildest)
         tasks = [Task(0, base, scenario.name, each.values) for each in shown]
-        driven = courses(tasks, closeness, do, FAILURE)
+        driven = courses(tasks, closeness, do, {} if found.verdict == NOT_FOUND else FAILURE)
         write_json(folder / "falsify.json", content(scenario, question, found))
         with mpl.rc_context(STYLE):
             save(figure(question, found, driven), folder / "falsify.png")
@@ -77,8 +77,13 @@ def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -
     drawn = Figure((2 * PANEL_WIDTH_IN, 2.4), layout="constrained")
     left, right = drawn.subplots(1, 2)
     _draw_tried(left, q, found)
-    draw_courses(right, driven, ("all mild", "at the answer"))
+    draw_courses(right, driven, ("all mild", _name(found)))
     return drawn
+
+
+def _name(found: Falsified) -> str:
+    """What the answer is called in the figure."""
+    return "closest" if found.verdict == NOT_FOUND else "answer"
 
 
 def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
@@ -92,6 +97,6 @@ def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
     for fails, colour, marker, label in ((False, BLUE, "o", "holds"), (True, VERMILION, "x", "fails")):
         if places := [place(tried) for tried in found.tried if tried.fails is fails]:
             axes.plot(*zip(*places, strict=True), marker, color=colour, markersize=3, label=label)
-    axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label="answer")
+    axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label=_name(found))
     axes.set(xlabel=x, ylabel=more[0] if more else "closeness to the condition [-]")
     axes.legend()

@@ -11,6 +11,8 @@ FARTHEST = 4.0
 """Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
 FEWEST = 20
 """Least number of combinations of a search [-]."""
+NOT_FOUND = "not_found"
+"""Verdict where no combination fails."""
 
 
 class Varied(NamedTuple):
@@ -117,7 +119,7 @@ class Falsified(NamedTuple):
     """The answer."""
 
     verdict: str
-    """`falsified`, `fails_at_start`, or `not_found`."""
+    """`falsified`, `fails_at_start`, or `NOT_FOUND`."""
     mildest: Combination
     """The mildest combination that fails, driven with more seeds; the closest one where none fails."""
     alone: dict[str, Combination]

@@ -17,7 +17,7 @@ from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.closeness import Closeness, Rises
 from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
-from agrobot_mj.studies.falsify.question import Combination, Falsified, FalsifyQuestion
+from agrobot_mj.studies.falsify.question import NOT_FOUND, Combination, Falsified, FalsifyQuestion
 from agrobot_mj.studies.limit.condition import Condition
 
 HALVINGS = 6
@@ -55,10 +55,10 @@ class FalsifySearch:
         self._evolve()
         failing = [tried for tried in self.tried if tried.fails]
         if not failing:
-            return self._answer("not_found", max(self.tried, key=lambda tried: tried.close), by_key, ())
+            return self._answer(NOT_FOUND, max(self.tried, key=lambda tried: tried.close), by_key, ())
         sure = self._confirmed(sorted(failing, key=lambda tried: tried.distance))
         if not sure.fails:
-            return self._answer("not_found", sure, by_key, ())
+            return self._answer(NOT_FOUND, sure, by_key, ())
         best = self._bisected(sure)
         around = self.drive(self._around(best), CONFIRMED, told=False)
         return self._answer("falsified", best, by_key, tuple(around))
@@ -160,7 +160,7 @@ def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
     best = found.mildest
     if found.verdict == "fails_at_start":
         return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"
-    if found.verdict == "not_found":
+    if found.verdict == NOT_FOUND:
         closest = f"{best.shown} comes close ({best.share} runs fail, closeness {best.close:.2g}; 0 is the condition)"
         return f"{name}: none of the {len(found.tried)} combinations tried fails in most of its runs; {closest}"
     text = f"{name}: the mildest combination found that fails is {best.shown}, at a distance of {best.distance:.2f}"

@@ -181,3 +181,14 @@ def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(c
     assert again.metrics["longitudinal_rms"] > 0.2
     assert again.scenario.path.speed_m_s == found["mildest"]["values"]["path.speed_m_s"]
     assert call(*words, "--out", "f") == (0, said, "")
+
+
+def test_where_nothing_fails_there_is_no_failure(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(search_module, "CONFIRMED", 1)
+    words = [*WORDS, "--vary", "path.speed_m_s=0.5:1", "--until", "xte_rms > 9", "--budget", "20", "--seeds", "1"]
+    status, said, _ = call(*words, "--out", "f")
+    assert status == 0
+    assert "none of the" in said
+    assert {path.name for path in (tmp_path / "f").iterdir() if path.is_file()} == {
+        *("falsify.json", "falsify.png", ".agrobot-mj")
+    }
