@@ -19,7 +19,6 @@ from sweeps import standing
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
-from agrobot_mj.simulation.storage import atomic
 
 TIMES_S = {"figure_eight": 103.0, "side_slope_10": 30.0, "furrows_across": 25.0, "gnss_loss_in_turn": 44.5}
 """Time of the picture of each scenario [s]."""
@@ -69,8 +68,7 @@ def main() -> int:
         except SnapshotError as error:
             print(error, file=sys.stderr)
             return 1
-    with atomic(PAGE) as page:
-        page.write_text(put(PAGE.read_text("utf-8"), "standing", standing()), "utf-8")
+    PAGE.write_text(put(PAGE.read_text("utf-8"), "standing", standing()), "utf-8")
     return 0
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.recording.transport.mending import whole
@@ -26,7 +26,7 @@ from agrobot_mj.simulation.storage import atomic
 
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the pictures, and height of the title bar above them [pixels]."""
-ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 5, (960, 540), 128
+ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Length of an animation, its frames in a second, their size at most [pixels], and the colours that they share."""
 TRIES = 3
 """Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
@@ -124,9 +124,10 @@ def _animation(viewer: ViewerClient, t: float, view: str | None) -> bytes:
     """What the viewer shows from a time on, as GIF."""
     times = t + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times.tolist())]
-    small = [ImageOps.contain(frame, ANIMATED_SIZE) for frame in frames]
-    palette = small[len(small) // 2].quantize(ANIMATED_COLOURS)
-    return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in small], "GIF")
+    for frame in frames:
+        frame.thumbnail(ANIMATED_SIZE)
+    palette = frames[-1].quantize(ANIMATED_COLOURS)
+    return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:

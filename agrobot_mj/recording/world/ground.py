@@ -46,8 +46,8 @@ SHADES = 0.96, 1.04
 """Brightness of the two kinds of squares [-]."""
 SUN = np.array([-0.45, 0.45, 0.77])
 """Direction to the light that shades relief and slopes: north-west, 50 degrees high."""
-CONTRAST, DARKEST, BRIGHTEST = 1.0, 0.55, 1.45
-"""Share of the shading that is shown, and its limits [-]."""
+DARKEST, BRIGHTEST = 0.55, 1.45
+"""Limits of the shading [-]."""
 
 
 Steps = tuple[int, int]
@@ -300,9 +300,9 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
     if ground.surface.friction.size:
         colours = _blended(ground.surface, colours, positions)
     normals = np.concatenate([part.normals for part in parts])
-    lit = 1 + CONTRAST * (normals @ SUN / SUN[2] - 1)
+    lit = np.clip(normals @ SUN / SUN[2], DARKEST, BRIGHTEST)
     dark, light = SHADES
-    factor = np.clip(lit, DARKEST, BRIGHTEST) * (dark + (light - dark) * shade)
+    factor = lit / np.sqrt(np.median(lit)) * (dark + (light - dark) * shade)  # eyes adapt to a field that faces away
     found: Array = np.clip(colours * factor[:, None], 0, 255).astype(np.uint8)
     return found
 

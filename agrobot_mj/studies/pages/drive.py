@@ -265,7 +265,7 @@ def _ranking(order: Sequence[str], places: Mapping[str, Rows], laws: Sequence[st
     }
     dots: Chart = {"type": "scatter", "mode": "markers", "y": [n for _, n in points], "x": [v for v, _ in points]}
     dots |= {"name": "runs", "marker": {"color": BLACK, "size": 5}}
-    own = layout("cross-track rms of the successful runs [cm]", "", yaxis=CATEGORIES, showlegend=False)
+    own = layout("cross-track rms [cm]", "", yaxis=CATEGORIES, showlegend=False)
     return {"data": [bars, dots], "layout": own}
 
 
