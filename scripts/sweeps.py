@@ -28,7 +28,7 @@ from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
-from agrobot_mj.studies.sweep.store import read_rows
+from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 ROOT = Path(__file__).parent.parent
 Row = dict[str, Any]
@@ -78,7 +78,7 @@ class Study:
             found = sweep(self._file(name, source or name, changes), folder, SweepOptions(jobs=self.jobs))
             print(f"{name}: {found.total} runs, {found.errors} with an error", file=sys.stderr)
         plan = folder / "plan.json"
-        content = json.loads(plan.read_text("utf-8")) if plan.exists() else None
+        content = json.loads(plan.read_text("utf-8")) if (folder / TABLE).exists() else None
         if content is None or len(rows := read_rows(folder)) < content["runs"]:
             return []
         if content["of"]["program"] != source_digest():

@@ -23,13 +23,13 @@ SOME = (
 """Pairs that are tried by default."""
 HASTE, ASTRAY = "faster than commanded", "off the measured angle"
 TOO_MUCH = {
-    **{(machine, "furrows_across"): HASTE for machine in ("orchard", "robot", "row_crop", "utility")},
+    **{(machine, "furrows_across"): HASTE for machine in ("row_crop", "utility")},
     ("riding", "plough"): ASTRAY,
     ("riding", "rollover"): "stuck",
     ("row_crop", "rollover"): ASTRAY,
     ("utility", "rollover"): ASTRAY,
 }
-"""Pairs that do not end well, and how: furrows pass under larger machines at 1.1 Hz, which is how they surge on their
+"""Pairs that do not end well, and how: furrows pass under large machines at 1.1 Hz, which is how they surge on their
 tyres (at 0.5 or 1.2 m/s some get across); a plough lifts the front wheels of a lawn tractor; across 27 degrees wide
 machines slide before they roll over."""
 G = 9.81
