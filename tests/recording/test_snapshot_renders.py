@@ -136,7 +136,7 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
             raise ConnectionError("gone")
         drawn.append(t)
         shown = np.zeros((1080, 1920, 3), dtype=np.uint8)
-        shown[:, 30 * len(drawn) :] = 255
+        shown[:, 15 * len(drawn) :] = 255
         return Image.fromarray(shown)
 
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
@@ -148,7 +148,7 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
     assert (drawn, len(clients)) == ([1.0, 2.0], 2)
     (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True)
     with Image.open(animation) as moving:
-        assert (moving.format, moving.n_frames, moving.size) == ("GIF", 50, (960, 540))
+        assert (moving.format, moving.n_frames, moving.size) == ("GIF", 100, (960, 540))
         assert moving.info["duration"] * moving.n_frames == 10_000
 
 
