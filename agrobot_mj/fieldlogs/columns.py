@@ -71,7 +71,7 @@ def column_names(source: Source) -> list[str]:
     if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, ValueError) as error:
             raise FieldLogError(f"{source.name}: is no Parquet file: {_first_line(error)}") from None
     return _header(source)[0]
 

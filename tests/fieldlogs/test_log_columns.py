@@ -111,6 +111,13 @@ def test_a_file_that_is_none_is_refused(tmp_path, content, told):
         column_names(file)
 
 
+def test_a_column_whose_name_is_no_text_makes_no_log(tmp_path, write):
+    file = write(qqqq=T)
+    file.write_bytes(file.read_bytes().replace(b"qqqq", b"q\xf3qq"))
+    with pytest.raises(FieldLogError, match="is no Parquet file: 'utf-8' codec"):
+        column_names(file)
+
+
 def test_a_file_is_what_it_holds_whatever_it_is_called(tmp_path, write):
     (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
     assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]

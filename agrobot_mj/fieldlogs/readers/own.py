@@ -43,7 +43,7 @@ class LinkRecord(LogReader):
         """Whether a Parquet file has the columns of a link's record."""
         try:
             return is_parquet(head.data) and set(pq.read_schema(head.path.absolute()).names) == set(SCHEMA.names)
-        except (pa.ArrowException, OSError):
+        except (pa.ArrowException, OSError, ValueError):
             return False
 
     def read(self, path: Path) -> ReadLog:

@@ -25,9 +25,14 @@ from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
 
+MOST_SEEDS = 2**31
+"""Seeds that a sweep may count up."""
+
+
 def _seeds(given: Any) -> Any:
-    if isinstance(given, bool) or not ((isinstance(given, list) and given) or (isinstance(given, int) and given > 0)):
-        raise ValueError(f"must be a number of runs above 0, or a list of seeds, got {given!r}")
+    counted = isinstance(given, int) and 0 < given <= MOST_SEEDS
+    if isinstance(given, bool) or not ((isinstance(given, list) and given) or counted):
+        raise ValueError(f"must be a number of runs above 0, to {MOST_SEEDS:.2g}, or a list of seeds, got {given!r}")
     return tuple(given) if isinstance(given, list) else given
 
 

@@ -149,7 +149,7 @@ class Store(RowFiles):
         """Number of rows of the table; 0 where there is none."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
-        except (OSError, pa.ArrowException):
+        except (OSError, ValueError, pa.ArrowException):
             return 0
 
     def write_table(self) -> int:
@@ -200,7 +200,7 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Rows of the table in a sweep's folder. Raises OSError or `pa.ArrowException` where there is none."""
+    """Rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` where there is none."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 

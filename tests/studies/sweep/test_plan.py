@@ -114,6 +114,11 @@ base = "figure_eight"
     assert found.sweep.base.changed(found.run(0).overrides).guidance.gain_per_s == 0.7
 
 
+@pytest.mark.parametrize("seeds", ["0", "true", "100000000000000000000"])
+def test_refuses_numbers_of_seeds_that_cannot_be_counted_up(plan, seeds):
+    assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
+
+
 def test_every_fault_of_the_file_is_reported_at_once(plan):
     text = """
 base = "side_slope"
