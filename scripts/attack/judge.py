@@ -22,6 +22,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from agrobot_mj import cli
+from agrobot_mj.control.supervisor import Mode
 
 Attack = Callable[[random.Random], str]
 """Makes one input and says what is wrong with what follows; empty if nothing is."""
@@ -29,8 +30,10 @@ FORK = get_context("fork")
 LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
 """Time of an input [s], its memory [kB] and the characters on stderr: more of it is a finding."""
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
-CERTAIN += ("valve_voltage", "pedal_voltage", "e_lateral")
+CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that hold numbers in every row of a run that ended with status 0."""
+POWERED = ("pedal_voltage", "supervisor_state")
+"""A column that holds numbers but where the other one says that the supervisor is stopping the tractor."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
 """Folders that commands may write into."""
 
@@ -108,6 +111,10 @@ def _silent() -> str:
     file = Path("out") / "signals.parquet"
     if not file.is_file():
         return ""
-    table = pq.read_table(file, columns=list(CERTAIN))
+    table = pq.read_table(file)
     bad = [name for name in CERTAIN if not np.isfinite(table[name].to_numpy()).all()]
+    unpowered = ~np.isfinite(table[POWERED[0]].to_numpy())
+    stopping = table[POWERED[1]].to_numpy() == Mode.STOPPING if POWERED[1] in table.column_names else False
+    if (unpowered & ~np.asarray(stopping)).any():
+        bad.append(POWERED[0])
     return f"status 0, but no numbers in {bad}" if bad else ""
