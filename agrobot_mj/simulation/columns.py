@@ -133,7 +133,7 @@ _ACTUATION = _signals(
     ("pedal_ref", "-", "pedal position that the speed loop asks for, -1 to 1", "pedal_ref"),
     ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
     ("pedal_measured", "-", "pedal potentiometer after its filter", "measured.pedal"),
-    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above presses forward; null without power", "drive.pedal_voltage"),
+    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above is forward; null without power", "drive.pedal_voltage"),
     ("brake", "-", "share of the brake's torque that is applied, 0 to 1", "drive.brake"),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
     ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
