@@ -44,7 +44,7 @@ class PoseEkf(FixEkf):
     """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
-        super().__init__(3, wheelbase)
+        super().__init__(wheelbase)
         self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
 
     def step(

@@ -72,7 +72,7 @@ class BiasEkf(FixEkf):
     """The filter for one wheelbase [m] and one set of noise levels."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
-        super().__init__(6, wheelbase)
+        super().__init__(wheelbase)
         self.levels = levels
 
     def step(

@@ -41,7 +41,7 @@ class FullState(NamedTuple):
     """The estimator between two ticks."""
 
     filter: FullFilter
-    """Workspace that `init` prepares; keeps nothing between ticks."""
+    """Filter that `init` prepares; keeps nothing between ticks."""
     cg: tuple[float, float, float]
     """CG from R in vehicle axes: l_r, 0, height [m]."""
     horizon: Horizon

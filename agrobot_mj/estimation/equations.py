@@ -18,24 +18,23 @@ def prior(P: Array, F: Array, Q: Array) -> Array:
 
 
 @jit
-def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, Array, float]:
-    """Mean and covariance after the innovation `y` (m,); its covariance S (m, m), and its normalised square.
+def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, float]:
+    """Mean and covariance after the innovation `y` (m,), and its normalised square.
 
     H (m, n) is the Jacobian of the measurement, R (m, m) the covariance of its noise. Raises `LinAlgError` where the
     innovation has no covariance that can be inverted.
     """
     PHT = times(P, H.T)
-    S = times(H, PHT) + R
-    SI = inverse(S)
+    SI = inverse(times(H, PHT) + R)
     K = times(PHT, SI)
     I_KH = np.eye(x.size) - times(K, H)
     # Joseph's form: symmetric and positive whatever the rounding
     P_post = times(times(I_KH, P), I_KH.T) + times(times(K, R), K.T)
-    return x + applied(K, y), P_post, S, (y * applied(SI, y)).sum()
+    return x + applied(K, y), P_post, (y * applied(SI, y)).sum()
 
 
 @jit
-def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, Array, float]:
+def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
     """`posterior` of the prior mean `x` and of the covariance that P becomes in a transition F with Q."""
     return posterior(x, prior(P, F, Q), H, y, R)
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.estimation.equations import posterior, prior
 from agrobot_mj.estimation.full_core import (
     Core,
     Gates,
@@ -58,7 +59,7 @@ from agrobot_mj.estimation.full_model import (
     wheel_scale,
     with_sideslip,
 )
-from agrobot_mj.estimation.kalman import Workspace
+from agrobot_mj.estimation.kalman import Filter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
@@ -81,14 +82,13 @@ LEAP_M_S2 = 15.0
 """Change of speed beyond which it is the fix that is wrong [m/s2]. Estimate: twice what tyres give."""
 
 
-class FullFilter(Workspace):
+class FullFilter(Filter):
     """The filter for one set of levels; `step` is a function of its arguments."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
     ) -> None:
         """`noises` by quality; height of the `antenna` [m], 0 where it counts as straight above R."""
-        super().__init__(N, 2)
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
 
@@ -129,7 +129,7 @@ class FullFilter(Workspace):
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
         if core.search is not None:  # a displacement in an unknown direction says nothing
             F[:2], x[:2] = np.eye(2, len(x)), place
-        return self.predict(x, core.covariance, F, Q)
+        return x, prior(core.covariance, F, Q)
 
     def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
@@ -235,7 +235,7 @@ class FullFilter(Workspace):
             for j, value in row.jacobian.items():
                 H[i, j] = value
         innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
-        mean, covariance, _ = self.update(core.mean, core.covariance, innovations, H, R)
+        mean, covariance, _ = posterior(core.mean, core.covariance, H, innovations, R)
         return core._replace(mean=mean, covariance=covariance)
 
 

@@ -1,56 +1,42 @@
-"""What the filters share: a tick of the compiled `equations`, and filterpy's filter with its matrices on request.
+"""What the filters share: a tick of the compiled `equations`, and the same tick by filterpy, to which tests hold it.
 
 filterpy's own `predict` and `update` take 60 us in Python for matrices this small, and to import it half a second, for
-SciPy's densities: no run does. A test compares.
+SciPy's densities: no run does.
 """
 
-from copy import copy
 from math import nan
-from typing import Any
+from typing import Any, Self
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.estimation.equations import posterior, prior, tick
+from agrobot_mj.estimation import equations
 
 
-class Workspace:
-    """A filter that keeps nothing from tick to tick but, for `kf`, the matrices of the last one."""
+class Filter:
+    """A filter that keeps nothing from tick to tick, so that copies of a state may share it."""
 
-    def __init__(self, states: int, measured: int, linear: bool = False) -> None:
-        self.sizes, self.linear = {"dim_x": states, "dim_z": measured}, linear
-        self._last: dict[str, Array] = {}
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        """A workspace that may work at the same time; matrices are replaced, never written into."""
-        return copy(self)
 
-    @property
-    def kf(self) -> Any:
-        """filterpy's `KalmanFilter` or `ExtendedKalmanFilter` with the matrices of the last tick."""
-        from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
+def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> tuple[Array, Array, float]:
+    """Mean, covariance and NIS [-] after a tick, from the prior mean `x` (n,) and the covariance P (n, n) before it.
 
-        kf = (KalmanFilter if self.linear else ExtendedKalmanFilter)(**self.sizes)
-        for name, matrix in self._last.items():
-            setattr(kf, name, matrix)
-        return kf
+    The transition F (n, n) has process noise Q (n, n). The innovation y (m,) sees H (m, n) with noise R (m, m);
+    without one the NIS is NaN.
+    """
+    if y is None:
+        return x, equations.prior(P, F, Q), nan
+    return equations.tick(x, P, F, Q, y, H, R)
 
-    def predict(self, x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
-        """Prior of mean `x` (n,), and the covariance P (n, n) taken through the transition F with process noise Q."""
-        P = prior(P, F, Q)
-        self._last = {"x": x, "P": P, "F": F, "Q": Q}
-        return x, P
 
-    def update(self, x: Array, P: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
-        """Posterior of an innovation y (m,) that sees H (m, n) with noise R (m, m), and its NIS [-]."""
-        x, P, S, nis = posterior(x, P, H, y, R)
-        self._last = {**self._last, "x": x, "P": P, "y": y, "H": H, "R": R, "S": S}
-        return x, P, nis
+def filterpy_tick(
+    x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
+) -> tuple[Array, Array, float]:
+    """`tick` by filterpy's extended Kalman filter."""
+    from filterpy.kalman import ExtendedKalmanFilter
 
-    def tick(
-        self, x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
-    ) -> tuple[Array, Array, float]:
-        """`predict`, then `update` unless there is no innovation: mean, covariance and NIS, NaN without one [-]."""
-        if y is None:
-            return *self.predict(x, P, F, Q), nan
-        x, P, S, nis = tick(x, P, F, Q, y, H, R)
-        self._last = {"x": x, "P": P, "F": F, "Q": Q, "y": y, "H": H, "R": R, "S": S}
-        return x, P, nis
+    kf = ExtendedKalmanFilter(dim_x=len(x), dim_z=len(H))
+    kf.x, kf.P, kf.F, kf.Q, kf.predict_x = x, P, F, Q, lambda u: None  # x is predicted already
+    kf.predict()
+    kf.update(None if y is None else H @ x + y, lambda x: H, lambda x: H @ x, R)
+    return kf.x, kf.P, nan if y is None else float(kf.y @ kf.SI @ kf.y)

@@ -24,12 +24,12 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class EstimatorState(NamedTuple):
-    """Beliefs after a tick, and what `init` prepares once: the filters, which are workspaces, and the lever arms."""
+    """Beliefs after a tick, and what `init` prepares once: the filters, which keep nothing, and the lever arms."""
 
     velocity_kf: VelocityKf
-    """Filter of the antenna's motion; keeps nothing between ticks."""
+    """Filter of the antenna's motion."""
     pose_filter: FixEkf
-    """Filter of the pose; keeps nothing between ticks."""
+    """Filter of the pose."""
     cg: tuple[float, float, float]
     """CG from R in vehicle axes: l_r, 0, height [m]."""
     antenna: tuple[float, float, float]

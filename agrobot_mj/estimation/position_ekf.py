@@ -3,15 +3,14 @@
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import Workspace
+from agrobot_mj.estimation.kalman import Filter, tick
 
 
-class FixEkf(Workspace):
+class FixEkf(Filter):
     """The filter, whose states begin with x, y and yaw at R; a kind gives `step`."""
 
-    def __init__(self, states: int, wheelbase: float) -> None:
+    def __init__(self, wheelbase: float) -> None:
         """For a `wheelbase` L [m]."""
-        super().__init__(states, 2)
         self.wheelbase = wheelbase
 
     def step(
@@ -32,4 +31,4 @@ class FixEkf(Workspace):
         The fix has noise R (2, 2) [m2] and sees H (2, n) of the state, `seen` (2,) [m] of the mean.
         """
         y = None if fix is None else np.array((fix.x, fix.y)) - seen
-        return self.tick(x, P, F, Q, y, H, R)
+        return tick(x, P, F, Q, y, H, R)

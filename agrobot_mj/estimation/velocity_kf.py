@@ -12,7 +12,7 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.equations import applied
-from agrobot_mj.estimation.kalman import Workspace
+from agrobot_mj.estimation.kalman import Filter, tick
 
 ALL = np.eye(4)
 """Jacobian of the measurement [-]."""
@@ -39,11 +39,10 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
     return M @ mean, M @ covariance @ M.T
 
 
-class VelocityKf(Workspace):
+class VelocityKf(Filter):
     """The filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
-        super().__init__(4, 4, linear=True)
         self.velocity_walk = velocity_walk
 
     def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
@@ -54,7 +53,7 @@ class VelocityKf(Workspace):
         Phi, Q = _model(self.velocity_walk, dt)
         x = applied(Phi, mean)
         y = None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
-        return self.tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
+        return tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
 
 
 @lru_cache(maxsize=8)

@@ -1,17 +1,19 @@
 """The compiled steps of the filters against filterpy's own, whose place they take."""
 
 from copy import deepcopy
+from math import nan
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
+from filterpy.kalman import KalmanFilter
 
 from agrobot_mj.core.signals import Fix
+from agrobot_mj.estimation import position_ekf, velocity_kf
 from agrobot_mj.estimation.ekf import PoseEkf
 from agrobot_mj.estimation.ekf_bias import BiasEkf, Levels
 from agrobot_mj.estimation.equations import applied, inverse, posterior, prior, times
-from agrobot_mj.estimation.kalman import Workspace
-from agrobot_mj.estimation.velocity_kf import VelocityKf
+from agrobot_mj.estimation.kalman import filterpy_tick, tick
+from agrobot_mj.estimation.velocity_kf import VelocityKf, process_noise, transition
 
 
 def covariance(rng, n):
@@ -19,15 +21,8 @@ def covariance(rng, n):
     return root @ root.T + 0.1 * np.eye(n)
 
 
-def extended(states, measured, predicted):
-    """filterpy's extended filter, with the model of a prior mean."""
-    kf = ExtendedKalmanFilter(dim_x=states, dim_z=measured)
-    kf.predict_x = lambda u: setattr(kf, "x", predicted(kf.x, u))
-    return kf
-
-
 def close(ours, theirs):
-    return np.allclose(ours.x, theirs.x, rtol=1e-9, atol=1e-9) and np.allclose(ours.P, theirs.P, rtol=1e-9, atol=1e-9)
+    return all(np.allclose(*pair, rtol=1e-9, atol=1e-9, equal_nan=True) for pair in zip(ours, theirs, strict=True))
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
@@ -36,60 +31,56 @@ def test_a_hundred_ticks_equal_filterpys(n, m):
     rng = np.random.default_rng(n)
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
     F = np.eye(n) + 0.1 * rng.standard_normal((n, n)) / n
-
-    def curved(x, u):
-        return F @ x + u * np.sin(x)
-
-    split, joined, theirs = Workspace(n, m), Workspace(n, m), extended(n, m, curved)
-    theirs.x, theirs.P, theirs.F, theirs.Q = np.ones(n), np.eye(n), F, Q
-    belief = np.ones(n), np.eye(n)
+    ours = theirs = np.ones(n), np.eye(n), nan
     for k in range(100):
         z = None if k % 3 == 0 else rng.standard_normal(m)
-        theirs.predict(0.1)
-        theirs.update(z, lambda x: H, lambda x: H @ x, R=R)
-        x = curved(belief[0], 0.1)
-        y = None if z is None else z - H @ x
-        apart = split.predict(x, belief[1], F, Q)
-        *belief, nis = joined.tick(x, belief[1], F, Q, y, H, R)
-        if y is not None:
-            *apart, same = split.update(*apart, y, H, R)
-            assert same == nis == pytest.approx(theirs.y @ theirs.SI @ theirs.y, rel=1e-9)
-            assert np.allclose(joined.kf.S, theirs.S, rtol=1e-9)
-        assert all(map(np.array_equal, belief, apart))
-        assert close(joined.kf, theirs)
-        assert close(split.kf, theirs)
+        results = []
+        for step, (mean, P, _) in ((tick, ours), (filterpy_tick, theirs)):
+            x = F @ mean + 0.1 * np.sin(mean)
+            results.append(step(x, P, F, Q, None if z is None else z - H @ x, H, R))
+        ours, theirs = results
+        assert close(ours, theirs)
 
 
-def test_the_velocity_filter_equals_filterpys():
+@pytest.fixture
+def ticks(monkeypatch):
+    """Arguments of every tick of a filter, each of whose results equals filterpy's."""
+    seen = []
+
+    def compared(*arguments):
+        seen.append(arguments)
+        result = tick(*arguments)
+        assert close(result, filterpy_tick(*arguments))
+        return result
+
+    for module in (velocity_kf, position_ekf):
+        monkeypatch.setattr(module, "tick", compared)
+    return seen
+
+
+def test_the_velocity_filter_equals_filterpys(ticks):
     rng, ours, theirs = np.random.default_rng(0), VelocityKf(0.1), KalmanFilter(dim_x=4, dim_z=4)
-    assert type(ours.kf) is KalmanFilter
     R = covariance(rng, 4)
     belief = theirs.x, theirs.P = np.zeros(4), np.eye(4)
     for k in range(50):
         fix = None if k % 4 == 0 else Fix(*rng.standard_normal(4))
         belief = ours.step(*belief, fix, R, 0.05)
-        theirs.predict(F=ours.kf.F, Q=ours.kf.Q)
+        theirs.predict(F=transition(0.05), Q=process_noise(0.1, 0.05))
         theirs.update(fix and np.array((fix.x, fix.vx, fix.y, fix.vy)), R=R, H=np.eye(4))
-        assert close(ours.kf, theirs)
+        assert close(belief, (theirs.x, theirs.P))
+    assert len(ticks) == 50
 
 
 @pytest.mark.parametrize(
     "ours", [PoseEkf(1.4, 0.01, 0.005), BiasEkf(1.4, Levels(0.01, 0.005, 0.002, 0.5, 30.0))], ids=["ekf", "ekf_bias"]
 )
-def test_the_pose_filters_equal_filterpys(ours):
-    n, rng = ours.kf.dim_x, np.random.default_rng(1)
-    assert type(ours.kf) is ExtendedKalmanFilter
-    theirs = extended(n, 2, lambda x, inputs: ours.step(x, np.eye(n), inputs, None, 0.02)[0])
-    belief = theirs.x, theirs.P = np.zeros(n), 0.01 * np.eye(n)
+def test_the_pose_filters_equal_filterpys(ticks, ours):
+    n, rng = 3 if isinstance(ours, PoseEkf) else 6, np.random.default_rng(1)
+    belief = np.zeros(n), 0.01 * np.eye(n)
     for k in range(200):
-        fix, inputs = None if k % 3 == 1 else Fix(*(0.06 * k + rng.standard_normal(2)), 0.0, 0.0), (1.2, 0.1, 0.05)
-        *belief, _ = ours.step(*belief, inputs, fix, 0.02)
-        kf = deepcopy(ours).kf
-        theirs.F, theirs.Q = kf.F, kf.Q
-        theirs.predict(inputs)
-        H = None if fix is None else kf.H
-        theirs.update(fix and np.array((fix.x, fix.y)), lambda x, H=H: H, lambda x, H=H: H @ x, R=kf.R)
-        assert close(kf, theirs)
+        fix = None if k % 3 == 1 else Fix(*(0.06 * k + rng.standard_normal(2)), 0.0, 0.0)
+        *belief, _ = deepcopy(ours).step(*belief, (1.2, 0.1, 0.05), fix, 0.02)
+    assert [arguments[4] is None for arguments in ticks] == [k % 3 == 1 for k in range(200)]
 
 
 def test_compiled_equations_equal_the_plain_ones():
