@@ -11,8 +11,7 @@ from estimates import by_seed, field, mean, ratio, select
 from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
 from findings.failures import failures
 from findings.figures import write_claim_figures
-from findings.laws import laws
-from findings.learning import behind, learners, learning, printed
+from findings.learning import behind, learners, printed
 from findings.ranking import ranking
 from findings.survival import survival
 from findings.validity import validity
@@ -76,14 +75,12 @@ def shares(study: Study) -> Blocks:
 PARTS: dict[str, Part] = {
     "claims": claims,
     "ablation": ablation,
-    "laws": laws,
     "ranking": ranking,
     "survival": survival,
     "validity": validity,
     "failures": failures,
     "importance": shares,
     "printed": printed,
-    "learning": learning,
     "learners": learners,
     "behind": behind,
 }

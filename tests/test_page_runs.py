@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pytest
 import sweeps
-from findings import laws
 
-from agrobot_mj import load_scenario, run
 from agrobot_mj.control.base import YAW_COLUMNS
 
 TRIAL = ("--variant", "pd", "--seeds", "1", "--set", "duration_s=0.5")
@@ -77,10 +75,3 @@ def test_a_missing_part_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study(tmp_path, "parts")
     assert "parts: no such part; known: part" in capsys.readouterr().err
-
-
-def test_the_papers_filter_ignores_additional_sensors():
-    """So that one grid has both estimators with the same sensors."""
-    keys = {"plant.kind": "bicycle", "duration_s": 2.0}
-    ours, papers = (run(load_scenario("figure_eight", {**keys, **more})) for more in (laws.GRID["set"], {}))
-    assert np.array_equal(ours.column("rear_x_hat"), papers.column("rear_x_hat"), equal_nan=True)

@@ -1,11 +1,9 @@
 """What the printed law learns (sweep `learning_printed`), and learners beside laws that do not learn.
 
-These are `learning` on ground that the model knows, `learners` where it is wrong, and `learners_implement` for what the
-tractor does not steer.
+These are `learners` where the model is wrong, and `learners_implement` for what the tractor does not steer.
 """
 
 from collections.abc import Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,21 +15,6 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.base import RunView, rms
 from agrobot_mj.metrics.success import has_errors
-
-LEARNERS = ("learner + P", "learner + LQR")
-PAIRS = [*product(LEARNERS, ("PI + feed-forward", "LQR", "nmpc")), (LEARNERS[0], "learner + P, type 1")]
-"""Laws that are compared seed by seed: learners with the best laws that do not learn."""
-MUJOCO = {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"}
-HEADING = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
-# The supervisor takes the feed-forward's jump from lock to lock for a fault and stops: off for a fair comparison.
-SWATHS = {**shipped("learning")["set"], "path.length_m": 40, "path.count": 5, "supervisor.enabled": False}
-SURFACES: dict[str, dict[str, Any]] = {
-    "figure eight": {},
-    "swaths": {"base": "one_hectare", "set": SWATHS},
-    "figure eight on MuJoCo": {"set": MUJOCO},
-    "figure eight on MuJoCo with a heading": {"set": {**MUJOCO, **HEADING}},
-}
-"""What differs from the sweep, by the name of the block."""
 
 WORN = {"kind": "valve_wear", "gain_share": 0.5, "dead_band_v": 0.6}
 PULLED = (
@@ -107,29 +90,11 @@ def implement_numbers(run_row: Row, run: KeptRun) -> Row:
     return {**run_row, **{name: 100 * error for name, error in errors.items() if error is not None}}
 
 
-def learning(study: Study) -> Blocks:
-    """Errors and travel of the steering by law, and what learners are worse by than others, for each surface."""
-    blocks = {}
-    for surface, changes in SURFACES.items():
-        name = surface.replace(" ", "_")
-        rows = study.rows(name, "learning", **changes)
-        if rows:
-            numbers = [compared_numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
-            blocks[surface] = compared_tables(columns(numbers), PAIRS, 2)
-    return blocks
-
-
 def compared_numbers(row: Row, run: KeptRun) -> Row:
-    """A run's row with its errors per turn, or on passes and headlands [cm], and the travel of the steering [deg]."""
-    found = {"steering travel [deg]": float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))}
-    if hasattr(run.scenario.path, "passes_s"):
-        t, offset = run.column("t"), RunView(run).cg_on_path.offset
-        on_pass = np.any([(t > start) & (t <= end) for start, end in run.scenario.path.passes_s], axis=0)
-        places = {"passes [cm]": on_pass, "headlands [cm]": ~on_pass}
-        errors = {name: float(np.sqrt(np.mean(offset[there] ** 2))) for name, there in places.items()}
-    else:
-        errors = {f"turn {turn['turn']} [cm]": turn["xte_rms"] for turn in row["per_turn"]}
-    return {**row, **{name: 100 * error for name, error in errors.items()}, **found}
+    """A run's row with its errors per turn [cm], and the travel of the steering [deg]."""
+    travel = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
+    errors = {f"turn {turn['turn']} [cm]": 100 * turn["xte_rms"] for turn in row["per_turn"]}
+    return {**row, **errors, "steering travel [deg]": travel}
 
 
 def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:

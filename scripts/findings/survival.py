@@ -29,13 +29,14 @@ FITTED = {
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
 """Gyro, wheel speed, inertial unit, and the filter that uses them."""
+LAWS = variants("controllers")
 DRIVEN = (
-    *("network as printed", "network tuned", "PI", "P + feed-forward", "PI + feed-forward"),
+    *("network as printed", "P + network", "PI", "P + feed-forward", "PI + feed-forward"),
     *("pure pursuit", "Stanley", "LQR"),
 )
 SURVIVORS: dict[str, dict[str, Any]] = {
-    "the paper's stack": variants("results")["network as printed"],
-    **{law: {**FITTED, **variants("results")[law]} for law in DRIVEN},
+    "the paper's stack": LAWS["network as printed"],
+    **{law: {**FITTED, **LAWS[law]} for law in DRIVEN},
 }
 """Overrides by law; all but the paper's stack drive with the same sensors and filter."""
 
