@@ -24,7 +24,7 @@ def acquisition(study: Study) -> Blocks:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """How a law comes onto the line at a speed, and its time over that of the fastest law from the same starts."""
+    """Row of a law at a speed, with its time over that of the fastest law from the same starts, `best`."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"]]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"

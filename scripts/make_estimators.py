@@ -32,10 +32,10 @@ from recorded_drives import (
     record,
     rms,
     settled,
-    wrapped,
 )
 from sweeps import Blocks, KeptRun, Row, Study, publish
 
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
 
@@ -79,7 +79,7 @@ def loop_numbers(run: KeptRun) -> list[float]:
     lost = np.flatnonzero(c("gnss_quality") == 0)
     return [
         100 * rms(error[counts]),
-        *(degrees(rms(wrapped(c("yaw_hat") - true)[counts])) for true in (c("yaw"), course)),
+        *(degrees(rms(wrap(c("yaw_hat") - true)[counts])) for true in (c("yaw"), course)),
         float(np.mean(c("position_nees")[counts])),
         float(np.nanmean(c("position_nis")[counts])),
         100 * float(error[lost[-1]]) if lost.size else np.nan,

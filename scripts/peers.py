@@ -74,9 +74,6 @@ def fuzzy() -> list[Row]:
     state = network.init(0.1, 0.1)
     domain = np.linspace(-2.0, 2.0, 201)
 
-    def triangle(centre: float, width: float) -> tuple[Any, list[float]]:
-        return tri_mf, [centre - width, centre, centre + width, 1.0]
-
     def sets(centres: np.ndarray) -> list[Any]:
         upper, lower = network.width_upper_1, network.width_lower_1
         return [

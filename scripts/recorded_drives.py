@@ -98,13 +98,13 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
 
     v_x, v_y = np.gradient(true("rear_x")), np.gradient(true("rear_y"))
     error = np.stack([believed(name) - true(name) for name in ("rear_x", "rear_y")], axis=1)
-    P, heading = believed("covariance"), wrapped(believed("yaw") - believed("sideslip") - true("yaw"))
+    P, heading = believed("covariance"), wrap(believed("yaw") - believed("sideslip") - true("yaw"))
     return ErrorTrace(
         t=true("t"),
         east=error[:, 0],
         north=error[:, 1],
         heading=heading,
-        course=wrapped(believed("yaw") - np.arctan2(v_y, v_x)),
+        course=wrap(believed("yaw") - np.arctan2(v_y, v_x)),
         yaw_rate=believed("yaw_rate") - true("yaw_rate"),
         nees=np.array([d @ np.linalg.solve(p, d) for d, p in zip(error, P[:, :2, :2], strict=True)]),
         heading_nees=heading**2 / P[:, 2, 2],
@@ -166,10 +166,6 @@ def alignment(trace: ErrorTrace) -> tuple[float, float]:
     found = np.flatnonzero(trace.aligned)
     there = int(np.argmax(trace.travelled >= 5.0))
     return (float(trace.travelled[found[0]]) if found.size else nan), abs(degrees(trace.heading[there]))
-
-
-def wrapped(angles: Array) -> Array:
-    return np.array([wrap(angle) for angle in angles.tolist()])
 
 
 FULL, BIAS, PAPER = {"kind": "ekf_full"}, {"kind": "ekf_bias"}, {"kind": "ekf"}

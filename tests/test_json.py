@@ -70,7 +70,7 @@ def test_kinds_are_those_of_the_text(asked, call):
     assert set(rows[0]) == {"table", "kind", "text"}
 
 
-def test_a_run_has_the_numbers_of_its_files_and_line(asked, call):
+def test_json_of_a_run_agrees_with_its_files_and_line(asked, call):
     found, err = asked("run", "circle", *QUICK, "--out", "out")
     assert err == ""
     assert found["metrics"] == json.loads(Path("out/metrics.json").read_text())

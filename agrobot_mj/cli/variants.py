@@ -43,7 +43,7 @@ def _variant(text: str) -> "ComparedVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Key and value of each part between commas: TOML, for which a part may hold commas, or else a bare word."""
+    """Keys and values of `KEY=VALUE, ...`; a value is TOML, which may hold commas, or else a bare word."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

@@ -8,6 +8,10 @@ tangent plane by 24 mm at 500 m east of an origin at 51 degrees north; what matt
 from math import cos, radians
 from typing import NamedTuple
 
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+
 
 class Origin(NamedTuple):
     """Geographic position of x = y = 0."""
@@ -40,3 +44,8 @@ def to_local(origin: Origin, latitude: float, longitude: float) -> tuple[float, 
     """East and north [m] of a latitude and longitude [deg]."""
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return (longitude - origin.longitude) * metres_per_longitude(latitude), north
+
+
+def local_points(origin: Origin, latitude: Array, longitude: Array) -> Array:
+    """East and north of points, shape (n, 2) [m], from latitudes and longitudes (n,) [deg]."""
+    return np.array([to_local(origin, *pair) for pair in zip(latitude.tolist(), longitude.tolist(), strict=True)])

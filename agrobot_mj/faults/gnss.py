@@ -95,7 +95,7 @@ class GnssDgps(Scripted):
     """Correlation time of the wander [s]. Estimate (1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """On the fixed position at first."""
+        """No wander at the start: the solution lies on the fixed one."""
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:

@@ -4,17 +4,15 @@ A map names columns and says their units, signs, offsets and delays; what it map
 A delay is the age of the value in a row: how much earlier than the row's time it was true.
 """
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.messages import explain
 from agrobot_mj.core.spec import Spec
-from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.overrides import read_spec, read_toml
 
 Delay = Annotated[float, Field(ge=-5, le=5)]
 """Age of a value [s]; negative for values that the logger dates too early."""
@@ -213,12 +211,7 @@ UNKNOWN = "its columns are none that we know; say what they mean with --map map.
 
 def read_map(path: Path) -> LogMap:
     """The map in a TOML file. Raises `ScenarioError` with every fault of the file."""
-    data = read_toml(path)
-    try:
-        # as JSON, because strict validation takes lists for tuples only there
-        return LogMap.model_validate_json(json.dumps(data, default=str))
-    except ValidationError as error:
-        raise ScenarioError(explain(error, path.name, data, LogMap)) from None
+    return read_spec(LogMap, read_toml(path), path.name)
 
 
 def built_in(names: Sequence[str], log: str) -> LogMap:

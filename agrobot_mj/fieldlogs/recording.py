@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_filter
 
-from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import (
     FieldLogError,
@@ -237,7 +237,7 @@ class _Reader(NamedTuple):
                 float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
                 float(b[0]) if c.origin_lon_deg is None else c.origin_lon_deg,
             )
-            places = np.array([to_local(origin, *each) for each in zip(a.tolist(), b.tolist(), strict=True)])
+            places = local_points(origin, a, b)
         else:
             places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
             if (away := float(np.abs(places).max())) > FARTHEST_M:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.metrics.base import LEAST, Metric, RunView
+from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
@@ -42,13 +42,12 @@ class Passed(NamedTuple):
     def numbers(self, number: int) -> dict[str, Any]:
         """The errors of this pass, left of its own direction positive; None over fewer than LEAST stations."""
         error = self.errors * self.direction
-        some = error.size >= LEAST
         return {
             "pass": number,
             "complete": bool(error.size * STATION_M >= COMPLETE * self.span - 2 * STATION_M),
-            "xte_mean": float(error.mean()) if some else None,
-            "xte_rms": float(np.sqrt((error**2).mean())) if some else None,
-            "xte_abs_p95": float(np.percentile(np.abs(error), 95)) if some else None,
+            "xte_mean": mean(error),
+            "xte_rms": rms(error),
+            "xte_abs_p95": abs_p95(error),
         }
 
 
@@ -88,9 +87,9 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
     everything = np.concatenate([one.errors for one in passed])
     return {
         "label": LABEL,
-        "pass_to_pass_p95_m": _p95(differences),
-        "pass_to_pass_mean_m": float(differences.mean()) if differences.size >= LEAST else None,
-        "pass_xte_abs_p95_m": _p95(everything),
+        "pass_to_pass_p95_m": abs_p95(differences),
+        "pass_to_pass_mean_m": mean(differences),
+        "pass_xte_abs_p95_m": abs_p95(everything),
         "per_pass": [one.numbers(k) for k, one in enumerate(passed, 1)],
     }
 
@@ -129,7 +128,3 @@ def _difference(right: Passed, left: Passed) -> Array:
     """Excess width of the swath between two neighbours, at the stations that both reached [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]
-
-
-def _p95(values: Array) -> float | None:
-    return float(np.percentile(np.abs(values), 95)) if values.size >= LEAST else None

@@ -42,8 +42,8 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
         raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
 
 
-def find_study(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """The file of a sweep or a tuning, by path or name: a file of the user's goes first.
+def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
+    """The file of a scenario, sweep or tuning, by path or name: a file of the user's goes first.
 
     `noun` says what it is; `folder` ends the message for a folder, `known` that for an unknown name. Raises
     `ScenarioError`.
@@ -69,11 +69,4 @@ def _find(source: str | FilePath) -> FilePath:
     files = scenario_files()
     if str(source) in files:
         return files[str(source)]
-    path = FilePath(source)
-    if path.is_dir():
-        raise ScenarioError(f"{path}: is a folder; name a TOML file")
-    if path.is_file():
-        return path
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise ScenarioError(f"{path}: no such file")
-    raise ScenarioError(f"unknown scenario {str(source)!r}{suggestion(str(source), list(files))} (see agrobot-mj list)")
+    return find_file(source, "scenario", files, "", "see agrobot-mj list")

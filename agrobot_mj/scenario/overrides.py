@@ -1,20 +1,26 @@
 """Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
 
+import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
 
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.learned import LEARNED
+from agrobot_mj.core.messages import explain
 from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere, places
 from agrobot_mj.plants.mujoco.own_files import own_files
 
+S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
 """Keys of these names hold the path of a file, relative to the scenario's own folder or to the library's."""
 
@@ -29,6 +35,27 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def json_text(data: Mapping[str, Any], source: str) -> bytes:
+    """Plain data as JSON, where strict validation takes lists for tuples. Raises `ScenarioError`."""
+    try:
+        return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
+    except ValueError:  # UnicodeEncodeError among them
+        raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
+
+
+def _as_plain(value: Any) -> Any:
+    """A value of numpy as Python's own, anything else as text."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+
+
+def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
+    """Plain data as a spec. Raises `ScenarioError` with every fault; `source` names the data."""
+    try:
+        return kind.model_validate_json(json_text(data, source))
+    except ValidationError as error:
+        raise ScenarioError(explain(error, source, data, kind)) from None
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:

@@ -12,16 +12,14 @@ from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import tomli_w
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SpeedLoop, SteeringLoop
 from agrobot_mj.control.gains import Gains, gains_of
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.messages import explain
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec, fill, printable
 from agrobot_mj.core.version import __version__
@@ -53,6 +51,7 @@ from agrobot_mj.scenario.overrides import (
     files,
     forget,
     override,
+    read_spec,
     relocate_files,
 )
 from agrobot_mj.sensors import Sensors
@@ -270,22 +269,9 @@ def validated(data: dict[str, Any], source: str) -> Scenario:
 
 def _validated(data: dict[str, Any], source: str) -> Scenario:
     added = embody(data, source)
-    try:
-        # As JSON, because strict validation takes lists for tuples only there, and TOML has no other sequence.
-        text = json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
-    except ValueError:  # UnicodeEncodeError among them
-        raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
-    try:
-        scenario = Scenario.model_validate_json(text)
-    except ValidationError as error:
-        raise ScenarioError(explain(error, source, data, Scenario)) from None
+    scenario = read_spec(Scenario, data, source)
     scenario.tractor.model_fields_set.difference_update(added)
     return scenario
-
-
-def _as_plain(value: Any) -> Any:
-    """A value of numpy as Python's own, anything else as text."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def check_files(scenario: Scenario, source: str, ground: bool = True) -> None:

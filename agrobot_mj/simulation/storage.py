@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -160,16 +160,16 @@ def exclusive(folder: Path, names: Iterable[str] = (*SET, RECORDING), shared: bo
 def _tidy(folder: Path) -> None:
     """Remove what a killed command has left half written in its folder, and in those of a comparison's runs."""
     ours = owned(folder) or frozenset()
-    sweep_up(folder, {*ours, MARK})
+    sweep_up(folder, {*ours, MARK}.__contains__)
     for place in (folder / name for name in sorted(ours)):
         if place.is_dir() and (inner := owned(place)) is not None:
-            sweep_up(place, {*inner, MARK})
+            sweep_up(place, {*inner, MARK}.__contains__)
 
 
-def sweep_up(folder: Path, names: Container[str]) -> None:
-    """Remove half-written files of these names that a killed writer has left in `folder`."""
-    for path in [] if folder.is_symlink() else folder.iterdir():
-        if (match := _STALE.fullmatch(path.name)) and match["name"] in names and path.is_file():
+def sweep_up(folder: Path, is_ours: Callable[[str], bool]) -> None:
+    """Remove half-written files whose names are ours, which a killed writer has left in `folder`."""
+    for path in folder.iterdir() if folder.is_dir() and not folder.is_symlink() else ():
+        if (match := _STALE.fullmatch(path.name)) and is_ours(match["name"]) and path.is_file():
             path.unlink(missing_ok=True)
 
 

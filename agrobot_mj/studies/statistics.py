@@ -32,16 +32,14 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
     return float(mean - half), float(mean + half)
 
 
-def bootstrap_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Two-sided percentile interval of the mean by bootstrap, the same for the same values; of one value, that value.
+def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Two-sided 95 % interval of the mean by bootstrap, the same for the same values.
 
-    NaN for no values.
+    Of one value that value, NaN for none.
     """
     from scipy.stats import bootstrap
 
     if len(values) < 2:
         return (float(values[0]),) * 2 if len(values) else (nan, nan)
-    found = bootstrap(
-        (values,), np.mean, n_resamples=4000, confidence_level=confidence, method="percentile", rng=0
-    ).confidence_interval
+    found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
     return float(found.low), float(found.high)

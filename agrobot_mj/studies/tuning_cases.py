@@ -4,20 +4,18 @@ A case is a set of overrides over the scenario that is tuned, as for `--set`. It
 the error beside the path, `acquisition` the way onto a line that the tractor starts beside.
 """
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.messages import explain
 from agrobot_mj.core.resources import tuning_files
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.loading import find_study, read_toml
-from agrobot_mj.scenario.overrides import absolute_paths
+from agrobot_mj.scenario.loading import find_file, read_toml
+from agrobot_mj.scenario.overrides import absolute_paths, read_spec
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.pieces import at_speed
 
@@ -95,15 +93,10 @@ class TuningCase(NamedTuple):
 def read_tuning(source: str | Path) -> TuningFile:
     """Read the file of a tuning, by name or path. Raises `ScenarioError` with every fault of the file."""
     shipped = tuning_files()
-    path = find_study(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
+    path = find_file(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
-    try:
-        return TuningFile.model_validate_json(json.dumps(data, default=str))
-    except ValidationError as error:
-        raise ScenarioError(explain(error, path.name, data, TuningFile)) from None
-    except ValueError:
-        raise ScenarioError(f"{path.name}: holds a number of thousands of digits") from None
+    return read_spec(TuningFile, data, path.name)
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:

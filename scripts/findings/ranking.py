@@ -65,7 +65,7 @@ def compare_sets(first: Columns, again: Columns) -> Counter[int]:
 
 
 def compared_text(found: Counter[int]) -> str:
-    """What a second set of seeds says, in a sentence."""
+    """Sentence on how far a second set of seeds confirms the first."""
     return (
         f"Of {found.total()} pairs of laws (all grounds together) both sets tell {found[SAME]} apart in the same "
         f"order and {found[OPPOSITE]} in the opposite one; {found[OPEN]} are left open by one or both."

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
 from riding_tractor.closed_loop import Loop
 from riding_tractor.firmware import Board, steady_offset
@@ -48,10 +48,10 @@ def track(repository: Repository) -> Track:
     log = field_log(repository, COVERAGE)
     waypoints = np.loadtxt(BytesIO(repository.read(MISSION)))
     origin = Origin(*waypoints[0, :2].tolist())
-    mission = np.column_stack((_local(origin, waypoints[:, 0], waypoints[:, 1]), waypoints[:, 2:]))
+    mission = np.column_stack((local_points(origin, waypoints[:, 0], waypoints[:, 1]), waypoints[:, 2:]))
     t = log.t - log.t[0]
     there, turned = np.isfinite(log.latitude), np.isfinite(log.heading)
-    places = _local(origin, log.latitude[there], log.longitude[there])
+    places = local_points(origin, log.latitude[there], log.longitude[there])
     even = np.arange(0.0, t[-1], EVEN_S)
     yaw = np.unwrap(np.radians(90.0 - log.heading[turned]))
     return Track(
@@ -62,11 +62,6 @@ def track(repository: Repository) -> Track:
         np.floor(np.interp(even, t, log.auto)),
         mission,
     )
-
-
-def _local(origin: Origin, latitude: Array, longitude: Array) -> Array:
-    """East and north, shape (n, 2) [m]."""
-    return np.array([to_local(origin, *pair) for pair in zip(latitude.tolist(), longitude.tolist(), strict=True)])
 
 
 class Straight(NamedTuple):

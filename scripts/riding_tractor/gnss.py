@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from riding_tractor.closed_loop import Loop
@@ -93,8 +93,7 @@ def wander(log: FieldLog) -> float:
     """Largest distance of positions of quality 2 from the mean of the fixed ones, of a tractor at rest [m]."""
     there = np.isfinite(log.latitude)
     origin = Origin(float(log.latitude[there][0]), float(log.longitude[there][0]))
-    pairs = zip(log.latitude[there].tolist(), log.longitude[there].tolist(), strict=True)
-    places = np.array([to_local(origin, *pair) for pair in pairs])
+    places = local_points(origin, log.latitude[there], log.longitude[there])
     fixed, loose = log.quality[there] == 4.0, log.quality[there] == DGPS
     if not (fixed.any() and loose.any()):
         return 0.0

@@ -63,5 +63,5 @@ def test_generations_count_as_many(clock, capsys):
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (99.0, "99 s"), (300.0, "5 min"), (7200.0, "2.0 h")])
-def test_a_span_of_time_is_told_in_its_unit(seconds, text):
+def test_durations_are_shown_in_a_fitting_unit(seconds, text):
     assert span(seconds) == text

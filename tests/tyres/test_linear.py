@@ -46,7 +46,7 @@ def test_a_wheel_that_turns_faster_than_it_travels_pushes_forward(wheel, stiffne
     assert steady(wheel, slip_ratio=slip)[0] == pytest.approx(stiffness * slip, rel=1e-9)
 
 
-def test_the_force_has_no_limit_and_the_directions_do_not_mix():
+def test_forces_are_unbounded_and_independent_by_direction():
     law, rest = LinearLaw(2.0, 3.0), (1000.0, 0.01, 1.0, Footing(1.0, 0.0))
     assert law.force(Slip(0.5, -4.0, *rest))[:3] == (-1.0, 12.0, 1.0)
     big, small = (law.force(Slip(s, s, *rest)) for s in (1e6, 1.0))

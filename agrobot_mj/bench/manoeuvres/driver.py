@@ -109,9 +109,9 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
     return float(np.polyfit(t, v, 1)[0])
 
 
-def track_course(gain: float = 1.5, per_second: float = 0.5) -> Callable[[Truth], float]:
+def track_course() -> Callable[[Truth], float]:
     """A rule that holds the course of the rear axle (not the heading) along east, by PI on the true course."""
-    total = 0.0
+    total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:
         nonlocal total

@@ -1,6 +1,7 @@
 """The checks as Markdown: one section per manoeuvre, with text and a table: theory / bicycle / MuJoCo on each tyre."""
 
 from collections.abc import Mapping, Sequence
+from textwrap import dedent
 
 from agrobot_mj.bench.manoeuvres.base import BICYCLE, Check
 from agrobot_mj.core.markdown import markdown_table
@@ -49,11 +50,7 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 def paragraphs(text: str) -> str:
     """Lines of prose, as they are; indented equations become code."""
     blocks = [block for block in text.strip().split("\n\n") if block.strip()]
-    return "\n\n".join(f"```\n{_dedent(block)}\n```" if block.startswith("    ") else block for block in blocks)
-
-
-def _dedent(block: str) -> str:
-    return "\n".join(line[4:] for line in block.splitlines())
+    return "\n\n".join(f"```\n{dedent(block)}\n```" if block.startswith("    ") else block for block in blocks)
 
 
 def table(checks: Sequence[Check]) -> str:

@@ -46,7 +46,7 @@ class Chassis2(NamedTuple):
 
 
 class Lateral(NamedTuple):
-    """What the fit looks for, SI."""
+    """Fitted parameters of the lateral motion."""
 
     C_f: float
     """Cornering stiffness of the front axle [N/rad]."""

@@ -199,7 +199,7 @@ def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
 
 
 class DayClock:
-    """Times of day as times that go on after midnight."""
+    """Clock of a log that writes times of day: its time goes on after midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0

@@ -1,4 +1,4 @@
-"""What one tick has to tell, from a simulation under way or from the table of a finished run.
+"""Content of one tick for the topics, from a simulation under way or from the table of a finished run.
 
 The same numbers in both, so that a recording holds what a live subscriber would have received.
 """

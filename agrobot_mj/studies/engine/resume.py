@@ -4,7 +4,6 @@ A row appears whole or not at all, so that a study that is broken off at any mom
 """
 
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -14,7 +13,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.overrides import files
 from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.simulation.storage import atomic, exclusive, write_json
+from agrobot_mj.simulation.storage import atomic, exclusive, sweep_up, write_json
 from agrobot_mj.studies.engine.tasks import Done, Task, digest, origin
 from agrobot_mj.studies.engine.workers import Perform, performing
 
@@ -26,8 +25,6 @@ RunTasks = Callable[[Sequence[Task]], list[Done]]
 
 Failed = Callable[[str], object]
 """Function that is called with the error of a run."""
-_HALF = re.compile(r"\..+\.(json|npy)\.[0-9a-f]{8}\.part")
-"""Names of files in `ROWS` that were being written when a study was killed."""
 
 
 class RowFiles:
@@ -130,9 +127,8 @@ def resuming(
     """
     with exclusive(folder, (*names, ROWS)), performing(jobs, most=most) as perform:
         reserve(folder, [ROWS])
-        for path in (folder / ROWS).rglob(".*.part"):
-            if _HALF.fullmatch(path.name):
-                path.unlink()
+        for place in (folder / ROWS, *filter(Path.is_dir, (folder / ROWS).rglob("*"))):
+            sweep_up(place, lambda name: name.endswith((".json", ".npy")))
         yield Resumed(folder, perform, failed)
 
 

@@ -17,8 +17,8 @@ from agrobot_mj.core.messages import fault
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.loading import find_study, load_scenario, read_toml, scenario_files
-from agrobot_mj.scenario.overrides import absolute_paths
+from agrobot_mj.scenario.loading import find_file, load_scenario, read_toml, scenario_files
+from agrobot_mj.scenario.overrides import absolute_paths, json_text
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
 
@@ -173,7 +173,7 @@ class Sweep(NamedTuple):
 
 def find_sweep(source: str | Path) -> Path:
     """The file of a sweep, by name or path. Raises `ScenarioError`."""
-    return find_study(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
+    return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
 def read_sweep(source: str | Path) -> Sweep:
@@ -183,11 +183,7 @@ def read_sweep(source: str | Path) -> Sweep:
     if not isinstance(data.get("base"), str):
         raise ScenarioError(f'{path.name}: base: name a scenario, as in base = "side_slope"')
     try:
-        text = json.dumps(data, default=str)
-    except ValueError:
-        raise ScenarioError(f"{path.name}: holds a number of thousands of digits") from None
-    try:
-        file = SweepFile.model_validate_json(text)
+        file = SweepFile.model_validate_json(json_text(data, path.name))
     except ValidationError as error:
         raise ScenarioError("\n".join(_lines(path.name, error))) from None
     beside = folder / file.base

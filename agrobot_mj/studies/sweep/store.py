@@ -111,9 +111,9 @@ class Store(RowFiles):
         for place in map(Path, _entries(self.folder / ROWS)) if ROWS in ours else ():
             if place.is_dir() and place.name.isdecimal():
                 first = int(place.name) * IN_A_FOLDER
-                sweep_up(place, {self._file(number).name for number in range(first, first + IN_A_FOLDER)})
+                sweep_up(place, {self._file(first + k).name for k in range(IN_A_FOLDER)}.__contains__)
         for _, place in self._kept() if RUNS in ours else ():
-            sweep_up(place, kept)
+            sweep_up(place, kept.__contains__)
 
     def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""
