@@ -176,6 +176,12 @@ def source_name(source: Source) -> str:
     return name.decode()
 
 
+def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
+    """Raise `FieldLogError` for a file of more than `most` bytes."""
+    if (size := path.stat().st_size) > most:
+        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {most / 1e6:g}; cut it")
+
+
 def is_parquet(data: bytes) -> bool:
     """Whether a file that begins with `data` is a Parquet file."""
     return data.startswith(PARQUET)
@@ -213,8 +219,7 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
     """The wanted columns; how many rows there are is not known before, so that the size is checked."""
-    if (size := path.stat().st_size) > MOST_CSV_BYTES:
-        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {MOST_CSV_BYTES / 1e6:g}; cut it")
+    check_size(path)
     names, delimiter = _header(path)
     try:
         return pacsv.read_csv(

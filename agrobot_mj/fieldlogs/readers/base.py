@@ -18,7 +18,7 @@ import pyarrow as pa
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
-from agrobot_mj.fieldlogs.columns import MOST_CSV_BYTES, NAME, FieldLogError, Source
+from agrobot_mj.fieldlogs.columns import NAME, FieldLogError, Source, check_size
 
 QUANTITIES = (
     Column("t", "s", "time since the first value"),
@@ -190,12 +190,6 @@ def text_lines(path: Path) -> Iterator[str]:
             if len(line) > LONGEST_LINE:
                 raise FieldLogError(f"{path.name}: line {number} has more than {LONGEST_LINE} bytes; is it text?")
             yield line.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace")
-
-
-def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
-    """Raise `FieldLogError` for a file of more than `most` bytes."""
-    if (size := path.stat().st_size) > most:
-        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {most / 1e6:g}; cut it")
 
 
 class DayClock:

@@ -17,8 +17,8 @@ from struct import Struct, error
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
-from agrobot_mj.fieldlogs.columns import FieldLogError
-from agrobot_mj.fieldlogs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples, check_size
+from agrobot_mj.fieldlogs.columns import FieldLogError, check_size
+from agrobot_mj.fieldlogs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples
 from agrobot_mj.fieldlogs.readers.pgn import SIGNALS, BusSignal
 
 TASKDATA = "TASKDATA.XML"
