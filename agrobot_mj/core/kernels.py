@@ -52,6 +52,8 @@ def _cache() -> Path | None:
 
 
 CACHE = None if config.DISABLE_JIT else _cache()
+if "NUMBA_OPT" not in os.environ:
+    config.OPT = type(config.OPT)(2)  # as fast as level 3, which takes twice as long to compile: it copies whole loops
 
 
 def jit(function: F) -> F:

@@ -63,18 +63,20 @@ def times(A: Array, B: Array) -> Array:
 @jit
 def inverse(S: Array) -> Array:
     """Inverse of a symmetric positive definite matrix by Gauss and Jordan, which needs no pivots there."""
-    A, found = S.copy(), np.eye(S.shape[0])
-    for k in range(A.shape[0]):
+    n, A, found = S.shape[0], S.copy(), np.eye(S.shape[0])
+    for k in range(n):
         pivot = A[k, k]
         if not np.isfinite(pivot):
             raise np.linalg.LinAlgError("array must not contain infs or NaNs")
         if pivot <= 0.0:
             raise np.linalg.LinAlgError("matrix is not positive definite")
-        A[k] /= pivot
-        found[k] /= pivot
-        for i in range(A.shape[0]):
+        for j in range(n):  # no slices: the check of their shapes takes seconds to compile
+            A[k, j] /= pivot
+            found[k, j] /= pivot
+        for i in range(n):
             if i != k:
                 factor = A[i, k]
-                A[i] -= factor * A[k]
-                found[i] -= factor * found[k]
+                for j in range(n):
+                    A[i, j] -= factor * A[k, j]
+                    found[i, j] -= factor * found[k, j]
     return found
