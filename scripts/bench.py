@@ -31,6 +31,7 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.implements import Drawn, Implement, ImplementBase, NoImplement
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.c_api import INSTALLED, clock
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.saving import MujocoState
 from agrobot_mj.recording import Recording
@@ -67,7 +68,7 @@ MOVING_S = 12.0
 
 
 class BareModel:
-    """The run's own model and a moving tractor in it, held up by the tyre forces of one moment."""
+    """The run's own model and a moving tractor in it, held up by the tyre forces of one moment; MuJoCo's clock goes."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = simulate.Loop(scenario)
@@ -98,10 +99,12 @@ class BareModel:
         while steps > 0:
             count = min(steps, HELD_STEPS)
             mujoco.mj_setState(model, data, self.start, self.kind)
+            clock.value = INSTALLED
             began = time.process_time()
             for _ in range(count):
                 step(model, data)
             spent += time.process_time() - began
+            clock.value = None
             steps -= count
         return spent
 
@@ -305,9 +308,11 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
     for _ in range(5):
         plant.restore(start)
         tyred += seconds_of(lambda: [plant.step_through(rest) for _ in begins])
+        clock.value = INSTALLED
         for state in begins:
             mujoco.mj_setState(plant.model, plant.data, state, kind)
             bare += seconds_of(lambda: [mujoco.mj_step(plant.model, plant.data) for _ in plant.samples[0]])
+        clock.value = None
     return tyred / bare
 
 

@@ -65,9 +65,10 @@ def kernel(function: F) -> F:
     """Compile what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
 
     Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
-    wheel. An array that it did make would never be freed; tests/core/test_kernels.py checks that there is none.
+    wheel. An array that it did make would never be freed; tests/core/test_kernels.py checks that there is none. Kernels
+    become part of those that call them: numba would pass records through memory, to a wheel's some 200 numbers.
     """
-    return _compiled(function, _nrt=False, error_model="numpy")
+    return _compiled(function, _nrt=False, error_model="numpy", forceinline=True)
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
