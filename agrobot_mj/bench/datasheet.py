@@ -37,6 +37,8 @@ QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG, STEEPEST_DEG = 4.0, 0.25, 15.0, 60
 """Rates at which a slope grows, below and above the third, and its end."""
 CLIMBING = 0.7
 """Share of its speed at which a machine no longer climbs [-]: its wheels slip past the peak of their pull."""
+STEADY_S = 10.0
+"""Time after which a swing of the creeping machine has died out, the pedal held [s]."""
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the friction, on which a machine tips over before it slides."""
 
@@ -150,12 +152,12 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Slope on which a creeping machine falls below `CLIMBING` of its speed, the pedal held [deg]."""
+    """Slope on which a creeping machine falls below `CLIMBING` of its steady speed, the pedal held [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
-    return next(
-        (grade for grade in _slope(driver.plant) if driver.plant.advance(REST).speed < CLIMBING * CREEPING_M_S), nan
-    )
+    *_, steady = hold(driver.plant, STEADY_S)  # the servo swings with a large, light machine
+    lowest = CLIMBING * steady.speed
+    return next((grade for grade in _slope(driver.plant) if driver.plant.advance(REST).speed < lowest), nan)
 
 
 def _top_speed(scenario: Scenario) -> float:
