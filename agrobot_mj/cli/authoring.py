@@ -9,6 +9,7 @@ import typer
 from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.options import utf8
 from agrobot_mj.cli.output import say
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
 
@@ -18,6 +19,8 @@ def list_(
     machines: Annotated[bool, typer.Option("--machines", help="Machines instead, for `--machine`.")] = False,
 ) -> Answer:
     """List the scenarios that come with the package."""
+    if kinds + sweeps + machines > 1:
+        raise ScenarioError("list: --kinds, --sweeps and --machines are lists of their own; give one of them")
     if kinds:
         from agrobot_mj.scenario.reference import kinds_text, known_kinds
 
