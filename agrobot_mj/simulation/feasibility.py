@@ -7,6 +7,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.faults import loadings
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.scenario.machines import COMPACT
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
@@ -27,7 +28,7 @@ def check_tractor(scenario: Scenario) -> None:
     """Raise `ScenarioError` for an impossible tractor: its chassis, or tyres that are not stable."""
     s = scenario
     if isinstance(s.plant, Mujoco):
-        with naming(s.name):
+        with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
             build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
 
 

@@ -13,6 +13,7 @@ from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.machines import TABLES
 from agrobot_mj.scenario.schema import Scenario, resolve
+from agrobot_mj.simulation.feasibility import check_tractor
 
 MINE = """
 title = "Mine"
@@ -140,6 +141,14 @@ def test_the_command_line_lists_machines_and_refuses_an_unknown_one():
     assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
     with pytest.raises(ScenarioError, match="known: compact"):
         CliRunner().invoke(app, ["run", "circle", "--machine", "ridng"], catch_exceptions=False)
+    with pytest.raises(ScenarioError, match="give one of them"):
+        CliRunner().invoke(app, ["list", "--machines", "--sweeps"], catch_exceptions=False)
+
+
+def test_a_machine_that_cannot_be_is_told_by_its_own_name_beside_the_scenario(mine):
+    impossible = load_scenario("straight_line", {"machine": mine, "tractor.yaw_inertia_kg_m2": 1.0})
+    with pytest.raises(ScenarioError, match=r"^straight_line, machine .*mine\.toml: tractor: .*would fit"):
+        check_tractor(impossible)
 
 
 def test_a_machine_goes_before_overrides_whatever_their_order(mine, tmp_path):
