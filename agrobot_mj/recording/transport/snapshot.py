@@ -126,8 +126,17 @@ def _animation(viewer: ViewerClient, t: float, view: str | None) -> bytes:
     frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times.tolist())]
     for frame in frames:
         frame.thumbnail(ANIMATED_SIZE)
-    palette = frames[-1].quantize(ANIMATED_COLOURS)
+    palette = common_palette(frames)
     return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
+
+
+def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
+    """Colours that suit all frames: one still of ten of them, spread over the time and the last among them."""
+    some = frames[:: -max(len(frames) // 10, 1)]
+    still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
+    for k, frame in enumerate(some):
+        still.paste(frame, (0, k * frame.height))
+    return still.quantize(ANIMATED_COLOURS)
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
