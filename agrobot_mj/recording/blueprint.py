@@ -41,6 +41,8 @@ FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Initial position of the following camera from the default tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which that camera looks at first, in the same frame [m]."""
+IN_VIEW = 0.7
+"""Size that brings a body into view over its distance from the first [1/m]: a tractor's front axle is just within."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1
@@ -66,7 +68,7 @@ class Shown(NamedTuple):
     outcome: str = ""
     """Outcome of the run, once it is known."""
     size: float = 1.0
-    """Size of the tractor over the default one's [-]."""
+    """Size of the tractor, with what it draws, over the default one's [-]."""
     followed: str = FOLLOWED
     """Entity that the camera follows."""
 
@@ -155,6 +157,11 @@ def scenes(
     below = _view(overview, "From above", growing, BEYOND, ["+ $origin/**", f"- /{NAMES}/**"])
     views = _view(following, "Tractor", growing, SKY), below
     return rrb.Vertical(*views, row_shares=[3, 2])
+
+
+def size_in_view(size: float, places: Array) -> float:
+    """Size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the tractor's first."""
+    return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 @lru_cache(maxsize=64)

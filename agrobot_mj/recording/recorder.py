@@ -12,7 +12,7 @@ import rerun as rr
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.blueprint import Shown, blueprint
+from agrobot_mj.recording.blueprint import Shown, blueprint, size_in_view
 from agrobot_mj.recording.info import broken, describe, running, summary, tell
 from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.catalogue import reported_plots
@@ -96,5 +96,6 @@ class Recording:
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
         size, seen = self.scenario.tractor.size, f"world/bodies/{followed(self.motion.scene)}"
+        size = size_in_view(size, self.rows.poses[0, :, :2])
         shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome, size, seen)
         self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))

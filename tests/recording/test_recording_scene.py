@@ -6,7 +6,7 @@ from rerun.blueprint import TextDocumentView
 from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
-from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
+from agrobot_mj.recording.blueprint import Shown, blueprint, size_in_view, tiled
 from agrobot_mj.recording.world.scene import followed, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
@@ -149,3 +149,9 @@ def test_the_three_tracks_are_named_beside_them(eight):
     assert np.hypot(x - true[0], y - true[1]).min() < 1e-3, "on its track"
     assert np.hypot(x[200] - reference[0], y[200] - reference[1]) > 1.5
     assert 0.4 < np.hypot(*(true - estimated)[:2]) < 1.5
+
+
+def test_the_camera_stands_back_for_a_trailer_and_not_for_the_front_axle():
+    chassis, front, trailer = [7.0, 3.0], [8.4, 3.0], [4.5, 3.0]
+    assert size_in_view(1.0, np.array([chassis, front])) == 1.0
+    assert size_in_view(1.0, np.array([chassis, front, trailer])) == pytest.approx(1.75)
