@@ -108,7 +108,7 @@ class Document:
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         """A table; columns of numbers are aligned to the right."""
         body = "".join(f"<tr>{''.join(_cell('td', value) for value in row)}</tr>" for row in rows)
-        top = "".join(f"<th>{escape(name)}</th>" for name in head)
+        top = "".join(_cell("th", name) for name in head)
         self.parts.append(f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>')
 
     def code(self, title: str, text: str) -> None:
@@ -183,10 +183,11 @@ def finite(value: Any) -> Any:
 
 
 def _cell(tag: str, value: object) -> str:
+    """A cell; a key may break at its underscores where the page is narrow."""
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
     number = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
-    return f"<{tag}{number}>{escape(text)}</{tag}>"
+    return f"<{tag}{number}>{escape(text).replace('_', '_<wbr>')}</{tag}>"
 
 
 def _library() -> str:
