@@ -112,6 +112,8 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
     else:
         table = _csv(source, wanted)
         rows, cells = table.num_rows, table.column
+    if not rows:
+        raise FieldLogError(f"{name}: has names of columns and no rows below them; export it again")
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
     return cells

@@ -53,7 +53,8 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         whole, bounds = found.recording, (max(start, recording.start), min(end, recording.end))
         if bounds[1] - bounds[0] < 1.0:
             raise FieldLogError(
-                f"{recording.name}: has no second between {start:g} and {end:g} s; it lasts {recording.end:.1f} s"
+                f"{recording.name}: has no second between {start:g} and {end:g} s; it lasts {recording.end:.1f} s: is "
+                "time.unit of the map right?"
             )
         out = sorted(_left_out(whole))
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))

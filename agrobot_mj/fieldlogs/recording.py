@@ -119,7 +119,8 @@ class FieldRecording(NamedTuple):
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
-                f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s"
+                f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s: is time.unit "
+                "of the map right?"
             )
         for part, column in self.inputs.items():
             t = getattr(self, part).between(first - LONGEST_GAP_S, last + LONGEST_GAP_S).t
@@ -245,6 +246,10 @@ class _Reader(NamedTuple):
                     f"{self.name}: {first!r} and {second!r} lie up to {away / 1e3:.3g} km from the origin; set "
                     f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
                 )
+        if not np.ptp(places, axis=0).any():
+            raise FieldLogError(
+                f"{self.name}: {first!r} and {second!r} never change; name other columns, or leave [position] out"
+            )
         if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
             raise FieldLogError(
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "

@@ -55,6 +55,12 @@ def test_what_is_no_number_is_told_by_its_column(write, values, told):
     assert str(error.value).startswith("log.parquet: ")
 
 
+def test_names_of_columns_without_rows_are_told(tmp_path):
+    (tmp_path / "log.csv").write_text("t,bad\n")
+    with pytest.raises(FieldLogError, match=r"^log.csv: has names of columns and no rows below them"):
+        read_columns(tmp_path / "log.csv", ["t", "bad"])
+
+
 def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(write):
     with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
         read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})

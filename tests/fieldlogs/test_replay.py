@@ -118,14 +118,29 @@ def with_column(table, name, values):
     return table.set_column(table.column_names.index(name), name, pa.array(values))
 
 
-def test_a_steering_column_of_the_wrong_sign_is_reported(driven):
+@pytest.mark.parametrize("scale", [-1.0, radians(1.0)])
+def test_a_steering_column_of_the_wrong_sign_or_unit_is_reported(driven, scale):
     right = replay(driven.signals, None, driven.scenario)
-    turned = with_column(driven.signals, "steer_measured", -driven.column("steer_measured"))
+    turned = with_column(driven.signals, "steer_measured", scale * driven.column("steer_measured"))
     found = replay(turned, None, driven.scenario)
     assert "explains nothing" not in summary(right, driven.scenario.tractor)
     assert "explains nothing of the recorded one: check sign (positive) and unit of [steer]" in summary(
         found, driven.scenario.tractor
     )
+
+
+def test_a_speed_of_the_wrong_unit_shows_in_the_length_of_the_way(driven):
+    slow = replay(with_column(driven.signals, "speed_hat", driven.column("speed_hat") / 1.609), None, driven.scenario)
+    assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.03)
+    assert "times as long as the plant's: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
+    assert "times as long" not in summary(replay(driven.signals, None, driven.scenario), driven.scenario.tractor)
+
+
+def test_positions_that_never_change_are_refused(driven):
+    still = with_column(driven.signals, "gnss_x", np.zeros(driven.signals.num_rows))
+    still = with_column(still, "gnss_y", np.zeros(driven.signals.num_rows))
+    with pytest.raises(FieldLogError, match="'gnss_x' and 'gnss_y' never change; name other columns"):
+        replay(still, None, driven.scenario)
 
 
 @pytest.mark.parametrize("offset", [499_300.0, 1e308])

@@ -5,8 +5,8 @@ open loop integrates every small error of the yaw rate; windows of some seconds,
 as a rigid motion can, say what of it is the plant's and what is the start's.
 """
 
-from collections.abc import Sequence
-from math import nan
+from collections.abc import Iterator, Sequence
+from math import isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -195,13 +195,34 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
     yaw = np.interp(fixes.t, driven.t, driven.yaw)
     c, s = np.cos(yaw), np.sin(yaw)
     shape = np.full(len(fixes.t), nan)
-    window = ((fixes.t - driven.t[0]) // WINDOW_S).astype(int)
+    for inside in _windows(fixes.t, driven.t[0]):
+        laid = rigid(model[inside], fixes.value[inside]).of(model[inside])
+        shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
+    return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
+
+
+def _windows(t: Array, start: float) -> Iterator[Array]:
+    """Whether each time (n,) is in a window, for the windows with positions enough."""
+    window = ((t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
-        if inside.sum() >= 8 and np.ptp(fixes.t[inside]) > 0.5 * WINDOW_S:
+        if inside.sum() >= 8 and np.ptp(t[inside]) > 0.5 * WINDOW_S:
+            yield inside
+
+
+def _stretch(pieces: Sequence[Replayed]) -> float:
+    """Recorded way over the plant's, by windows laid on each other and stretched [-]; NaN without windows."""
+    own = both = 0.0
+    for recording, driven in pieces:
+        if recording.position is None:
+            continue
+        fixes = recording.position.between(driven.t[0], driven.t[-1])
+        model = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+        for inside in _windows(fixes.t, driven.t[0]):
             laid = rigid(model[inside], fixes.value[inside]).of(model[inside])
-            shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
-    return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
+            a, b = (points - points.mean(axis=0) for points in (laid, fixes.value[inside]))
+            own, both = own + float((a * a).sum()), both + float((a * b).sum())
+    return both / own if own else nan
 
 
 def _position(pieces: Sequence[Replayed]) -> dict[str, Any] | None:
@@ -218,6 +239,7 @@ def _position(pieces: Sequence[Replayed]) -> dict[str, Any] | None:
         "largest": float(distance.max()),
         "at_the_end": float(np.mean([np.hypot(*each[1][-1]) for each in errors])),
         "window_s": WINDOW_S,
+        "stretch": stretch if isfinite(stretch := _stretch(pieces)) else None,
         "windows_rms": _rms(fitted) if len(fitted) else None,
         "windows_p95": float(np.percentile(fitted, 95)) if len(fitted) else None,
     }

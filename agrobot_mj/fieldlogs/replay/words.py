@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import degrees
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,10 @@ FOLLOWED = 0.05
 """Residual of the speed over the mean speed beyond which the plant does not follow it [-]."""
 SAME_GAIN = 0.05
 """Error of scale and wheelbase together beyond which they are told [-]: what owners measure to."""
+WRONG_GAIN = 3.0
+"""Gain beyond which no scale of a sensor is off, but a unit [-]."""
+SAME_WAY_M, SAME_LENGTH = 0.05, 0.01
+"""Error of the way in a window that is doubtful [m], and of its length [-]: what guidance itself errs by, and slip."""
 
 
 def summary(found: ReplayResult, tractor: TractorParameters) -> str:
@@ -53,16 +58,32 @@ def doubts(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
             f"The plant does not follow the recorded speed: {m['speed_rms']:.2f} m/s rms of {mean:.2f}; on "
             "plant.kind = bicycle it does"
         )
+    yield from _way_doubts(m["position"])
     if not (rate := m["yaw_rate"]) or rate["explained"] is None:
         return
-    if rate["explained"] < 0:
+    if rate["explained"] < 0 or (rate["gain"] or 0.0) > WRONG_GAIN:
         yield (
             "The plant's yaw rate explains nothing of the recorded one: check sign (positive) and unit of [steer], "
-            "[speed] and [yaw_rate] in the map"
+            f"[speed] and [{'heading' if rate['source'] == 'heading' else 'yaw_rate'}] in the map"
         )
     elif rate["explained"] > 0.5 and abs(rate["gain"] - 1.0) > SAME_GAIN:
         yield (
             f"The machine turns {rate['gain']:.2f} times as fast as the plant: the scale of [steer] or "
             "tractor.wheelbase_m is off, or at speed the tyres; the log cannot tell which: measure the wheelbase, then "
             "`agrobot-mj calibrate`"
+        )
+
+
+def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
+    """What the position says, whatever share of the yaw rate is explained: that counts bends, not where they lead."""
+    if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
+        return
+    yield (
+        f"The plant leaves the recorded way by {100 * place['windows_rms']:.0f} cm within {place['window_s']:g} s, "
+        "more than guidance errs: between laws believe no smaller difference"
+    )
+    if abs(place["stretch"] - 1.0) > SAME_LENGTH:
+        yield (
+            f"The recorded way is {place['stretch']:.3f} times as long as the plant's: check the unit of [speed] and "
+            "the columns of [position] in the map"
         )
