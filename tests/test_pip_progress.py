@@ -50,4 +50,4 @@ def test_a_line_is_told_at_once_and_a_failure_by_the_status():
         assert process.stdout.readline() == "      1  a\n"  # before anything else comes
         process.stdin.write("FAILED\n")
         process.stdin.close()
-        assert process.wait(60) == 1
+        assert process.wait(timeout=300) == 1

@@ -43,6 +43,12 @@ class Doc(NamedTuple):
 
 def families() -> dict[str, dict[str, type[Spec]]]:
     """Dotted key of every table that comes in kinds, with its kinds."""
+    return _families(Scenario.__pydantic_validator__)
+
+
+@cache
+def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
+    """Those of the schema as it is built now: a kind that is registered later builds it again."""
     found: dict[str, dict[str, type[Spec]]] = {}
     for key in keys(Scenario):
         if kinds := key.kinds:

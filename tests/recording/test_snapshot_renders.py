@@ -175,8 +175,12 @@ def test_the_browser_is_served_on_loopback_only(eight):
             assert bound == {"0100007F"}
         finally:
             process.send_signal(signal.SIGTERM)
-    time.sleep(0.2)
-    assert not [line for table in ("tcp", "tcp6") for line in listening(table) if port_of(line) in ports]
+    for _ in range(3000):
+        left = [line for table in ("tcp", "tcp6") for line in listening(table) if port_of(line) in ports]
+        if not left:
+            break
+        time.sleep(0.1)
+    assert not left
 
 
 def port_of(line):
