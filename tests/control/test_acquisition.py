@@ -1,8 +1,7 @@
 """A tractor that starts beside a level straight line comes onto it, with no lasting weave and little overshoot."""
 
-from functools import cache
-
 import pytest
+from turns import by_turns
 
 from agrobot_mj import load_scenario
 from agrobot_mj.simulation.run import run
@@ -18,10 +17,9 @@ STARTS = [
     (0.5, 90.0, 3.0),
 ]
 """Offset to the left [m], heading from the line [deg], speed [m/s]."""
-each_start = pytest.mark.parametrize("start", STARTS)
+LAWS = ["lqr", "stanley", "pure_pursuit"]
 
 
-@cache
 def way(law, start):
     """How a law comes onto the line, see `metrics.acquisition`."""
     offset, heading, speed = start
@@ -30,15 +28,10 @@ def way(law, start):
     return run(load_scenario("straight_line", {**changes, **more, **SENSORS})).metrics["acquisition"]
 
 
-@each_start
-@pytest.mark.parametrize("law", ["lqr", "stanley", "pure_pursuit"])
-def test_acquires_and_holds_a_line(law, start):
-    assert way(law, start)["acquired_s"] is not None
-
-
-@each_start
-@pytest.mark.parametrize("law", ["lqr", "stanley", "pure_pursuit"])
-def test_overshoots_a_line_only_little(law, start):
+@pytest.mark.parametrize(("start", "law"), by_turns([pytest.param(s) for s in STARTS], LAWS))
+def test_acquires_a_line_overshoots_it_only_little_and_holds_it(law, start):
     """Pure pursuit turns onto the line evenly, and comes too late from a steep angle close to it."""
+    found = way(law, start)
+    assert found["acquired_s"] is not None
     steep = law == "pure_pursuit" and start == (-1.5, 45.0, 4.0)
-    assert way(law, start)["overshoot_m"] <= (0.15 if steep else 0.10)
+    assert found["overshoot_m"] <= (0.15 if steep else 0.10)

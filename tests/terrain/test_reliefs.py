@@ -1,9 +1,12 @@
 """Furrows and bumps: what the grid holds, and what wheels that roll over it see."""
 
+from itertools import product
+
 import mujoco
 import numpy as np
 import pytest
 from scipy.signal import find_peaks
+from turns import by_turns
 
 from agrobot_mj.bench.manoeuvres.base import ORIGIN, force_tyres, mujoco_plant
 from agrobot_mj.bench.manoeuvres.driver import Driver
@@ -136,6 +139,8 @@ def test_tyres_stay_stable_on_harsh_ground(tyre, terrain, speed, ripple):
 
 STEEP = {profile: Ridges(depth_m=0.2, half_size_m=30.0, profile=profile) for profile in ("sine", "flat")}
 """Furrows with flanks of 40 degrees, too narrow for the wheels: about what the grip can climb."""
+TYRES = sorted((pytest.param(tyre, id=tyre.kind) for tyre in force_tyres()), key=lambda tyre: tyre.id != "linear")
+PROFILES_AND_TYRES = [pytest.param(p, *tyre.values, id=f"{p}-{tyre.id}") for p, tyre in product(STEEP, TYRES)]
 STARTS = (0.0, 0.05, 0.1, 0.15, -0.05, -0.1, -0.15)
 """Where the tractor starts across them [m]: how it fares in steep furrows is chaotic, so a median is judged."""
 
@@ -151,8 +156,7 @@ class Pedal:
         return Drive(NEUTRAL_V, NEUTRAL_V + 10.0 * off + 0.3 * np.sign(off))
 
 
-@pytest.mark.parametrize("tyre", [tyre for tyre in force_tyres() if tyre.kind != "linear"], ids=lambda tyre: tyre.kind)
-@pytest.mark.parametrize("profile", STEEP)
+@pytest.mark.parametrize(("tyre", "profile"), by_turns(TYRES[1:], STEEP))
 def test_steep_furrows_may_stop_the_tractor_but_not_toss_it(tyre, profile):
     """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
     ground, found = STEEP[profile].ground(), []
@@ -192,9 +196,7 @@ def energy_beyond_the_engines_work(plant, truth, speed, seconds):
     return surplus
 
 
-@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
-@pytest.mark.parametrize("profile", STEEP)
-@pytest.mark.parametrize("speed", [1.5, 5.0])
+@pytest.mark.parametrize(("profile", "tyre", "speed"), by_turns(PROFILES_AND_TYRES, [1.5, 5.0]))
 def test_the_ground_does_no_work(tyre, profile, speed):
     """However wildly the tractor jumps at full pedal, all the energy comes from its engine: tyres only take it."""
     for x in (0.0, 0.1):

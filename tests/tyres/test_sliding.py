@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from turns import by_turns
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import jit
@@ -76,8 +77,9 @@ def slides(v_x, v_y, rim):
     return hypot(v_x - rim, v_y) / max(hypot(v_x, v_y), abs(rim))
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize("tyre", GRIPPING.values(), ids=list(GRIPPING))
+@pytest.mark.parametrize(
+    ("tyre", "speed"), by_turns([pytest.param(tyre, id=name) for name, tyre in GRIPPING.items()], SPEEDS)
+)
 def test_beyond_80_percent_of_slip_the_force_opposes_the_sliding(tyre, speed):
     """Locked, braked hard and spinning, at every angle to the heading."""
     judged = 0

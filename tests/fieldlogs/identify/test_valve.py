@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from turns import by_turns
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
@@ -29,6 +30,13 @@ OTHER_VALVE = {
     "gain_right_l_min_v": 2.6,
     "pump_flow_l_min": 7.0,
 }
+VALVES = [pytest.param(None, id="default"), pytest.param(OTHER_VALVE, id="other")]
+MORE = [
+    pytest.param("mujoco", OTHER_VALVE, id="mujoco-other"),
+    pytest.param("bicycle", OTHER_VALVE, id="bicycle-other", marks=pytest.mark.slow),
+    pytest.param("mujoco", None, id="mujoco-default", marks=pytest.mark.slow),
+]
+"""Beside the bicycle's default valve, which more tests look at."""
 LATE_OIL_S = 0.008
 """Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder."""
 
@@ -71,14 +79,13 @@ def test_a_noisy_figure_eight_identifies_the_valve(calm, fitted):
     check(fitted, calm.scenario, "bicycle")
 
 
-@pytest.mark.parametrize(("plant", "valve"), [("bicycle", OTHER_VALVE), ("mujoco", None), ("mujoco", OTHER_VALVE)])
+@pytest.mark.parametrize(("plant", "valve"), MORE)
 def test_another_valve_and_plant_are_identified_too(plant, valve):
     log = log_of("figure_eight", plant, valve, **CALM)
     check(identify(log.signals), log.scenario, plant)
 
 
-@pytest.mark.parametrize("valve", [None, OTHER_VALVE], ids=["default", "other"])
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize(("plant", "valve"), by_turns(PLANTS, VALVES))
 def test_a_run_that_excites_the_valve_identifies_the_rate_limit(plant, valve):
     log = log_of("valve_identification", plant, valve)
     found = identify(log.signals)
@@ -247,7 +254,7 @@ def test_a_damaged_page_is_named(calm, tmp_path):
         identify_command(tmp_path)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", [pytest.param("bicycle", marks=pytest.mark.slow), "mujoco"])
 def test_a_backlash_of_a_degree_is_found(plant):
     """In the library's scenario, a calm drive: within a tenth of a degree, and the valve beside it."""
     scenario = load_scenario("steering_backlash", {"plant.kind": plant})
