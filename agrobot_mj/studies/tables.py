@@ -76,7 +76,7 @@ def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
     mse = error_of(row, "lateral_mse")
     turns = (row.get("per_turn") or []) if has_errors(row) else []
     whole = {turn["turn"]: turn for turn in turns if turn["complete"]}
-    shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if number in whole}
+    shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if share and number in whole}
     return [
         _text(mse, 4),
         *(_text(whole[k]["lateral_mse"], 4) if k in whole else NONE for k in (1, 2)),

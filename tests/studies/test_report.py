@@ -190,6 +190,7 @@ def test_missing_values_are_dashes() -> None:
     assert early[2][3:] == ["-", "0.0000", "-", "0.123", "0.250"]
     assert early[3][3:] == ["3.0e+07", "-", "1.00", "0.123", "-"]
     assert "/ pd" not in cells(table([row("mujoco", "pd_t2fnn", 0.5)]))[0]
+    assert "nn 1" not in cells(table([row("mujoco", "pd", 0.5) | {"nn_share": [0.0, 0.0]}]))[0]
 
 
 def test_the_legend_explains_the_numbers_that_are_shown() -> None:
