@@ -23,7 +23,7 @@ def variants(texts: list[str] | None) -> "list[ComparedVariant]":
 
 
 def _variant(text: str) -> "ComparedVariant":
-    from agrobot_mj.scenario.overrides import absolute_paths
+    from agrobot_mj.scenario.overrides import absolute_value
     from agrobot_mj.studies.compare_plan import ComparedVariant
 
     name, colon, rest = text.partition(":")
@@ -36,9 +36,7 @@ def _variant(text: str) -> "ComparedVariant":
     for key, value in _items(rest, name):
         if key in found:
             raise ScenarioError(f"--variant {name!r}: {key} is given twice")
-        given = {key.rpartition(".")[2]: value}
-        absolute_paths(given, Path.cwd())
-        found[key] = given.popitem()[1]
+        found[key] = absolute_value(key, value, Path.cwd())
     return ComparedVariant(name, found)
 
 

@@ -15,7 +15,6 @@ first moves to the wrong side of any correction, the errors are those of the rea
 
 from collections.abc import Sequence
 from functools import lru_cache
-from importlib import import_module
 from math import asin, cos, exp, radians, sin, tan
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -25,7 +24,7 @@ from pydantic import Field
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Beside, Following, FollowingState, sideslip
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.extras import required
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -234,8 +233,4 @@ def _residuals(ca: Any, rates: Any, p: Any) -> Any:
 
 @lru_cache(maxsize=1)
 def _solver() -> _Solver:
-    try:
-        ca = import_module("casadi")
-    except ImportError:
-        raise ScenarioError('guidance.kind: "nmpc" needs casadi; pip install agrobot-mj[nmpc]') from None
-    return _Solver(ca)
+    return _Solver(required("casadi", "nmpc", 'guidance.kind: "nmpc"'))

@@ -1,7 +1,6 @@
 """Scenarios from files: by name or path, with overrides by dotted key."""
 
 from collections.abc import Mapping
-from copy import deepcopy
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -9,7 +8,7 @@ from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
-from agrobot_mj.scenario.overrides import absolute_paths, check_overrides, read_toml
+from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
 from agrobot_mj.scenario.plugins import load_plugins
 from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
 
@@ -29,13 +28,8 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     data, folder = read_toml(path), path.parent.resolve()
     try:
         absolute_paths(data, folder)
-        given = {}
-        for key, value in (overrides or {}).items():
-            last = key.rpartition(".")[2]
-            table = {last: deepcopy(value)}
-            absolute_paths(table, FilePath.cwd(), folder)
-            given[key] = table[last]
-        apply_overrides(data, given)
+        places = FilePath.cwd(), folder
+        apply_overrides(data, {key: absolute_value(key, value, *places) for key, value in (overrides or {}).items()})
         data.setdefault("name", _name_of(path))
         return resolve(data, path.name)
     except RecursionError:
@@ -43,7 +37,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """The file of a scenario, sweep or tuning, by path or name: a file of the user's goes first.
+    """The file of a study by path or name: a file of the user's goes before one that is `shipped`.
 
     `noun` says what it is; `folder` ends the message for a folder, `known` that for an unknown name. Raises
     `ScenarioError`.

@@ -176,6 +176,13 @@ def absolute_paths(data: Any, *folders: Path) -> None:
             table[key] = str(found or others[-1] / file)
 
 
+def absolute_value(key: str, value: Any, *folders: Path) -> Any:
+    """A copy of a dotted key's value with the paths of files absolute, as by `absolute_paths`."""
+    table = {key.rpartition(".")[2]: deepcopy(value)}
+    absolute_paths(table, *folders)
+    return table.popitem()[1]
+
+
 def files(data: Any) -> list[Path]:
     """Every file that plain data names, and those that go with it."""
     found = [(key, library_file(table[key])) for table, key in _naming_files(data)]

@@ -1,5 +1,6 @@
 """Every path-following law drives a tractor without slip to its path, forward and in reverse."""
 
+import sys
 from importlib.util import find_spec
 from math import cos, radians, sin
 
@@ -286,12 +287,9 @@ def test_the_lqr_model_responds_after_the_valves_delay(n: int) -> None:
 def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     from agrobot_mj.control import nmpc
 
-    def absent(name: str) -> None:
-        raise ImportError(name)
-
     nmpc._solver.cache_clear()
-    monkeypatch.setattr(nmpc, "import_module", absent)
-    with pytest.raises(ScenarioError, match=r"pip install agrobot-mj\[nmpc\]"):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(ScenarioError, match=r'"nmpc" needs casadi; pip install "agrobot-mj\[nmpc\]"'):
         Nmpc().init()
     nmpc._solver.cache_clear()
 

@@ -13,7 +13,7 @@ from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.identify.windows import channels_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.scenario.machines import TABLES, machine_file, machine_tables
-from agrobot_mj.scenario.overrides import explicit_values
+from agrobot_mj.scenario.overrides import explicit_values, override
 from agrobot_mj.scenario.schema import Scenario
 
 MARGIN_DEG = 1.0
@@ -130,11 +130,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
         if table := merged(tables.get(name, {}), own.get(name, {})):
             data[name] = table
     for key, each in keys.items():
-        *path, last = key.split(".")
-        table = data
-        for part in path:
-            table = table.setdefault(part, {})
-        table[last] = each.value
+        override(data, key, each.value, scenario)
     return data
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
@@ -144,8 +143,8 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
     }
     if reach > LEVEL_M:
         data["terrain"] = {"kind": "flat", "half_size_m": float(ceil(reach) + 100)}
-    head = "The recorded way, driven by a guidance of ours: which law the machine had the log does not tell.\n"
-    return "".join(f"# {line}\n" for line in head.splitlines()) + tomli_w.dumps(data)
+    head = "The recorded way, driven by a guidance of ours: which law the machine had the log does not tell."
+    return annotated_toml(data, {}, head)
 
 
 def _drivable(texts: dict[str, str]) -> bool:

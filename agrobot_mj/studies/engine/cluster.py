@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.extras import required
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.engine.pool import AHEAD, stream
@@ -52,12 +53,9 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
 
 
 def _client(address: str) -> "Client":
+    distributed = required("distributed", "cluster", "--scheduler")
     try:
-        from distributed import Client
-    except ImportError:
-        raise ScenarioError("--scheduler: needs Dask; install it with: pip install 'agrobot-mj[cluster]'") from None
-    try:
-        return Client(address, timeout=PATIENCE_S, set_as_default=False)
+        return distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = f"no answer within {PATIENCE_S} s" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
         raise ScenarioError(

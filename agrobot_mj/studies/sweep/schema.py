@@ -6,7 +6,6 @@ Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for 
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -18,7 +17,7 @@ from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.loading import find_file, load_scenario, read_toml, scenario_files
-from agrobot_mj.scenario.overrides import absolute_paths, json_text
+from agrobot_mj.scenario.overrides import absolute_value, json_text
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
 
@@ -198,19 +197,11 @@ def read_sweep(source: str | Path) -> Sweep:
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
     """A copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
-
-    def absolute(key: str, value: Any) -> Any:
-        given = {last(key): deepcopy(value)}
-        absolute_paths(given, Path.cwd(), folder)
-        return given[last(key)]
-
     data = _as_table(file)
-    for (
-        key,
-        axis,
-    ) in file.axes.items():  # others than lists have perhaps too many values to list before they are counted
+    for key, axis in file.axes.items():  # only lists as lists: the others may have too many values
         data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
-    return SweepFile.model_validate_json(json.dumps(changed_values(data, absolute)))
+    changed = changed_values(data, lambda key, value: absolute_value(key, value, Path.cwd(), folder))
+    return SweepFile.model_validate_json(json.dumps(changed))
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:

@@ -171,7 +171,7 @@ def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path,
 def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     status, _, err = call(file, "--scheduler", "tcp://127.0.0.1:9")
-    assert (status, err) == (2, "--scheduler: needs Dask; install it with: pip install 'agrobot-mj[cluster]'\n")
+    assert (status, err) == (2, '--scheduler needs distributed; pip install "agrobot-mj[cluster]"\n')
 
 
 def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):

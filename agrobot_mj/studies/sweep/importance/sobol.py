@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm, t
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.extras import required
 from agrobot_mj.core.signals import Array
 from agrobot_mj.studies.sweep.importance.shares import CONFIDENCE, Share
 
@@ -26,12 +26,7 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
     `noise` is its share of the variance of `values`. It is in each total index, and taken from estimate and lower end;
     the upper end keeps it, since noise that depends on a draw is not in the others.
     """
-    try:
-        from SALib.analyze import sobol
-    except ImportError:
-        raise ScenarioError("importance: needs SALib; install it with: pip install 'agrobot-mj[studies]'") from None
-
-    d = len(keys)
+    sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
     found = sobol.analyze(problem, values, calc_second_order=False, num_resamples=RESAMPLES, seed=1)
     # SALib's half widths are those of a normal distribution for one index alone; these hold for all at once.
