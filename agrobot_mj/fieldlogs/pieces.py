@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.columns import FieldLogError
+from agrobot_mj.fieldlogs.columns import FieldLogError, Mask
 from agrobot_mj.fieldlogs.direction import directed
 from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording
 
@@ -81,11 +81,16 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
         longest = max(LOST_S, 3 * float(np.median(np.diff(fixes.t))))
         yield from (Span(a, b, "no position") for a, b in _gaps(t, longest))
     speed = recording.speed
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.abs(speed.value) < STANDING_M_S, [0])).astype(int)))
-    for first, after in edges.reshape(-1, 2):
+    for first, after in spells(np.abs(speed.value) < STANDING_M_S):
         a, b = float(speed.t[first]), float(speed.t[after - 1])
         if b - a > STANDING_S:
             yield Span(a, b, "standing")
+
+
+def spells(mask: Mask) -> list[tuple[int, int]]:
+    """First index, and the one behind the last, of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:

@@ -17,6 +17,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
+from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import metric_names
 from agrobot_mj.studies.sweep.plan import SweepPlan
@@ -31,7 +32,7 @@ SIGNS = ("<", ">", "==", "!=", " and ", " or ", "+", "**", "not ", "(", ")", ","
 @cache
 def keys() -> dict[str, Any]:
     """Dotted keys of the default scenario that hold a value, with it."""
-    return dict(_flat(load_scenario("figure_eight").model_dump(mode="json"), ""))
+    return dict(flat(load_scenario("figure_eight").model_dump(mode="json")))
 
 
 @cache
@@ -39,13 +40,6 @@ def numbers() -> list[tuple[str, float]]:
     """Keys that hold a number other than zero, with that number, but for those that make a run long."""
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
     return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
-
-
-def _flat(table: dict[str, Any], prefix: str) -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
-    for name, value in table.items():
-        found += _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else [(prefix + name, value)]
-    return found
 
 
 def sets(*texts: str) -> list[str]:

@@ -8,9 +8,10 @@ import numpy as np
 
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
+from agrobot_mj.fieldlogs.pieces import spells
 from riding_tractor.closed_loop import Loop
 from riding_tractor.firmware import Board, steady_offset
-from riding_tractor.logs import COVERAGE, MISSION, Repository, field_log, spells
+from riding_tractor.logs import COVERAGE, MISSION, Repository, field_log
 
 STRAIGHT_M = 3.0
 """Look-ahead of the mission on its straights, and of no other part [m]."""

@@ -8,6 +8,7 @@ import numpy as np
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
+from agrobot_mj.fieldlogs.pieces import spells
 from riding_tractor.closed_loop import Loop
 from riding_tractor.logs import (
     CALIBRATION,
@@ -18,7 +19,6 @@ from riding_tractor.logs import (
     Repository,
     field_log,
     pursuit_log,
-    spells,
 )
 
 DGPS = 2.0

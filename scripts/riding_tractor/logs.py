@@ -212,9 +212,3 @@ def fresh(*columns: Array) -> np.ndarray:
     """Which rows differ from the one before in any of the columns."""
     differs = np.any([np.diff(column, prepend=np.nan) != 0.0 for column in columns], axis=0)
     return np.asarray(differs)
-
-
-def spells(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First index and the one behind the last of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -5,7 +5,9 @@ import pytest
 from clones import STRAIGHT, Drive, clone, line
 from riding_tractor import gnss
 from riding_tractor.closed_loop import recorded
-from riding_tractor.logs import Repository, Run, field_log, fresh, pursuit_log, spells
+from riding_tractor.logs import Repository, Run, field_log, fresh, pursuit_log
+
+from agrobot_mj.fieldlogs.pieces import spells
 
 RUN = Run("made", "field.csv", "pursuit.csv")
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.fieldlogs.pieces import spells
 from agrobot_mj.fieldlogs.recording import FieldRecording
 
 SPACING_M = 0.5
@@ -29,8 +30,8 @@ def _forward(piece: FieldRecording) -> list[Array]:
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], u > SLOWEST_M_S, [0])).astype(int))).reshape(-1, 2)
-    return [_leg(piece, t[a:b], places[a:b]) for a, b in edges if b - a > 2 * SMOOTHED_S / np.median(np.diff(t))]
+    least = 2 * SMOOTHED_S / np.median(np.diff(t))
+    return [_leg(piece, t[a:b], places[a:b]) for a, b in spells(u > SLOWEST_M_S) if b - a > least]
 
 
 def _leg(piece: FieldRecording, t: Array, places: Array) -> Array:
