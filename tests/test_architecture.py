@@ -59,6 +59,8 @@ def imported(file):
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
             names += [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "required":  # a library of an extra
+            names += [given.value for given in node.args[:1] if isinstance(given, ast.Constant)]
     return tuple(names)
 
 
