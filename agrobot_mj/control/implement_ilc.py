@@ -7,27 +7,26 @@ its hitch as a lag over its own length, which ends where the hitch was: at long 
 that place, so that the correction needs no shift.
 
 The implement's place is that of its own receiver (`sensors.implement_gnss`); without one that of a tractrix behind the
-hitch, which knows how an implement cuts bends but not how it slips.
+hitch, which knows how an implement cuts bends, and takes it to slip sideways as the tractor does.
 """
 
 from collections.abc import Sequence
 from math import atan, cos, inf, isfinite, nan, sin, sqrt
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import LawAround, Route, Situation
+from agrobot_mj.control.base import Route, Situation
 from agrobot_mj.control.ilc import Ilc
 from agrobot_mj.control.lap_map import LapMap, LapState
 from agrobot_mj.control.laws import InnerLaw
+from agrobot_mj.control.learning import PlaceLearner
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.core.geometry import from_heading, wrap
-from agrobot_mj.core.learned import Learned, read_learned, require_quantity
+from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import Column, Command, PathPoint, Reference
-from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.core.spec import Positive
 
-LINE = "line_learned"
-"""Name of the map, in the log and in files."""
 SPREAD_M = 1.0
 """Distance over which slope and bend of the moved line are taken [m]. Estimate: half the map's filter."""
 
@@ -110,33 +109,21 @@ class ImplementIlcState(NamedTuple):
     """Whether the last tick will be learnt from."""
 
 
-class ImplementIlc(LawAround):
+class ImplementIlc(PlaceLearner):
     """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     inner: Annotated[InnerLaw | Ilc, Field(discriminator="kind")] = Lqr()
     """The law that follows the line, by its own `kind`."""
-    map: LapMap = LapMap()
-    """The line and its learning."""
-    file: Annotated[str, Field(min_length=1)] | None = None
-    """Line to begin with, `learned.parquet` of a run on the same path; the path itself when left out."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
     """Largest offset of the line [m]. Estimate (0.2-1): a trailer cuts bends of 5 m by 0.4."""
     max_offset_m: Positive = 1.0
     """Offset of the implement beyond which it does not learn [m]. Estimate (0.5-2)."""
-    min_speed_m_s: NonNegative = 0.3
-    """Forward speed below which it does not learn [m/s]. Estimate (0.1-0.5)."""
     tool_behind_m: Positive = 2.0
     """Distance of the point that works behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
     axle_behind_m: Positive = 2.0
     """Distance of the implement's axle behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
-    holds_lane_change: ClassVar = True
-
-    def check(self) -> None:
-        """Read the file. Raises ValueError."""
-        self.inner.check()
-        if self.file is not None:
-            require_quantity(self.file, LINE)
+    quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:
         """On the path itself, or on the line of the file from the first tick on."""
@@ -149,9 +136,9 @@ class ImplementIlc(LawAround):
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
         place = route.nearest(x, y, near, t)
         if state.s is None:
-            known = None if self.file is None else read_learned(self.file)
-            state = state._replace(length=(length := route.lap()), lap=self.map.begun(place.s, length, known, LINE))
-        sound = e.aligned and abs(place.offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
+            lap, length = self.begun(route, place.s)
+            state = state._replace(lap=lap, length=length)
+        sound = self.sound(e, place.offset)
         correction = -place.offset if sound else None
         lap = self.map.after(state.lap, place.s, state.length, place.offset, correction, self.bound_m)
         line = Moved(route, self.map, lap, state.length)
@@ -164,14 +151,15 @@ class ImplementIlc(LawAround):
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
         """Place [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
-        yaw, behind = e.yaw if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
-        bend = wrap(e.yaw - yaw)
+        heading = wrap(e.yaw - e.sideslip)
+        yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
+        bend = wrap(heading - yaw)
         across = e.speed * sin(bend) - behind * e.yaw_rate * cos(bend)  # of the hitch, to the left of the implement
         yaw = wrap(yaw + dt * across / self.axle_behind_m)
         if isfinite(x + y):
             return x, y, yaw
-        x = e.rear_x - behind * cos(e.yaw) - self.tool_behind_m * cos(yaw)
-        y = e.rear_y - behind * sin(e.yaw) - self.tool_behind_m * sin(yaw)
+        x = e.rear_x - behind * cos(heading) - self.tool_behind_m * cos(yaw)
+        y = e.rear_y - behind * sin(heading) - self.tool_behind_m * sin(yaw)
         return x, y, yaw
 
     def feedback(self, state: ImplementIlcState, command: Command) -> float:
@@ -180,13 +168,16 @@ class ImplementIlc(LawAround):
 
     def learned(self, state: ImplementIlcState) -> Learned:
         """The line for the next lap [m], and what the law inside has learnt."""
-        return {**self.inner.learned(state.inner), **self.map.learned(state.lap, state.length, self.bound_m, LINE)}
+        return {
+            **self.inner.learned(state.inner),
+            **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
+        }
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Those of the law inside, the line, and where the implement is beside the path."""
         own = (
-            Column(LINE, "m", "learnt offset of the tractor's line from the path, left positive"),
+            Column(self.quantity, "m", "learnt offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement from the path as learnt from, left positive"),
             Column("line_learning", "-", "1 while the line is learnt, else 0"),
             Column("line_returns", "-", "how often a line that was worse was given up for the best one"),

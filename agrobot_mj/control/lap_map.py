@@ -2,10 +2,12 @@
 
 Iterative learning control: what had to be corrected at a place in one lap is there beforehand in the next,
 
-    m_k+1 = keep m_k + gain Z(c_k),      |m| <= bound,
+    m_k+1 = r_k (m_k + gain Z(c_k)),      |m| <= bound,      r_k = max(u_k . u_k-1 / (|u_k| |u_k-1|), 0),
 
 c the correction at each place, Z a filter of zero phase over the distance, a Gaussian whose half-value width is
-`smoothing_m`. Places are GRID_M apart; the lap closes on itself.
+`smoothing_m`, and r the share of what the places want, u = m + Z(c), that comes again from lap to lap: its prediction
+from the last lap where it drifts, as in ruts, which every lap changes. Places are GRID_M apart; the lap closes on
+itself.
 
 Guards. A map counts as worse where the error of its lap is larger than that of the best lap by `WORSE` and `MARGIN_M`:
 root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place and the mean of the
@@ -22,7 +24,7 @@ from pydantic import Field
 
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.spec import Fraction, Spec
+from agrobot_mj.core.spec import Spec
 
 GRID_M = 0.25
 """Distance between the places [m]. Estimate: a fifth of the narrowest filter that is of use."""
@@ -82,6 +84,8 @@ class LapState(NamedTuple):
     """The present place, and what was met there so far."""
     square: float = 0.0
     """Squared error averaged over about WINDOW_M [m2]."""
+    wanted: Array = NOTHING
+    """Map and correction of the last lap that was learnt from, by place; zero before it [unit]."""
     whole: bool = False
     """Whether this lap was driven with one map from its start, so that it can be judged."""
     returns: int = 0
@@ -105,8 +109,6 @@ class LapMap(Spec):
     """Share of the correction that moves into the map each lap [-]. Estimate (0.3-0.6): with 0.7 it may diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
     """Half-value width of the filter over the distance [m]. Estimate (1.5-4): with 1 it may diverge."""
-    keep: Fraction = 0.98
-    """Share of the map that is kept from lap to lap [-]. Estimate (0.9-1): what is no longer right goes in 50 laps."""
     guard: bool = True
     """Whether it goes back to the best map where a lap gets worse."""
 
@@ -124,11 +126,12 @@ class LapMap(Spec):
         `known` is what an earlier run has learnt of the quantity `name`.
         """
         n = max(round(lap / GRID_M), 2)
-        map_, best, error = (_resampled(known, key, n, lap) for key in _names(name))
+        map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
         empty, number = np.zeros((n, len(Cell._fields))), int(s // lap)
         whole = s < number * lap + FADE_M
-        return LapState(number, s, map_, map_, inf, best, error**2, rms, empty, np.zeros(n), whole=whole)
+        here = np.zeros(n)
+        return LapState(number, s, map_, map_, inf, best, error**2, rms, empty, here, wanted=wanted, whole=whole)
 
     def after(
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
@@ -152,7 +155,8 @@ class LapMap(Spec):
             return {}
         state = self._next_lap(state, state.lap + 1, bound)
         known = state.best_rms < inf
-        values = state.map_, state.best, np.sqrt(state.best_square) if known else np.full(len(state.map_), UNKNOWN_M)
+        error = np.sqrt(state.best_square) if known else np.full(len(state.map_), UNKNOWN_M)
+        values = state.map_, state.best, error, state.wanted
         place = lap * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
@@ -163,6 +167,8 @@ class LapMap(Spec):
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
         if not (state.whole and np.mean(ticks > 0) > COMPLETE):
             return fresh
+        correction = _smooth(corrected / np.maximum(learnt, 1.0), self.smoothing_m / GRID_M)
+        fresh = fresh._replace(wanted=state.map_ + correction)
         rms = sqrt(float(square.sum() / ticks.sum()))
         if self.guard and rms > WORSE * state.best_rms + MARGIN_M:
             return self._returned(fresh)._replace(whole=True)
@@ -170,8 +176,8 @@ class LapMap(Spec):
             fresh = fresh._replace(best=state.map_, best_square=state.here, best_rms=rms)
         if not (share := self.gain * state.share):
             return fresh
-        correction = _smooth(corrected / np.maximum(learnt, 1.0), self.smoothing_m / GRID_M)
-        map_ = np.clip(self.keep * state.map_ + share * correction, -bound, bound)
+        repeats = _repeats(state.wanted, fresh.wanted)
+        map_ = np.clip(repeats * (state.map_ + share * correction), -bound, bound)
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
@@ -218,14 +224,20 @@ def _smooth(values: Array, width: float) -> Array:
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
-def _names(name: str) -> tuple[str, str, str]:
-    """Quantities that a file has of a map: itself, the best one, and the error of that one's lap."""
-    return name, f"{name}_best", f"{name}_best_error"
+def _repeats(before: Array, now: Array) -> float:
+    """Share of what two laps want, by place, that both have [-]; all of it where one of them is not known."""
+    size = sqrt(float(before @ before) * float(now @ now))
+    return max(float(before @ now) / size, 0.0) if size else 1.0
+
+
+def _names(name: str) -> tuple[str, str, str, str]:
+    """Quantities that a file has of a map: itself, the best one, the error of that one's lap, what the last wanted."""
+    return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
     """A quantity of a file at the middles of n places of a lap [m]; zero without one."""
-    if not known:
+    if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T
     found: Array = np.interp(lap * (np.arange(n) + 0.5) / n, place, value)

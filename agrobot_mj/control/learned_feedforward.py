@@ -17,14 +17,14 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import LawAround, Situation
+from agrobot_mj.control.base import Situation
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import InnerLaw
+from agrobot_mj.control.learning import ANGLE_COLUMNS, AngleLearner
 from agrobot_mj.control.path_network import PathInput, PathNetwork, PathNetworkState
-from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import Column, Command
-from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.core.spec import Positive
 
 
 class LearnedState(NamedTuple):
@@ -44,7 +44,7 @@ class LearnedState(NamedTuple):
     """Whether the last tick was learnt from."""
 
 
-class LearnedFeedforward(LawAround):
+class LearnedFeedforward(AngleLearner):
     """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
@@ -58,16 +58,11 @@ class LearnedFeedforward(LawAround):
     """Largest consequent of the map [deg]. Estimate (5-45): an arc of 2 m; less beside another feed-forward."""
     max_offset_m: Positive = 2.0
     """Lateral error beyond which it does not learn [m]. Estimate (0.5-3): the supervisor's limit."""
-    max_sigma_m: Positive = 0.1
-    """Estimated position error beyond which it does not learn [m]. Estimate (0.05-0.3): between RTK and float."""
-    min_speed_m_s: NonNegative = 0.3
-    """Forward speed below which it does not learn [m/s]. Estimate (0.1-0.5)."""
     max_steer_lag_deg: Positive = 6.0
     """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate (3-10): the
     angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Ranges in which the gains are sought, beside those of the yaw controller."""
-    holds_lane_change: ClassVar = True
 
     def init(self) -> LearnedState:
         """State before anything is learnt."""
@@ -75,19 +70,15 @@ class LearnedFeedforward(LawAround):
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
         """Feedback law, map, then learning from the feedback."""
-        x, limit = self.inputs(situation), situation.machine.steer_limit
-        w, map_ = self.network.firing(x), state.network
+        w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
-        inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
-        feedback, wanted = self.inner.feedback(inner, command), command.steer + ahead
-        free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
-        answers = abs(situation.steer - state.steer) <= radians(self.max_steer_lag_deg)
-        learning = free and answers and self.may_learn(situation)
+        e, r = situation.estimate, situation.reference
+        offset = to_heading(r.yaw, r.x - e.x, r.y - e.y)[1]
+        inner, command, feedback, learning = self.corrected(state, situation, ahead, answered, offset, dt)
         if learning:
             map_ = self.network.learnt(map_, feedback, radians(self.bound_deg), dt)
-        steer = clip(wanted, -limit, limit)
-        state = LearnedState(inner, self.network.remembered(map_, w, dt), steer, ahead, feedback, learning)
-        return state, command._replace(steer=steer)
+        map_ = self.network.remembered(map_, w, dt)
+        return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
         """What lies ahead: curvature [1/m], speed [m/s], roll [rad], 0 where nothing measures it."""
@@ -95,29 +86,12 @@ class LearnedFeedforward(LawAround):
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
 
-    def may_learn(self, situation: Situation) -> bool:
-        """Whether the tractor drives on its path and knows where it is."""
-        e, r = situation.estimate, situation.reference
-        offset = to_heading(r.yaw, r.x - e.x, r.y - e.y)[1]
-        sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
-        known = e.aligned and sigma <= self.max_sigma_m
-        return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
-
-    def feedback(self, state: LearnedState, command: Command) -> float:
-        """What the inner law adds to the map [rad]."""
-        return state.feedback
-
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns of the inner law, the map's angle, whether it learns, and every consequent."""
-        own = (
-            Column("steer_learned", "rad", "steering angle of the learnt map, left positive"),
-            Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),
-            Column("learning", "-", "1 while the map learns, else 0"),
-        )
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
-        return (*self.inner.columns, *own, *weights)
+        return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
 
     def report(self, state: LearnedState) -> Sequence[float]:
         """Values of `columns`."""

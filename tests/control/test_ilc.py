@@ -8,9 +8,11 @@ from drives import Bend, drive
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control import Ilc, ImplementIlc, Lqr
+from agrobot_mj.control.ilc import SETTLED_M
 from agrobot_mj.control.lap_map import GIVE_UP, LapMap, LapState
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.learned import LEARNED, read_learned
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths import Circle, FigureEight, Line, Swaths
 from agrobot_mj.paths.route import SampledRoute
@@ -44,7 +46,7 @@ def test_what_is_left_shrinks_from_lap_to_lap_as_theory_says(gain: float, smooth
     """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
     sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
     H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
-    rests = laps(LapMap(gain=gain, smoothing_m=smoothing, keep=1.0), 4)[1][: 4 * PER_LAP].reshape(4, -1)[
+    rests = laps(LapMap(gain=gain, smoothing_m=smoothing), 4)[1][: 4 * PER_LAP].reshape(4, -1)[
         :, 60:-60
     ]  # one map fades into the next at either end
     left = np.abs(rests).max(axis=1) / MOST
@@ -52,7 +54,7 @@ def test_what_is_left_shrinks_from_lap_to_lap_as_theory_says(gain: float, smooth
 
 
 def test_the_map_has_no_phase() -> None:
-    state, _ = laps(LapMap(gain=0.5, keep=1.0), 3)
+    state, _ = laps(LapMap(gain=0.5), 3)
     places = LAP * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
     spectrum = np.fft.rfft(state.map_)[WAVES]
     assert np.angle(spectrum * np.conj(np.fft.rfft([disturbance(s) for s in places])[WAVES])) == pytest.approx(
@@ -61,21 +63,38 @@ def test_the_map_has_no_phase() -> None:
 
 
 def test_what_is_no_longer_there_is_forgotten() -> None:
-    map_ = LapMap(gain=0.0, keep=0.5, guard=False)
-    state = laps(LapMap(gain=1.0, keep=1.0), 2.01)[0]
+    map_ = LapMap(guard=False)
+    state = laps(map_, 3.01)[0]
     before = np.abs(state.map_).max()
-    again = state
-    for s in np.arange(2.01 * LAP, 3.01 * LAP, STEP):
-        again = map_.after(again, s, LAP, 0.0, 0.0, BOUND)
-    assert np.abs(again.map_).max() == pytest.approx(before, rel=1e-6), "a gain of nothing leaves the map alone"
-    map_ = LapMap(gain=1e-6, keep=0.5, guard=False)
     for s in np.arange(3.01 * LAP, 5.01 * LAP, STEP):
-        again = map_.after(again, s, LAP, 0.0, 0.0, BOUND)
-    assert np.abs(again.map_).max() == pytest.approx(before / 4, rel=0.01)
+        state = map_.after(state, s, LAP, 0.0, -map_.value(state, s, LAP), BOUND)
+    assert np.abs(state.map_).max() < 0.4 * before
+
+
+@pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
+def test_the_map_takes_over_what_repeats_and_no_more(share: float, most: float) -> None:
+    """Each lap wants `share` of the power of one pattern and the rest of a fresh one, of which none is taken over."""
+    draw, map_ = np.random.default_rng(4), LapMap(guard=False)
+    turn = np.arange(0.0, 1.0, STEP / LAP)
+
+    def pattern() -> np.ndarray:
+        waves = 2 * pi * np.outer(np.arange(1, 7), turn) + draw.uniform(0, 2 * pi, (6, 1))
+        return draw.normal(size=6) @ np.sin(waves)
+
+    same, state, left = pattern(), map_.begun(0.0, LAP), []
+    for lap in range(24):
+        wanted = 0.1 * (share**0.5 * same + (1 - share) ** 0.5 * pattern())
+        rest = np.empty(PER_LAP)
+        for k, s in enumerate(LAP * (lap + turn)):
+            rest[k] = wanted[k] - map_.value(state, s, LAP)
+            state = map_.after(state, s, LAP, 0.0, rest[k], BOUND)
+        left.append((rest @ rest, wanted @ wanted))
+    after = np.sum(left[4:], axis=0)
+    assert after[0] < most**2 * after[1]
 
 
 def test_the_map_stays_within_its_bound() -> None:
-    map_ = LapMap(gain=1.0, keep=1.0, guard=False)
+    map_ = LapMap(gain=1.0, guard=False)
     state = map_.begun(0.0, LAP)
     for s in np.arange(0.0, 5 * LAP, STEP):
         state = map_.after(state, s, LAP, 0.0, 0.4, 0.3)
@@ -156,6 +175,9 @@ def test_without_a_map_it_is_the_inner_law() -> None:
     alone, inside = drive(Lqr(), Bend(1.2, 0.1), 10.0), drive(Ilc(inner=Lqr()), Bend(1.2, 0.1), 10.0)
     assert np.array_equal(alone.offset, inside.offset)
     assert alone.commands == inside.commands
+    learns = [row[[column.name for column in Ilc().columns].index("learning")] for row in inside.reports]
+    first = learns.index(1.0) * TICK_S * 1.2
+    assert first == pytest.approx(SETTLED_M, abs=1.0), "the way onto the path is not learnt from"
 
 
 @pytest.mark.parametrize("law", [Ilc(inner=Lqr(integral_m_s=None)), Ilc()], ids=["without integral", "LQR"])
