@@ -16,7 +16,7 @@ from agrobot_mj.cli.answers import _stdout_to_stderr
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 PAGE = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
 COMMON = {"command", "version", "exit_status", "error"}
-VERBS = ("list", "machine", "run", "compare", "limit")
+VERBS = ("list", "machine", "run", "compare", "limit", "risk", "falsify")
 
 
 @pytest.fixture(autouse=True)

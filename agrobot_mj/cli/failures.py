@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Jobs, Out, Quiet, Seeds, Sets, Source, finite, overrides, results_folder, utf8
 from agrobot_mj.cli.output import error_printer, print_hints, say
@@ -32,31 +33,28 @@ def risk(
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Estimate how rare a failure is, down to one run in a million.
 
     CONDITION is such as "xte_abs_max > 0.3". Runs that come close are split: their noise goes on in several ways.
     Writes risk.json, risk.png and the recording of a failure, and resumes.
     """
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.studies.risk import RiskQuestion
+    from agrobot_mj.studies.risk import RiskQuestion, content
     from agrobot_mj.studies.risk import risk as search
 
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"risk-{scenario.name}")
-    print_hints([scenario], quiet)
+    about = {"folder": str(folder), "hints": print_hints([scenario], quiet)}
 
     def tell(population: "Population") -> None:
         if not quiet and (found := population.split):
             say(f"{population.number + 1} of {repeats}: {found.probability:.2g} in {found.paths} runs")
 
+    question = RiskQuestion(until, particles, repeats, score, least)
     with interruptible():
-        found = search(
-            scenario, RiskQuestion(until, particles, repeats, score, least), folder, jobs, tell, error_printer()
-        )
-    if not quiet:
-        say(found.statement)
-        say(folder / "risk.json")
+        found = search(scenario, question, folder, jobs, tell, error_printer())
+    return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'risk.json'}")
 
 
 def falsify(
@@ -73,31 +71,28 @@ def falsify(
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
-) -> None:
+) -> Answer:
     """Search the mildest combination of changes that fails.
 
     Distances count in units of each range or spread. Writes falsify.json, falsify.png and the recording of the failure,
     with its scenario, and resumes.
     """
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.studies.falsify import FalsifyQuestion
+    from agrobot_mj.studies.falsify import FalsifyQuestion, content
     from agrobot_mj.studies.falsify import falsify as search
 
     scenario = load_scenario(source, overrides(sets))
-    varied = tuple(map(_varied, vary))
+    question = FalsifyQuestion(tuple(map(_varied, vary)), until, budget, seeds, score)
     folder = results_folder(out, f"falsify-{scenario.name}")
-    print_hints([scenario], quiet)
+    about = {"folder": str(folder), "hints": print_hints([scenario], quiet)}
 
     def tell(tried: "Combination") -> None:
         if not quiet:
             say(f"{tried.shown}: {tried.share} fail, closeness {tried.close:.3g}")
 
-    question = FalsifyQuestion(varied, until, budget, seeds, score)
     with interruptible():
         found = search(scenario, question, folder, jobs, tell, error_printer())
-    if not quiet:
-        say(found.statement)
-        say(folder / "falsify.json")
+    return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'falsify.json'}")
 
 
 def _varied(text: str) -> "Varied":

@@ -6,13 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from agrobot_mj.core.palette import BLUE, VERMILION
+from agrobot_mj.core.palette import BLACK, VERMILION
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.studies.closeness import Closeness
 from agrobot_mj.studies.engine import Task
 from agrobot_mj.studies.engine.resume import Resumed
+from agrobot_mj.studies.style import PANEL_WIDTH_IN
+
+MOST_STRETCHED = 20.0
+"""Length of a drawn path over its width from which its width is stretched [-]."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +56,29 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Resumed, kept: Mapp
     ]
 
 
-def draw_courses(axes: Axes, courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> None:
-    """Closeness over time, of an ordinary run and of failures; dots where the noise of one went its own way."""
-    for course, label, colour in zip(courses, labels, ("0.6", VERMILION, BLUE), strict=False):
-        t, close = course["t"], course["close"]
-        axes.plot(t, close, color=colour, label=label)
-        at = [min(int(when / (t[1] - t[0])), len(t)) - 1 for when in course.get("branches", ())]
-        axes.plot([t[k] for k in at], [close[k] for k in at], "o", color=colour, markersize=2.5)
-    axes.axhline(0.0, color="black", linewidth=0.6, linestyle="--")
-    axes.set(xlabel="t [s]", ylabel="closeness to the condition [-]")
-    axes.legend()
+def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
+    """Figure of an ordinary run and of a failure: closeness over time, and both from above beside the reference.
+
+    A dot is where the noise of a run went its own way, a cross where the condition was met. Returns the panel beside
+    the closeness, which is empty, and that of the closeness, too.
+    """
+    drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
+    panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
+    close, above = panels["close"], panels["above"]
+    for course, label, colour in zip(courses, labels, ("0.6", VERMILION), strict=False):
+        met = [course["close"].index(value) for value in course["close"] if value > 0.0][:1]
+        marks = [(min(round(when / TICK_S), len(course["t"])) - 1, "o", 2.5) for when in course["branches"]]
+        for axes, x, y in ((close, "t", "close"), (above, "x", "y")):
+            axes.plot(course[x], course[y], color=colour, label=label)
+            for k, marker, size in (*marks, *((k, "x", 5.0) for k in met)):
+                axes.plot(course[x][k], course[y][k], marker, color=colour, markersize=size)
+    if courses:
+        above.plot(courses[0]["x_ref"], courses[0]["y_ref"], "--", color=BLACK, linewidth=0.6, label="reference")
+    close.axhline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
+    close.set(xlabel="t [s]", ylabel="closeness to the condition [-]")
+    above.set(xlabel="x [m]", ylabel="y [m]")
+    if above.dataLim.height > above.dataLim.width / MOST_STRETCHED:
+        above.set_aspect("equal", "datalim")
+    close.legend()
+    above.legend()
+    return drawn, panels[""], close

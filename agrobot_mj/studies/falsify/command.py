@@ -14,12 +14,12 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.closeness import Closeness, check_closeness
-from agrobot_mj.studies.courses import courses, draw_courses
+from agrobot_mj.studies.courses import courses, courses_figure
 from agrobot_mj.studies.engine import Task, base_text, resuming
 from agrobot_mj.studies.falsify.question import NOT_FOUND, Combination, Falsified, FalsifyQuestion
 from agrobot_mj.studies.falsify.search import FalsifySearch
 from agrobot_mj.studies.limit.question import condition_of
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import STYLE, save
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
 """Files of the run at the answer, and what they are called in the folder of the falsification."""
@@ -74,10 +74,8 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
     """The combinations tried over two keys, and the course of the failure beside that of a mild run."""
-    drawn = Figure((2 * PANEL_WIDTH_IN, 2.4), layout="constrained")
-    left, right = drawn.subplots(1, 2)
-    _draw_tried(left, q, found)
-    draw_courses(right, driven, ("all mild", _name(found)))
+    drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
+    _draw_tried(beside, q, found)
     return drawn
 
 

@@ -15,6 +15,7 @@ from agrobot_mj.studies.limit.question import condition_of
 from agrobot_mj.studies.risk.figure import save_figure
 from agrobot_mj.studies.risk.population import Population, Run, populations
 from agrobot_mj.studies.risk.question import CONFIDENCE, RiskEstimate, RiskQuestion, estimate
+from agrobot_mj.studies.risk.splitting import Split
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
 """Files of a run that failed, and what they are called in the folder of a risk."""
@@ -32,6 +33,12 @@ class Risk(NamedTuple):
     """Number of whole runs that take as long as the parts driven [-]."""
     statement: str
     """The answer as a sentence."""
+    splits: tuple[Split, ...]
+    """Each splitting."""
+    ordinary: Run
+    """A run of middling closeness, from its beginning."""
+    failure: Run | None
+    """A run that failed."""
 
 
 def risk(
@@ -51,27 +58,32 @@ def risk(
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
     check_closeness(closeness, scenario)
     with resuming(folder, FILES, jobs, failed) as do:
-        found = populations(scenario, question, condition, do, done)
-        splits = [each.split for each in found if each.split]
-        answer = _answer(scenario, question, estimate(splits, question.particles), found)
-        shown = _shown([run for each in found for run in each.runs])
+        found = answer(scenario, question, populations(scenario, question, condition, do, done))
         base = base_text(scenario)
+        shown = [found.ordinary, *([found.failure] if found.failure else [])]
         tasks = [Task(0, base, scenario.name, {"seed": run.seed}, branches=run.branches) for run in shown]
-        write_json(folder / "risk.json", content(scenario, question, answer, found, shown[1:]))
-        save_figure(splits, courses(tasks, closeness, do, FAILURE), folder / "risk.png")
-    return answer
+        driven = courses(tasks, closeness, do, FAILURE)
+        write_json(folder / "risk.json", content(scenario, question, found))
+        save_figure(found.splits, driven, folder / "risk.png")
+    return found
 
 
-def _answer(scenario: Scenario, q: RiskQuestion, found: RiskEstimate, done: Sequence[Population]) -> Risk:
-    runs, worth = [run for each in done for run in each.runs], worth_of(done)
+def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
+    """What splittings that are done say."""
+    splits = tuple(each.split for each in done if each.split)
+    found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
-    if not found.probability:
+    if found.probability:
+        text = f"a run fails with a probability of {found.probability:.2g}"
+        text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), by {driven}"
+        crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
+        text += f"; plain runs would need {crude:,.0f} for this interval" if crude else ""
+    else:
         text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
-        return Risk(found, len(runs), worth, f"{scenario.name}: {q.until}: {text}")
-    text = f"{found.probability:.2g} of the runs ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g})"
-    crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
-    text += f", by {driven}; plain runs would need {crude:,.0f} for this interval" if crude else f", by {driven}"
-    return Risk(found, len(runs), worth, f"{scenario.name}: {q.until}: {text}")
+    plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
+    failure = next((run for run in runs if run.failed and run.ticks), None)
+    statement = f"{scenario.name}: {q.until}: {text}"
+    return Risk(found, len(runs), worth, statement, splits, plain[len(plain) // 2], failure)
 
 
 def worth_of(done: Sequence[Population]) -> float:
@@ -81,16 +93,9 @@ def worth_of(done: Sequence[Population]) -> float:
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
 
 
-def _shown(runs: Sequence[Run]) -> list[Run]:
-    """A run without branches of middling closeness, and the first that failed, if any did."""
-    plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
-    return [plain[len(plain) // 2], *[run for run in runs if run.failed and run.ticks][:1]]
-
-
-def content(
-    scenario: Scenario, q: RiskQuestion, found: Risk, done: Sequence[Population], failures: Sequence[Run]
-) -> dict[str, Any]:
+def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
     """`risk.json`: the question, the answer, each splitting, and how the failure is driven again."""
+    failures = [found.failure] if found.failure else []
     return {
         "scenario": scenario.name,
         "version": __version__,
@@ -101,6 +106,6 @@ def content(
         "paths": found.paths,
         "worth": found.worth,
         "statement": found.statement,
-        "splits": [each.split._asdict() for each in done if each.split],
+        "splits": [split._asdict() for split in found.splits],
         "failure": [{"seed": run.seed, "branches": [list(branch) for branch in run.branches]} for run in failures],
     }

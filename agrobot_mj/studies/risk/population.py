@@ -7,7 +7,7 @@ from typing import NamedTuple
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.branching import Branch
+from agrobot_mj.simulation.branching import EVERY, Branch
 from agrobot_mj.studies.closeness import Closeness, Rises
 from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
 from agrobot_mj.studies.limit.condition import Condition
@@ -41,8 +41,8 @@ class Run(NamedTuple):
 
     @property
     def begun(self) -> int:
-        """Number of ticks that it shares with another run."""
-        return self.branches[-1].tick if self.branches else 0
+        """Number of ticks up to the state of another run that it begins with."""
+        return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
 class Population:

@@ -55,12 +55,16 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """The mean of independent splittings with its interval.
 
-    Where no run failed the upper end is that of Wilson for the runs of the last rounds, times their weight.
+    Where no run was split the interval is Wilson's; where none failed its upper end is that of Wilson for the runs of
+    the last rounds, times their weight.
     """
-    found = mean_of([split.probability for split in splits])
+    n, found = len(splits), mean_of([split.probability for split in splits])
+    if not any(split.trace for split in splits):
+        runs = n * particles
+        low, high = wilson_interval(sum(split.failed for split in splits), runs, CONFIDENCE)
+        return found._replace(low=low, high=high, error=sqrt(found.probability * (1 - found.probability) / runs))
     if found.probability:
         return found
-    n = len(splits)
     weight = fsum(min((weight for _, weight in split.trace if weight), default=1.0) for split in splits) / n
     return found._replace(high=weight * wilson_interval(0, n * particles, CONFIDENCE)[1])
 

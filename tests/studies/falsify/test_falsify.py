@@ -180,7 +180,11 @@ def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(c
     again = run(load_scenario(tmp_path / "f" / "failure.toml"))
     assert again.metrics["longitudinal_rms"] > 0.2
     assert again.scenario.path.speed_m_s == found["mildest"]["values"]["path.speed_m_s"]
-    assert call(*words, "--out", "f") == (0, said, "")
+    status, document, _ = call(*words, "--out", "f", "--json")
+    told = json.loads(document)
+    assert {name: told[name] for name in found} == found
+    assert (status, told["folder"], told["hints"]) == (0, "f", [])
+    assert f"{found['statement']}\nf/falsify.json\n" in said
 
 
 def test_where_nothing_fails_there_is_no_failure(call, tmp_path, monkeypatch):
