@@ -74,11 +74,11 @@ def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> 
                 axes.plot(course[x][k], course[y][k], marker, color=colour, markersize=size)
     if courses:
         above.plot(courses[0]["x_ref"], courses[0]["y_ref"], "--", color=BLACK, linewidth=0.6, label="reference")
+        close.legend()
+        above.legend()
     close.axhline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
     close.set(xlabel="t [s]", ylabel="closeness to the condition [-]")
     above.set(xlabel="x [m]", ylabel="y [m]")
     if above.dataLim.height > above.dataLim.width / MOST_STRETCHED:
         above.set_aspect("equal", "datalim")
-    close.legend()
-    above.legend()
     return drawn, panels[""], close

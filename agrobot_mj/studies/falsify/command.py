@@ -17,7 +17,7 @@ from agrobot_mj.studies.closeness import Closeness, check_closeness
 from agrobot_mj.studies.courses import courses, courses_figure
 from agrobot_mj.studies.engine import Task, base_text, resuming
 from agrobot_mj.studies.falsify.question import NOT_FOUND, Combination, Falsified, FalsifyQuestion
-from agrobot_mj.studies.falsify.search import FalsifySearch
+from agrobot_mj.studies.falsify.search import CONFIRMED, FalsifySearch
 from agrobot_mj.studies.limit.question import condition_of
 from agrobot_mj.studies.style import STYLE, save
 
@@ -41,7 +41,7 @@ def falsify(
     """
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
-    check_tractors([mild])
+    check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
     condition, closeness = condition_of(question.until, mild), Closeness(question.until, question.score)
     check_closeness(closeness, mild)
     with resuming(folder, FILES, jobs, failed) as do:

@@ -31,6 +31,8 @@ OUTCOMES = (*get_args(Outcome), ERROR)
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
 """Largest number of characters of a condition."""
+LARGEST = 1e100
+"""Largest number that is compared."""
 Numbers = Mapping[str, Any]
 
 
@@ -116,6 +118,8 @@ class Condition:
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             number = ast.literal_eval(term)
+            if not abs(number) <= LARGEST:
+                self._refuse(f"{ast.unparse(term)[:20]!r} is too large a number")
             return "number", lambda numbers: number
         word = inner.value if isinstance(inner, ast.Constant) and isinstance(inner.value, str) else name_of(inner)
         if signed or (word is None and isinstance(inner, ast.Constant)):

@@ -1,5 +1,6 @@
 """The risk of a failure: split runs by how close they come to it, write `risk.json`, `risk.png` and a failure."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,7 +55,7 @@ def risk(
     `done` hears of each splitting, `failed` of the errors that runs raise. Raises `ScenarioError`.
     """
     question.check()
-    check_tractors([scenario])
+    check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
     check_closeness(closeness, scenario)
     with resuming(folder, FILES, jobs, failed) as do:
@@ -78,6 +79,8 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
         text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), by {driven}"
         crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
         text += f"; plain runs would need {crude:,.0f} for this interval" if crude else ""
+        ends = Counter(run.unexpected for run in runs if run.unexpected)
+        text += f"; not as expected ended {', '.join(f'{n} {end}' for end, n in ends.items())}" if ends else ""
     else:
         text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
     plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)

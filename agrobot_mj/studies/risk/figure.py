@@ -24,7 +24,9 @@ def save_figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], file
             chances.step(levels, _chances(split, levels), where="post", color=BLUE, linewidth=0.4)
         chances.step(levels, mean, where="post", color=BLACK)
         chances.axvline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
-        chances.set(yscale="log", xlabel="closeness to the condition [-]", ylabel="chance of a run to come closer [-]")
+        least = min((weight for split in splits for _, weight in split.trace if weight), default=0.1)
+        chances.set(yscale="log", ylim=(0.7 * least, 1.4))
+        chances.set(xlabel="closeness to the condition [-]", ylabel="chance of a run to come closer [-]")
         for power in range(1, 1 + floor(-log10(min(mean, default=1.0)))):
             level = levels[np.argmax(mean <= 10.0**-power)]
             close.axhline(level, color=BLUE, linewidth=0.4)

@@ -29,6 +29,8 @@ class Run(NamedTuple):
     """Number of ticks to its end."""
     failed: bool
     """Whether it met the condition."""
+    unexpected: str = ""
+    """Outcome that made it fail."""
 
     @property
     def level(self) -> float:
@@ -105,4 +107,5 @@ def populations(
 def _run(seed: int, branches: tuple[Branch, ...], result: Done, condition: Condition) -> Run:
     numbers = result.numbers
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
-    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(dict(flat(numbers))))
+    unexpected = "" if condition.names_outcome or numbers["expected"] else numbers["outcome"]
+    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(dict(flat(numbers))), unexpected)

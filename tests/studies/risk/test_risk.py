@@ -50,7 +50,7 @@ def walking(process):
             highest = np.maximum.accumulate(places)
             new = np.flatnonzero(np.diff(highest, prepend=-np.inf) > 0)
             rises = [[int(k) + 1, float(places[k])] for k in new]
-            numbers = {"outcome": "completed", "error": None, "xte_abs_max": float(highest[-1])}
+            numbers = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": float(highest[-1])}
             found.append(Done({**numbers, "rises": rises, "ticks": process.steps}, {}))
         return found
 
@@ -161,12 +161,24 @@ def test_a_risk_from_the_command_line_resumes_and_keeps_a_failure_that_can_be_dr
     }
 
 
+def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
+    words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
+    status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
+    assert status == 0
+    assert "a run fails with a probability of 1 (95% interval 0.51 to 1), by 4 runs" in said
+    assert "; not as expected ended 4 unfinished" in said
+    assert (tmp_path / "r" / "risk.png").is_file()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--until", "xte_abs_max"], "--until 'xte_abs_max'"),
+        (["--until", "xte_abs_max > 1e999"], "is too large a number"),
+        (["--until", f"xte_abs_max > {10**400}"], "is too large a number"),
         (["--until", "position_nees > 3"], "no signal is known that leads to position_nees"),
         (["--until", "xte_rms > 1", "--score", "rol"], "--score rol: no such signal"),
+        (["--until", "xte_rms > 1", "--set", "seed=9223372036854775800"], "seed"),
         (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
     ],
 )
