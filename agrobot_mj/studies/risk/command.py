@@ -79,8 +79,8 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
         text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), by {driven}"
         crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
         text += f"; plain runs would need {crude:,.0f} for this interval" if crude else ""
-        ends = Counter(run.unexpected for run in runs if run.unexpected)
-        text += f"; not as expected ended {', '.join(f'{n} {end}' for end, n in ends.items())}" if ends else ""
+        flaws = Counter(run.flaw for run in runs if run.flaw)
+        text += f"; of these {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""
     else:
         text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
     plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)

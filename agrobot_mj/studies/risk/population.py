@@ -29,8 +29,8 @@ class Run(NamedTuple):
     """Number of ticks to its end."""
     failed: bool
     """Whether it met the condition."""
-    unexpected: str = ""
-    """Outcome that made it fail."""
+    flaw: str = ""
+    """Why it failed without coming close: its outcome, or a metric without a value."""
 
     @property
     def level(self) -> float:
@@ -107,5 +107,8 @@ def populations(
 def _run(seed: int, branches: tuple[Branch, ...], result: Done, condition: Condition) -> Run:
     numbers = result.numbers
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
-    unexpected = "" if condition.names_outcome or numbers["expected"] else numbers["outcome"]
-    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(dict(flat(numbers))), unexpected)
+    found = dict(flat(numbers))
+    missing = [name for name in condition.compared if found.get(name) is None]
+    ended = "" if condition.names_outcome or numbers["expected"] else numbers["outcome"]
+    flaw = ended or ", ".join(f"without {name}" for name in missing)
+    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(found), flaw)
