@@ -67,7 +67,7 @@ Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
 class Spec(BaseModel):
     """Frozen data with units in its key names; a misspelt key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 
     sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Keys, dotted, that follow the size of the machine where they are not given: powers of its `Ratios`."""
