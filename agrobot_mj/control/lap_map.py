@@ -2,12 +2,11 @@
 
 Iterative learning control: what had to be corrected at a place in one lap is there beforehand in the next,
 
-    m_k+1 = r_k (m_k + gain Z(c_k)),      |m| <= bound,      r_k = max(u_k . u_k-1 / (|u_k| |u_k-1|), 0),
+    m_k+1 = r_k^2 (m_k + gain Z(c_k)),    |m| <= bound,      r_k = max(u_k . u_k-1 / (|u_k| |u_k-1|), 0),
 
 c the correction at each place, Z a filter of zero phase over the distance, a Gaussian whose half-value width is
-`smoothing_m`, and r the share of what the places want, u = m + Z(c), that comes again from lap to lap: its prediction
-from the last lap where it drifts, as in ruts, which every lap changes. Places are GRID_M apart; the lap closes on
-itself.
+`smoothing_m`, and r^2 the share of what the places want, u = m + Z(c), that the lap before explains: little in ruts,
+which every lap changes, nearly all on a slope. Places are GRID_M apart; the lap closes on itself.
 
 Guards. A map counts as worse where the error of its lap is larger than that of the best lap by `WORSE` and `MARGIN_M`:
 root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place and the mean of the
@@ -225,9 +224,9 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Share of what two laps want, by place, that both have [-]; all of it where one of them is not known."""
-    size = sqrt(float(before @ before) * float(now @ now))
-    return max(float(before @ now) / size, 0.0) if size else 1.0
+    """Share of what a lap wants, by place, that the lap before explains [-]; 1 where one of them is not known."""
+    size = float(before @ before) * float(now @ now)
+    return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
