@@ -220,8 +220,8 @@ def test_copies_of_runs_share_the_past_up_to_a_rise_and_have_a_future_of_their_o
 def test_splittings_of_the_bicycle_agree_with_plain_runs():
     """Beside trees, about one run in ten: within three standard errors of both."""
     at, plain = 0.06, 200
-    scenario, found = splittings(5.0, at, 10, 12)
-    split = estimate([each.split for each in found], 10)
+    scenario, found = splittings(5.0, at, 20, 20)
+    split = estimate([each.split for each in found], 20)
     far = [run(scenario.changed({"seed": 200_000 + k})).metrics["xte_abs_max"] for k in range(plain)]
     share = np.mean(np.array(far) > at)
     assert split.error < 0.3 * split.probability
