@@ -16,6 +16,8 @@ MF7720 = "Show_All_CAN_Messages/Show_All_CAN_Messages/scan mf7720 bl 270922 spee
 T = 0.05 * np.arange(200)
 CURVATURE = 0.1 * np.sin(T)
 """Left positive [1/m]."""
+LATITUDE_1E7 = 50.877e7
+"""At the start, from which the tractor drives north at 1.5 m/s [1e-7 deg]."""
 
 
 def little(value, size):
@@ -29,7 +31,7 @@ def frames():
         yield t, 0x0CAC1C13, little((8032 - 1000 * kappa) / 0.25, 2) + b"\xff" * 6
         yield t, 0x18FE4926, little(1500, 2) + b"\xff" * 5 + b"\xfd"
         yield t + 0.01, 0x09F80203, b"\0\xfc" + little(1e4 * radians(30), 2) + little(150, 2) + b"\xff\xff"
-        yield t + 0.01, 0x09F80103, little(50.877e7, 4) + little(-4.699e7, 4)
+        yield t + 0.01, 0x09F80103, little(LATITUDE_1E7 + 135 * t, 4) + little(-4.699e7, 4)
         yield t + 0.01, 0x0CF00400, b"\xff" * 8  # an engine, which is nobody's business here
 
 
@@ -58,7 +60,7 @@ def test_frames_of_python_can_become_quantities(written):
     assert kappa == pytest.approx(CURVATURE, abs=0.13e-3)
     assert column(log, "speed")[1] == pytest.approx(1.5)
     assert column(log, "course")[1] == pytest.approx(radians(60), abs=1e-4)
-    assert column(log, "latitude")[1] == pytest.approx(50.877)
+    assert column(log, "latitude")[1] == pytest.approx(1e-7 * (LATITUDE_1E7 + 135 * T), abs=1e-7)
     assert column(log, "longitude")[1] == pytest.approx(-4.699)
     assert len(log.source) == 2 * len(T)
 

@@ -124,8 +124,8 @@ def test_unusable_results_are_reported(plan, tmp_path, monkeypatch):
     for name in ("outcome", "seed", "run", *KEYS):
         with pytest.raises(ScenarioError, match=f"--metric {name}: is no result of a run"):
             importance(whole, name)
-    monkeypatch.setitem(sys.modules, "SALib.analyze", None)
-    with pytest.raises(ScenarioError, match=r"pip install 'agrobot-mj\[studies\]'"):
+    monkeypatch.setitem(sys.modules, "SALib.analyze.sobol", None)
+    with pytest.raises(ScenarioError, match=r'importance needs SALib; pip install "agrobot-mj\[studies\]"'):
         importance(whole)
 
 
