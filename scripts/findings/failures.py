@@ -30,9 +30,7 @@ TREES = {
 }
 OFTEN_M, RARE_M = 0.12, 0.16
 """Distances from the line that about one run in a hundred, and one in ten thousand, come to [m]."""
-PARTICLES = {OFTEN_M: 20, RARE_M: 60}
-"""Runs of a splitting, which have to find the ways to a failure among all that come a little closer."""
-REPETITIONS, PLAIN, CHUNK, PLAIN_SEED = 20, 6000, 50, 200_000
+REPETITIONS, PARTICLES, PLAIN, CHUNK, PLAIN_SEED = 20, 20, 6000, 50, 200_000
 LANES = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
 LATE, FAST = Varied.ranged("sensors.gnss.latency_s", 0.0, 0.4), Varied.ranged("path.speed_m_s", 1.2, 3.0)
 FAR = "xte_abs_max > 0.3"
@@ -59,13 +57,13 @@ def plain(first: int) -> Row:
 def risk_table(study: Study, far: list[float]) -> str:
     """Probability by each way, the driving that it took, and how much plain runs would need for the same interval."""
     scenario, lines = load_scenario("straight_line", TREES), list[tuple[Any, ...]]()
-    for at, particles in PARTICLES.items():
+    for at in (OFTEN_M, RARE_M):
         runs, failed = len(far), sum(x > at for x in far)
         text = _text(failed / runs, *wilson_interval(failed, runs, 0.95))
         lines.append((f"{100 * at:g} cm", f"{runs:,} plain runs", text, f"{runs:,}", "1"))
-        question = RiskQuestion(f"xte_abs_max > {at}", particles, REPETITIONS)
+        question = RiskQuestion(f"xte_abs_max > {at}", PARTICLES, REPETITIONS)
         answer = risk(scenario, question, study.runs / f"risk-{at}", study.jobs)
-        found, way = answer.estimate, f"{REPETITIONS} splittings of {particles} runs"
+        found, way = answer.estimate, f"{REPETITIONS} splittings of {PARTICLES} runs"
         times = found.probability * (1 - found.probability) / found.error**2 / answer.worth
         text = _text(found.probability, found.low, found.high)
         lines.append((f"{100 * at:g} cm", way, text, f"{answer.worth:,.0f}", f"{times:.2g}"))
