@@ -50,12 +50,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     kept, notes = list[FieldRecording](), list[str]()
     for recording in recordings:
         found = directed(recording)
-        whole, bounds = found.recording, (max(start, recording.start), min(end, recording.end))
-        if bounds[1] - bounds[0] < 1.0:
-            raise FieldLogError(
-                f"{recording.name}: has no second between {start:g} and {end:g} s; it lasts {recording.end:.1f} s: is "
-                "time.unit of the map right?"
-            )
+        whole, bounds = found.recording, recording.bounds(start, end)
         out = sorted(_left_out(whole))
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]

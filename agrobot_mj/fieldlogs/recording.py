@@ -114,14 +114,19 @@ class FieldRecording(NamedTuple):
     inputs: dict[str, str]
     """Columns of the inputs: `speed`, and of `steer` and `voltage` those that there are."""
 
-    def between(self, start: float, end: float) -> "FieldRecording":
-        """The part from `start` to `end` [s]. Raises `FieldLogError` where there is none, or an input has a gap."""
+    def bounds(self, start: float, end: float) -> tuple[float, float]:
+        """First and last time of the part from `start` to `end` [s]. Raises `FieldLogError` where it has no second."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
                 f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s: is time.unit "
                 "of the map right?"
             )
+        return first, last
+
+    def between(self, start: float, end: float) -> "FieldRecording":
+        """The part from `start` to `end` [s]. Raises `FieldLogError` where there is none, or an input has a gap."""
+        first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
             t = getattr(self, part).between(first - LONGEST_GAP_S, last + LONGEST_GAP_S).t
             gaps = np.diff(t, append=t[-1:])
