@@ -48,7 +48,7 @@ class Recording:
         tell(self.stream, running(scenario))
         self.reference = reference_line(scenario, ground)
         send_scene(self.stream, scene, ground, self.reference)
-        self.motion = BodyMotion(rows, scene, ground, scenario)
+        self.motion = BodyMotion(rows, scene, ground, scenario, self.reference)
         elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES))
         more = (*network_plots(rows.columns), *reported_plots(rows.table, elsewhere))
         self.signals, self.firing = Signals(rows, more), Firing(rows)

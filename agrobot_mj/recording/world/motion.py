@@ -27,11 +27,11 @@ PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descri
 class BodyMotion:
     """Sends everything that moves, while the tractor has a valid pose."""
 
-    def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario) -> None:
+    def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario, reference: Array) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
         self.events = Events(rows, ground, scenario.fault, scenario.tractor.size)
         self.parts: list[Tracks | TrackNames | Belief | Forces | Trail | Events] = [
-            *(Tracks(rows, ground), TrackNames(rows, ground, scenario), Belief(rows, ground), self.events)
+            *(Tracks(rows, ground), TrackNames(rows, ground, scenario, reference), Belief(rows, ground), self.events)
         ]
         self.trail = None
         if "load_fl" in rows.columns:

@@ -7,7 +7,6 @@ import rerun as rr
 
 from agrobot_mj.core.palette import ORANGE, SKY_BLUE, rgba
 from agrobot_mj.core.signals import TICK_S, Array
-from agrobot_mj.paths import sample
 from agrobot_mj.recording.transport.timeline import Times, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.scenario.schema import Scenario
@@ -26,8 +25,10 @@ EVERY_TICKS = 2
 class TrackNames:
     """Sends the names of reference, truth and estimate."""
 
-    def __init__(self, rows: Rows, ground: Ground, scenario: Scenario) -> None:
-        self.rows, self.ground, self.path = rows, ground, scenario.path
+    def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
+        """`reference` (n, 3) [m] is drawn, its points equally far apart in time over the whole run."""
+        self.rows, self.ground, self.reference = rows, ground, reference[:, :2]
+        self.times = np.linspace(0.0, scenario.ticks * TICK_S, len(reference))
         per_m = scenario.tractor.size / scenario.path.speed_m_s
         self.ahead_s = AHEAD_M * per_m
         self.ago = [round(distance * per_m / TICK_S) for distance in BEHIND_M]
@@ -38,7 +39,8 @@ class TrackNames:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         columns = ("x", "y"), ("x_hat", "y_hat")
-        tracks = [sample(self.path, self.rows.column("t")[at] + self.ahead_s)] + [
+        ahead = self.rows.column("t")[at] + self.ahead_s
+        tracks = [np.column_stack([np.interp(ahead, self.times, line) for line in self.reference.T])] + [
             np.column_stack([self.rows.column(name)[np.maximum(at - ago, 0)] for name in names])
             for names, ago in zip(columns, self.ago, strict=True)
         ]
