@@ -32,8 +32,8 @@ LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
 CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that hold numbers in every row of a run that ended with status 0."""
-POWERED = ("pedal_voltage", "supervisor_state")
-"""A column that holds numbers but where the other one says that the supervisor is stopping the tractor."""
+POWERED, STATE = "pedal_voltage", "supervisor_state"
+"""A column that holds numbers but where `STATE` says that the supervisor is stopping the tractor."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
 """Folders that commands may write into."""
 
@@ -113,8 +113,8 @@ def _silent() -> str:
         return ""
     table = pq.read_table(file)
     bad = [name for name in CERTAIN if not np.isfinite(table[name].to_numpy()).all()]
-    unpowered = ~np.isfinite(table[POWERED[0]].to_numpy())
-    stopping = table[POWERED[1]].to_numpy() == Mode.STOPPING if POWERED[1] in table.column_names else False
+    unpowered = ~np.isfinite(table[POWERED].to_numpy())
+    stopping = table[STATE].to_numpy() == Mode.STOPPING if STATE in table.column_names else False
     if (unpowered & ~np.asarray(stopping)).any():
-        bad.append(POWERED[0])
+        bad.append(POWERED)
     return f"status 0, but no numbers in {bad}" if bad else ""

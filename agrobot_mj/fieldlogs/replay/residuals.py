@@ -187,39 +187,39 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
     The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
     """
-    if recording.position is None:
-        return np.empty(0), np.empty((0, 2)), np.empty(0)
-    fixes = recording.position.between(driven.t[0], driven.t[-1])
-    model = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+    fixes, model = _beside(recording, driven)
     east, north = (model - fixes.value).T
     yaw = np.interp(fixes.t, driven.t, driven.yaw)
     c, s = np.cos(yaw), np.sin(yaw)
     shape = np.full(len(fixes.t), nan)
-    for inside in _windows(fixes.t, driven.t[0]):
-        laid = rigid(model[inside], fixes.value[inside]).of(model[inside])
+    for inside, laid in _windows(fixes, model, driven.t[0]):
         shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
     return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
 
 
-def _windows(t: Array, start: float) -> Iterator[Array]:
-    """Whether each time (n,) is in a window, for the windows with positions enough."""
-    window = ((t - start) // WINDOW_S).astype(int)
+def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
+    """Recorded positions, and the plant's at their times (n, 2) [m]; none of either without positions."""
+    if recording.position is None:
+        return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
+    fixes = recording.position.between(driven.t[0], driven.t[-1])
+    return fixes, np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+
+
+def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Array, Array]]:
+    """For the windows with positions enough: which positions are in it (n,), and the model's, laid onto them."""
+    window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
-        if inside.sum() >= 8 and np.ptp(t[inside]) > 0.5 * WINDOW_S:
-            yield inside
+        if inside.sum() >= 8 and np.ptp(fixes.t[inside]) > 0.5 * WINDOW_S:
+            yield inside, rigid(model[inside], fixes.value[inside]).of(model[inside])
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
     """Recorded way over the plant's, by windows laid on each other and stretched [-]; NaN without windows."""
     own = both = 0.0
     for recording, driven in pieces:
-        if recording.position is None:
-            continue
-        fixes = recording.position.between(driven.t[0], driven.t[-1])
-        model = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
-        for inside in _windows(fixes.t, driven.t[0]):
-            laid = rigid(model[inside], fixes.value[inside]).of(model[inside])
+        fixes, model = _beside(recording, driven)
+        for inside, laid in _windows(fixes, model, driven.t[0]):
             a, b = (points - points.mean(axis=0) for points in (laid, fixes.value[inside]))
             own, both = own + float((a * a).sum()), both + float((a * b).sum())
     return both / own if own else nan
