@@ -46,9 +46,22 @@ def test_every_benchmark_round_begins_and_ends_alike(tyre):
         assert np.array_equal(one, other)
 
 
-def test_a_ratio_compares_costs():
-    plant = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5)
-    assert 1.0 < bench.tyred_over_bare(plant, plant.save()) < 20.0
+def test_a_ratio_is_that_of_ticks_to_as_many_bare_steps(monkeypatch):
+    """A clock that counts what is called: a tick is told by the plant, a step by MuJoCo."""
+    plant, spent = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5), [0]
+    tick, step = plant.step_through, mujoco.mj_step
+
+    def counted(of, cost):
+        def call(*arguments):
+            spent[0] += cost
+            return of(*arguments)
+
+        return call
+
+    monkeypatch.setattr(bench.time, "process_time", lambda: spent[0])
+    monkeypatch.setattr(plant, "step_through", counted(tick, 3 * len(plant.samples[0])))
+    monkeypatch.setattr(bench.mujoco, "mj_step", counted(step, 2))
+    assert bench.tyred_over_bare(plant, plant.save()) == 1.5
 
 
 def test_the_bare_model_and_the_drawn_one_step_identically():

@@ -95,7 +95,7 @@ class EkfFull(StateEstimator):
     """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.8-1, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate (0.002-0.01): sway."""
-    yaw_walk_deg_rt_s: Positive = 0.04
+    yaw_walk_deg_rt_s: Positive = 0.035
     """Random walk of the heading: sideslip beyond the model [deg/sqrt(s)]. Estimate (0.03-0.1); gyro alone 0.02."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal."""
@@ -112,7 +112,7 @@ class EkfFull(StateEstimator):
     """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate (0.0005-0.003): slip by ground."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.01
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
-    turn_offset_walk_m_rt_s: Positive = 0.003
+    turn_offset_walk_m_rt_s: Positive = 0.001
     """Random walk of the offset of the turn [m/sqrt(s)]. Estimate: a field's firm and tilled parts."""
     turn_offset_m: float = -0.015
     """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate: -0.02 to

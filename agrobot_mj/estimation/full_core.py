@@ -95,6 +95,8 @@ class Core(NamedTuple):
     """How much the slip of the wheels changes."""
     cruise: float = 0.0
     """Speed without the noise of single readings [m/s]."""
+    bend: float = 0.0
+    """Curvature of the bend, without that noise and without bumps [1/m]."""
     nis: float = float("nan")
     """NIS of the position of the last tick, NaN without a fix."""
 

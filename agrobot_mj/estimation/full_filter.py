@@ -18,7 +18,7 @@ search at once, at a standstill too, and from the first one on sideslip and head
 from cmath import exp as turn
 from cmath import phase
 from functools import lru_cache
-from math import exp, hypot, isfinite, radians, sin
+from math import exp, hypot, isfinite, radians, sin, tan
 
 import numpy as np
 
@@ -37,12 +37,16 @@ from agrobot_mj.estimation.full_core import (
     turned,
 )
 from agrobot_mj.estimation.full_model import (
+    B_S,
+    OMEGA,
     PSI,
+    SLOW,
     FixNoise,
     FullLevels,
     K,
     MeasurementRow,
     N,
+    SideLoad,
     V,
     course,
     gyro_row,
@@ -76,6 +80,8 @@ SLIPPING_SPEED = 0.3
 """Speed above which a fix is used to observe wheel slip [m/s]. Estimate: ten times the noise of its velocity."""
 CRUISE_S = 1.0
 """Time constant of the speed without noise [s]. Estimate: 20 readings, and a start takes two seconds."""
+BEND_S = 0.6
+"""Time constant of the curvature without noise [s]. Estimate: readings are off by 1 deg; tyres answer within it."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
 LEAP_M_S2 = 15.0
@@ -108,6 +114,7 @@ class FullFilter(Filter):
             lever=self._lever(core, inputs, float(mean[PSI]), dt),
             standing=core.standing + 1 if still else 0,
             cruise=core.cruise + (float(mean[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
+            bend=core.bend + (self._curvature(mean, inputs) - core.bend) * (1.0 - exp(-dt / BEND_S)),
             nis=float("nan"),
         )
         if fix is not None:
@@ -120,9 +127,16 @@ class FullFilter(Filter):
             rows += more
         return self._correct(core, rows)
 
+    def _curvature(self, mean: Array, inputs: Inputs) -> float:
+        """Curvature that the steering angle asks for, or that the yaw rate shows where there is no angle [1/m]."""
+        if isfinite(inputs.steer):
+            return tan(inputs.steer - float(mean[B_S])) / self.levels.wheelbase
+        v = float(mean[V])
+        return float(mean[OMEGA]) * v / (v * v + SLOW * SLOW)
+
     def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, dt: float) -> tuple[Array, Array]:
         """Prior mean and covariance."""
-        side, place = inputs.side, core.mean[:2]
+        side, place = SideLoad(inputs.side, core.bend), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
@@ -179,7 +193,7 @@ class FullFilter(Filter):
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
-        velocity = velocity_rows(core.mean, fix, self.levels, inputs.side)
+        velocity = velocity_rows(core.mean, fix, self.levels, SideLoad(inputs.side, core.bend))
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)
         good = nis < self.gates.nis or _size(position) < self.gates.position
@@ -220,7 +234,7 @@ class FullFilter(Filter):
             return turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
-            chi = course(core.mean, inputs.side)
+            chi = course(core.mean, SideLoad(inputs.side, core.bend))
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search), []

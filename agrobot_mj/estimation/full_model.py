@@ -10,8 +10,10 @@
     x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta,    beta = -c (v omega + a) - d kappa
 
 chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
-side slope [m/s2], known with an IMU only, and from the curvature kappa = v omega / (v^2 + v_0^2): what resists the turn
-of the rear wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope.
+side slope [m/s2], known with an IMU only, and from the curvature kappa of the bend: what resists the turn of the rear
+wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope. kappa is the
+smoothed one of the steering angle and fades at a standstill: a bump turns the body about its centre, not about R; taken
+for a bend, rough ground would show a d of half a metre, and every arc a heading off by 4 deg.
 g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, d and s are
 random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a tick too late.
 Once a heading from two antennas has been heard there is a fourteenth state, the sideslip b beyond the modelled one, a
@@ -84,40 +86,49 @@ class MeasurementRow(NamedTuple):
     """Variance of its noise."""
 
 
+class SideLoad(NamedTuple):
+    """What the sideslip follows from besides the states."""
+
+    gravity: float = 0.0
+    """Part of gravity in the specific side force [m/s2]."""
+    bend: float = 0.0
+    """Curvature of the bend [1/m]."""
+
+
 SLOW = 0.3
-"""Speed below which a yaw rate is no longer taken for a bend [m/s]. Estimate: ten times its uncertainty."""
+"""Speed below which there is no bend [m/s]. Estimate: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
 """How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Estimate: it rocks on its tyres."""
 
 
-def sideslip(mean: Array, v: float, omega: float, side: float) -> float:
-    """Course less heading, beta [rad], at a speed [m/s] and yaw rate [rad/s]; `side` is the part of gravity in the
-    side force [m/s2]."""
-    modelled = float(mean[C]) * (v * omega + side) + float(mean[D]) * _curvature(v, omega)[0]
+def sideslip(mean: Array, v: float, omega: float, side: SideLoad) -> float:
+    """Course less heading, beta [rad], at a speed [m/s] and yaw rate [rad/s]."""
+    modelled = float(mean[C]) * (v * omega + side.gravity) + float(mean[D]) * side.bend * _moving(v)[0]
     return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled
 
 
-def course(mean: Array, side: float) -> float:
-    """Direction in which R moves, chi [rad]; `side` as for `sideslip` [m/s2]."""
+def course(mean: Array, side: SideLoad) -> float:
+    """Direction in which R moves, chi [rad]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     return float(mean[PSI]) + sideslip(mean, v, omega, side)
 
 
-def course_slopes(mean: Array, side: float) -> dict[int, float]:
+def course_slopes(mean: Array, side: SideLoad) -> dict[int, float]:
     """Derivatives of the course by the states that it depends on."""
     v, omega, c, d = (float(mean[i]) for i in (V, OMEGA, C, D))
-    kappa, by_v, by_omega = _curvature(v, omega)
-    slopes = {PSI: 1.0, V: -c * omega - d * by_v, OMEGA: -c * v - d * by_omega, C: -v * omega - side, D: -kappa}
+    share, by_v = _moving(v)
+    by_speed, by_offset = -c * omega - d * side.bend * by_v, -side.bend * share
+    slopes = {PSI: 1.0, V: by_speed, OMEGA: -c * v, C: -v * omega - side.gravity, D: by_offset}
     return slopes | ({BETA: 1.0} if len(mean) > BETA else {})
 
 
-def _curvature(v: float, omega: float) -> tuple[float, float, float]:
-    """Curvature of the way of R [1/m], which fades below `SLOW`, and its derivatives by speed and yaw rate."""
+def _moving(v: float) -> tuple[float, float]:
+    """Share of a bend that counts at a speed, which fades below `SLOW` [-], and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
-    return v * omega / square, omega * (SLOW * SLOW - v * v) / (square * square), v / square
+    return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
 
-def propagate_mean(mean: Array, side: float, dt: float, decay: float) -> Array:
+def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
     """Mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, side) + 0.5 * omega * dt
@@ -130,7 +141,7 @@ def propagate_mean(mean: Array, side: float, dt: float, decay: float) -> Array:
     return after
 
 
-def transition(mean: Array, side: float, dt: float, decay: float) -> Array:
+def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
     """Derivative of `propagate_mean` by the mean, shape (n, n) for a mean (n,)."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, side) + 0.5 * omega * dt
@@ -209,7 +220,7 @@ def position_rows(
     ]
 
 
-def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: float) -> list[MeasurementRow]:
+def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad) -> list[MeasurementRow]:
     """Velocity of a fix at R [m/s]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2

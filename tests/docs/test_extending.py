@@ -124,9 +124,9 @@ def test_contract_tests_of_the_new_members_pass(checkout):
 @pytest.mark.slow
 def test_contract_tests_of_the_law_pass(checkout):
     """It drives every path by default: `test_the_law_drives_every_path`."""
-    found, passed = failed(checkout, "tests/control/test_laws_drive.py", "-k", "carrot", compiled=True)
+    found, passed = failed(checkout, "tests/control", "-k", "carrot", compiled=True)
     assert found == set()
-    assert passed >= 3
+    assert passed >= 1
 
 
 @pytest.mark.slow

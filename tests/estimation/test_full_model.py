@@ -24,6 +24,7 @@ from agrobot_mj.estimation.full_model import (
     K,
     N,
     S,
+    SideLoad,
     V,
     X,
     Y,
@@ -66,7 +67,7 @@ def derivative(function, state, h=1e-6):
 
 
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("side", [0.0, -1.7])
+@pytest.mark.parametrize("side", [SideLoad(), SideLoad(-1.7, 0.1)])
 def test_the_transition_equals_finite_differences(state, side):
     fixed = (side, DT, 0.99)
     assert np.allclose(
@@ -91,7 +92,7 @@ ROWS = {
     "standing": standing_rows,
     "position": lambda x: position_rows(x, FIX, NOISE),
     "position below a leaning antenna": lambda x: leaning_rows(x, 0.3, -0.4),
-    "velocity": lambda x: velocity_rows(x, FIX, LEVELS, -1.7),
+    "velocity": lambda x: velocity_rows(x, FIX, LEVELS, SideLoad(-1.7, 0.1)),
 }
 
 
@@ -112,14 +113,14 @@ def test_a_circle_closes():
     mean = np.zeros(N)
     mean[V], mean[OMEGA] = 5.0 * omega, omega
     for _ in range(100):
-        mean = propagate_mean(mean, 0.0, DT, 1.0)
+        mean = propagate_mean(mean, SideLoad(), DT, 1.0)
     assert np.abs(mean[[X, Y]]).max() < 1e-3
     assert mean[PSI] == pytest.approx(2 * np.pi)
 
 
 def test_the_squared_innovation_combines_both_components():
     root = np.random.default_rng(1).standard_normal((N, N))
-    P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, 0.0)
+    P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, SideLoad())
     H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
     y = np.array([row.innovation for row in pair])
     innovation = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
@@ -205,10 +206,11 @@ def test_errors_match_the_stated_covariance():
     for seed in range(runs):
         rng, filter_ = np.random.default_rng(seed), FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
         truth = start + sigmas * rng.standard_normal(N)
-        core = Core(start, np.diag(sigmas**2), search=None, cruise=1.2)
+        core = Core(start, np.diag(sigmas**2), search=None, cruise=1.2, bend=0.2 / 1.2)
         for k in range(ticks):
-            truth = propagate_mean(truth, 0.0, DT, decay) + root @ rng.standard_normal(N)
-            core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
+            bend = SideLoad(bend=core.bend)
+            truth = propagate_mean(truth, bend, DT, decay) + root @ rng.standard_normal(N)
+            core = filter_.step(core, *_measured(truth, rng, DT * (k + 1), bend), Quality.FIX, DT)
             nis += core.nis
         error = core.mean - truth
         nees += error @ np.linalg.solve(core.covariance, error)
@@ -218,11 +220,11 @@ def test_errors_match_the_stated_covariance():
     assert low < nis < high
 
 
-def _measured(truth, rng, t):
-    """Inputs and fix that the model gives of a true state."""
+def _measured(truth, rng, t, bend=SideLoad()):
+    """Inputs and fix that the model gives of a true state in a bend."""
     w = rng.standard_normal(7)
     v, omega = truth[V], truth[OMEGA]
-    chi = course(truth, 0.0)
+    chi = course(truth, bend)
     told = omega + LEVELS.steer_sigma * w[0]  # the error of the steering row is one of the yaw rate
     steer = np.arctan(told * LEVELS.wheelbase / v) + truth[B_S]
     inputs = Inputs(
@@ -251,6 +253,6 @@ def test_finds_a_rotated_potentiometer():
     )
     rng = np.random.default_rng(2)
     for k in range(600):
-        truth = propagate_mean(truth, 0.0, DT, 1.0)
+        truth = propagate_mean(truth, SideLoad(), DT, 1.0)
         core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
     assert core.mean[B_S] == pytest.approx(bias, abs=radians(0.3))
