@@ -95,7 +95,7 @@ class EkfFull(StateEstimator):
     """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.8-1, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate (0.002-0.01): sway."""
-    yaw_walk_deg_rt_s: Positive = 0.035
+    yaw_walk_deg_rt_s: Positive = 0.0375
     """Random walk of the heading: sideslip beyond the model [deg/sqrt(s)]. Estimate (0.03-0.1); gyro alone 0.02."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal."""
