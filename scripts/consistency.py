@@ -71,11 +71,6 @@ def bowl(seed: int, folder: Path) -> Keys:
     return {"terrain": _heights(np.repeat(profile[:, None], len(AXIS), 1), folder, "bowl.npy")}
 
 
-def rough(seed: int, folder: Path) -> Keys:
-    """Rough ground, on which every bump turns the body about its centre."""
-    return {"terrain": {"kind": "rough", "iso_class": "D"}}
-
-
 def pulled(seed: int, folder: Path) -> Keys:
     """Tilled soil, and a pull of 600 to 1500 N that begins and ends once."""
     rng = np.random.default_rng(seed)
@@ -84,13 +79,15 @@ def pulled(seed: int, folder: Path) -> Keys:
     return {"plant.tyre.kind": "soil", "plant.tyre.cone_index_kpa": 450, "fault": [fault]}
 
 
+ROUGH = {"terrain": {"kind": "rough", "iso_class": "D"}}
+
 CASES = (
     GroundCase("level", "figure_eight", lambda seed, folder: {}, FULL),
     GroundCase("side slope of a contour, 12 to 28 deg", "straight_line", contour, {**FULL, **TILT}),
     GroundCase("figure eight, slope 12 to 20 deg", "figure_eight", bowl, {**FULL, **TILT}),
     GroundCase("tilled soil, pull", "figure_eight", pulled, FULL),
     GroundCase("ruts", "figure_eight", lambda seed, folder: {"plant.tyre.kind": "ruts"}, FULL),
-    GroundCase("rough ground of class D", "figure_eight", rough, {**FULL, **TILT}),
+    GroundCase("rough ground of class D", "figure_eight", lambda seed, folder: ROUGH, {**FULL, **TILT}),
     GroundCase("trailer", "figure_eight", lambda seed, folder: {"implement": {"kind": "drawn"}}, FULL),
 )
 

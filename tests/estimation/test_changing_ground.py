@@ -107,13 +107,13 @@ def traverse():
     return record("straight_line", keys, 60.0)
 
 
-def test_bumps_are_no_bends():
+def test_bumps_are_no_bends(tmp_path):
     """A bump turns the body about its centre; taken for bends, a class D would put the heading off by 4 deg in arcs."""
-    keys = {**LQR, "terrain": {"kind": "rough", "iso_class": "D"}, "estimator": {**FULL, **TILT}, "seed": 6}
-    drive = record("figure_eight", keys, 60.0)
-    trace = follow(drive, {**FULL, **TILT}, 751, nominal)
+    case = next(case for case in CASES if case.name == "rough ground of class D")
+    bumpy = drive(case, 6, tmp_path, 60.0)
+    trace = follow(bumpy, case.estimator, 751, nominal)
     assert degrees(rms(trace.heading[trace.t > 30.0])) < 0.8  # within the first arc
-    assert last_core(drive, {**FULL, **TILT}, 751, nominal, 20.0).mean[D] == pytest.approx(0.0, abs=0.2)
+    assert last_core(bumpy, case.estimator, 751, nominal, 20.0).mean[D] == pytest.approx(0.0, abs=0.2)
 
 
 def last_core(drive, estimator, seed, day, until):
