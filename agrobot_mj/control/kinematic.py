@@ -7,9 +7,9 @@ ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] al
 [rad/s], left positive. The law inverts the motion of a point l_r before a rear axle that rolls without slip.
 Source: the paper, section III-A, after [Martins2008].
 
-What it cannot do: reverse (that point would have to trail the rear axle, and the yaw rate answers the steering with
-the other sign), wait for a tractor that is ahead without turning its heading, and rest without an offset beside an
-arc or on a slope unless the yaw controller integrates.
+What it cannot do: follow a path in reverse (that point would have to trail the rear axle), wait for a tractor that is
+ahead without turning its heading, and rest without an offset beside an arc or on a slope unless the yaw controller
+integrates.
 """
 
 from math import cos, sin, tanh
@@ -22,6 +22,9 @@ from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
+REVERSING_M_S = 0.1
+"""Estimated speed backwards beyond which the yaw rate answers the steering with the other sign [m/s]. Estimate."""
+
 
 class CascadeLaw(GuidanceLaw):
     """Kinematic law with a yaw controller inside; the paper prints no gains."""
@@ -33,8 +36,9 @@ class CascadeLaw(GuidanceLaw):
     lateral_acceleration_m_s2: Positive = 2.0
     """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
     scheduled_above_m_s: Positive | None = None
-    """Speed beyond which the yaw controller's gains fall as its inverse, since the yaw rate answers the steering by u /
-    L [m/s]; 1.5 with tuned gains, never when null, as in the paper. Estimate (1.2-2)."""
+    """Speed beyond which the yaw controller's gains fall as its inverse square, since the reference answers the heading
+    by u / l_r, and the yaw rate the steering by u / L [m/s]; 1.5 with tuned gains, never when null, as in the paper.
+    Estimate (1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5)}
@@ -55,9 +59,12 @@ class CascadeLaw(GuidanceLaw):
         return self.references(situation.estimate, situation.reference, situation.machine.cg_to_rear_axle)
 
     def gain_scale(self, situation: Situation) -> float:
-        """Wheelbase over that of the paper's tractor, and less beyond `scheduled_above_m_s` [-]."""
-        above, u = self.scheduled_above_m_s, abs(situation.estimate.speed)
-        return situation.machine.wheelbase_m / COMPACT.wheelbase_m * (1.0 if above is None else above / max(u, above))
+        """Wheelbase over that of the paper's tractor, less beyond `scheduled_above_m_s`, negative in reverse [-]."""
+        above, u = self.scheduled_above_m_s, situation.estimate.speed
+        scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
+        if above is not None:
+            scale *= (above / max(abs(u), above)) ** 2
+        return -scale if u < -REVERSING_M_S else scale
 
     def feedforward(self, situation: Situation) -> float:
         """Always 0: the paper's law learns the angle by feedback [rad]."""

@@ -35,6 +35,8 @@ STEPS = 20
 """Steps in the horizon of 2 s."""
 HORIZON_S = STEPS * STEP_S
 """Length of the horizon [s]."""
+APPROACH = 2 / 3
+"""Longest way in which an error falls to 1/e, over that of the horizon; what lies beyond is not seen. Estimate."""
 ITERATIONS = 2
 """Gauss-Newton steps in a tick."""
 DISTURBANCES = np.zeros(4)
@@ -62,11 +64,12 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
-    offset_m: Positive = 0.18
-    """Cross-track error that costs 1 [m]. Estimate (0.05-0.2), searched."""
-    heading_deg: Positive = 4.9
-    """Course error that costs 1 [deg]. Estimate (2-10), searched."""
-    rate_deg_s: Positive = 32.0
+    offset_m: Positive = 0.06
+    """Cross-track error that costs 1 [m]. Estimate (0.05-0.5), searched."""
+    heading_deg: Positive = 1.9
+    """Course error that costs 1 [deg], if more than `offset_m` over two thirds of the way in the horizon. Estimate
+    (1-10), searched."""
+    rate_deg_s: Positive = 7.7
     """Steering rate that costs 1 [deg/s]. Estimate (5-25 by hand), searched."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
@@ -76,8 +79,9 @@ class Nmpc(Following):
     """Noise of the estimated heading [deg]. Estimate: the EKF's."""
     heading_walk_deg_rt_s: NonNegative = 0.3
     """How fast b may change [deg/sqrt(s)]. Estimate (0.1-1): the EKF's bias comes with each arc."""
-    curvature_walk_m_rt_s: NonNegative = 0.004
-    """How fast d may change [1/(m sqrt(s))]. Estimate (0.001-0.01): 0.3 deg of steering."""
+    curvature_walk_m_rt_s: NonNegative = 0.0015
+    """How fast d may change [1/(m sqrt(s))]. Estimate (0.001-0.002): at 0.004 it chases the lag of the steering, and
+    weaves at 4 m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Largest |d| [1/m]. Estimate: 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
@@ -107,11 +111,11 @@ class Nmpc(Following):
         ways = [beside.place.s + abs(beside.speed) * STEP_S * (k + 0.5) for k in range(STEPS)]
         curvatures = [situation.route.ahead(min(way, beside.leg[1])).curvature for way in ways]
         u, theta = abs(beside.speed), radians(self.approach_deg)
-        far = max(
-            u * HORIZON_S * sin(theta), theta * (self.offset_m / radians(self.heading_deg)) ** 2 / (u * HORIZON_S)
-        )
+        way = u * HORIZON_S
+        heading = max(radians(self.heading_deg), self.offset_m / (APPROACH * way))
+        far = max(way * sin(theta), theta * (self.offset_m / heading) ** 2 / way)
         e_y, e, last = clip(beside.cross_track, -far, far), _tangent_error(beside, situation), memory.under_way[-1]
-        weights = 1 / self.offset_m, 1 / radians(self.heading_deg), 1 / radians(self.rate_deg_s)
+        weights = 1 / self.offset_m, 1 / heading, 1 / radians(self.rate_deg_s)
         rear = float(beside.direction < 0)
         keep = exp(-STEP_S / self.steering_lag_s), exp(-STEP_S / 2 / self.steering_lag_s)
         now = e_y, e, delta, mean[2], mean[3], sum(memory.under_way) / 2, last

@@ -4,7 +4,6 @@ Error e = reference less measured yaw rate [rad/s]. The integral is kept as an a
 the whole steering command, with the feed-forward of the guidance law, is beyond the steering's limit or the wheels are
 still on their way to it, and rests while e is that of a way onto a path rather than of a disturbance.
 
-In reverse the yaw rate answers the steering with the other sign: forward only, as the kinematic law in front of it.
 On a worn valve (40 % of the flow, 0.8 V more dead band) a fast integral winds the valve's lag into a limit cycle; see
 docs/guidance.md.
 """

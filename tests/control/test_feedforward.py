@@ -1,0 +1,60 @@
+"""The cascade with curvature feed-forward: what it asks for from far away, and in reverse."""
+
+from math import radians, sin, sqrt
+
+import numpy as np
+import pytest
+from drives import MACHINE, Bend
+
+from agrobot_mj import load_scenario
+from agrobot_mj.control import Feedforward, Kinematic, Pd, Situation
+from agrobot_mj.core.signals import TICK_S, Estimate
+from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.simulation.run import run
+
+SENSORS = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+
+
+def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 10.0) -> Situation:
+    """On the path, turned by `heading` [rad] from its direction."""
+    r = path.at(t)
+    estimate = Estimate(r.x, r.y, r.yaw + heading, speed, 0.0, r.x, r.y, np.eye(3))
+    return Situation(t, estimate, r, SampledRoute(path), MACHINE, 0.0)
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
+def test_asks_for_turns_that_the_wheels_can_end(speed: float) -> None:
+    """Wheels that turn from lock to straight ahead in a second lose the yaw rate g within g^2 L / (2 u rate) of heading."""
+    for degrees in (0.5, 5.0, 20.0, 60.0):
+        error = radians(degrees)
+        _, asked = Feedforward().setpoints(situation(Bend(speed), error, speed))
+        printed = speed * sin(error) / MACHINE.cg_to_rear_axle
+        could_end = sqrt(2 * speed * sin(error) * MACHINE.steer_limit / MACHINE.wheelbase_m)
+        assert asked == pytest.approx(-min(printed, could_end), rel=1e-6)
+
+
+def test_on_an_arc_it_asks_for_the_turn_of_the_arc_at_its_own_speed() -> None:
+    """A CG on an arc heads inwards by asin(l_r kappa)."""
+    inwards = np.arcsin(MACHINE.cg_to_rear_axle * 0.1)
+    for speed in (0.6, 1.2):
+        _, asked = Feedforward().setpoints(situation(Bend(1.2, 0.1), -inwards, speed))
+        assert asked == pytest.approx(0.1 * speed, rel=0.01)
+
+
+@pytest.mark.parametrize("law", [Kinematic(), Feedforward()])
+def test_in_reverse_the_steering_turns_the_other_way(law: Kinematic | Feedforward) -> None:
+    cascade = law.using(Pd(kp=0.4))
+
+    def angle(speed: float) -> float:
+        return cascade.update(cascade.init(), situation(Bend(1.2), 0.1, speed), TICK_S)[1].steer
+
+    assert angle(1.0) < 0.0 < angle(-1.0)
+
+
+@pytest.mark.parametrize(("offset", "heading", "speed"), [(2.0, 90.0, 0.8), (1.0, 30.0, 3.5), (-2.0, -20.0, 4.0)])
+def test_comes_onto_a_line(offset: float, heading: float, speed: float) -> None:
+    start = {"path.start_offset_m": offset, "path.start_heading_deg": heading, "path.speed_m_s": speed}
+    kinds = {"guidance.kind": "feedforward", "controller.kind": "pi", "supervisor.enabled": False, "duration_s": 40.0}
+    found = run(load_scenario("straight_line", {**start, **kinds, **SENSORS})).metrics["acquisition"]
+    assert found["acquired_s"] is not None
+    assert found["overshoot_m"] < 0.4
