@@ -15,7 +15,7 @@ first moves to the wrong side of any correction, the errors are those of the rea
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import asin, cos, exp, radians, sin, tan
+from math import asin, cos, exp, hypot, radians, sin, tan
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -64,12 +64,12 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
-    offset_m: Positive = 0.06
+    offset_m: Positive = 0.26
     """Cross-track error that costs 1 [m]. Estimate (0.05-0.5), searched."""
-    heading_deg: Positive = 1.9
+    heading_deg: Positive = 6.1
     """Course error that costs 1 [deg], if more than `offset_m` over two thirds of the way in the horizon. Estimate
     (1-10), searched."""
-    rate_deg_s: Positive = 7.7
+    rate_deg_s: Positive = 42.0
     """Steering rate that costs 1 [deg/s]. Estimate (5-25 by hand), searched."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
@@ -111,8 +111,9 @@ class Nmpc(Following):
         ways = [beside.place.s + abs(beside.speed) * STEP_S * (k + 0.5) for k in range(STEPS)]
         curvatures = [situation.route.ahead(min(way, beside.leg[1])).curvature for way in ways]
         u, theta = abs(beside.speed), radians(self.approach_deg)
-        way = u * HORIZON_S
-        heading = max(radians(self.heading_deg), self.offset_m / (APPROACH * way))
+        way, r = u * HORIZON_S, situation.reference
+        pace = max(u, hypot(r.vx, r.vy))  # a tractor that waits will be faster
+        heading = max(radians(self.heading_deg), self.offset_m / (APPROACH * HORIZON_S * pace))
         far = max(way * sin(theta), theta * (self.offset_m / heading) ** 2 / way)
         e_y, e, last = clip(beside.cross_track, -far, far), _tangent_error(beside, situation), memory.under_way[-1]
         weights = 1 / self.offset_m, 1 / heading, 1 / radians(self.rate_deg_s)

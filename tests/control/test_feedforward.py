@@ -24,7 +24,7 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
 
 @pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
 def test_asks_for_turns_that_the_wheels_can_end(speed: float) -> None:
-    """Wheels that turn from lock to straight ahead in a second lose the yaw rate g within g^2 L / (2 u rate) of heading."""
+    """Wheels that take a second from lock to straight ahead lose the yaw rate g within g^2 L / (2 u rate)."""
     for degrees in (0.5, 5.0, 20.0, 60.0):
         error = radians(degrees)
         _, asked = Feedforward().setpoints(situation(Bend(speed), error, speed))
