@@ -51,8 +51,11 @@ def test_the_template_gives_the_default_numbers():
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "side_slope_10"])
 def test_the_template_drives_as_the_default_tractor(scenario):
-    """Not identical: masses are rounded to nine digits, and 0.5 kg of the crank belong to the axle."""
-    mine, default = driven(scenario, 30.0, **{"tractor.mjcf": str(TEMPLATE)}), driven(scenario, 30.0)
+    """Not identical: masses are rounded to nine digits, and 0.5 kg of the crank belong to the axle.
+
+    The gains are the paper's: those of a faster network make more of the difference.
+    """
+    mine, default = (driven(scenario, 30.0, gains="paper", **keys) for keys in ({"tractor.mjcf": str(TEMPLATE)}, {}))
     for name, bound in (("x", 1e-3), ("y", 1e-3), ("yaw", 1e-3), ("steer", 2e-3), ("roll", 1e-4)):
         assert np.abs(mine.column(name) - default.column(name)).max() < bound, name
     load = np.array([mine.column(f"load_{w}") - default.column(f"load_{w}") for w in ("fl", "fr", "rl", "rr")])
