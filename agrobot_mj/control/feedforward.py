@@ -29,12 +29,12 @@ class Feedforward(CascadeLaw):
         """Speed [m/s] and yaw-rate [rad/s] references, of turns that the steering can end.
 
         A tractor slower than its reference turns as much slower. A heading error e asks for a yaw rate u e / l_r
-        beside that of the path; wheels that turn back at the rate r end it in time up to sqrt(2 u r e / L), the root
-        of 2 r l_r / L times what is asked for.
+        beside that of the path; wheels that turn back at the rate r end it in time if it is at most sqrt(2 u r e / L),
+        the root of (2 r l_r / L) times what is asked for.
         """
         speed, yaw_rate = super().setpoints(situation)
         m, r, u = situation.machine, situation.reference, situation.estimate.speed
-        turn = situation.route.at(situation.t).curvature * u
+        turn = r.curvature * u
         beside = yaw_rate * min(abs(u) / max(hypot(r.vx, r.vy), SLOWEST_M_S), 1.0) - turn
         most = sqrt(2.0 * m.steer_limit / TURNING_S * m.cg_to_rear_axle / m.wheelbase_m * abs(beside))
         return speed, turn + clip(beside, -most, most)
