@@ -1,5 +1,7 @@
 """A tractor that starts beside a level straight line comes onto it, with no lasting weave and little overshoot."""
 
+from importlib.util import find_spec
+
 import pytest
 from turns import by_turns
 
@@ -35,3 +37,11 @@ def test_acquires_a_line_overshoots_it_only_little_and_holds_it(law, start):
     assert found["acquired_s"] is not None
     steep = law == "pure_pursuit" and start == (-1.5, 45.0, 4.0)
     assert found["overshoot_m"] <= (0.15 if steep else 0.10)
+
+
+@pytest.mark.skipif(find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])")
+@pytest.mark.parametrize("start", [(1.5, 0.0, 0.5), (0.5, 45.0, 1.2), (2.0, 0.0, 4.0)])
+def test_nmpc_acquires_a_line_slow_from_a_turn_and_fast(start):
+    found = way("nmpc", start)
+    assert found["acquired_s"] < 15.0
+    assert found["overshoot_m"] < 0.15
