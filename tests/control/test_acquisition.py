@@ -22,12 +22,12 @@ STARTS = [
 LAWS = ["lqr", "stanley", "pure_pursuit"]
 
 
-def way(law, start):
+def way(law, start, more=None):
     """How a law comes onto the line, see `metrics.acquisition`."""
     offset, heading, speed = start
     changes = {"path.start_offset_m": offset, "path.start_heading_deg": heading, "path.speed_m_s": speed}
-    more = {"plant.kind": "bicycle", "guidance.kind": law, "supervisor.enabled": False, "duration_s": 40.0}
-    return run(load_scenario("straight_line", {**changes, **more, **SENSORS})).metrics["acquisition"]
+    kinds = {"plant.kind": "bicycle", "guidance.kind": law, "supervisor.enabled": False, "duration_s": 40.0}
+    return run(load_scenario("straight_line", {**changes, **kinds, **SENSORS, **(more or {})})).metrics["acquisition"]
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns([pytest.param(s) for s in STARTS], LAWS))
@@ -45,3 +45,10 @@ def test_nmpc_acquires_a_line_slow_from_a_turn_and_fast(start):
     found = way("nmpc", start)
     assert found["acquired_s"] < 15.0
     assert found["overshoot_m"] < 0.15
+
+
+@pytest.mark.parametrize("start", [(2.0, 90.0, 0.8), (1.0, 30.0, 3.5), (-2.0, -20.0, 4.0)])
+def test_pi_with_feedforward_acquires_a_line_from_a_turn_and_fast(start):
+    found = way("feedforward", start, {"controller.kind": "pi", "plant.kind": "mujoco"})
+    assert found["acquired_s"] is not None
+    assert found["overshoot_m"] < 0.4
