@@ -1,11 +1,11 @@
-"""Evidence for the supervisor that needs no estimator: what fixes say of themselves.
+"""Evidence for the supervisor that needs no estimator: what fixes and the gyro say of themselves.
 
 Position less travelled velocity is a sum that forgets what lies behind; a receiver that jumps or drifts does not keep
 it small, where it claims to be fixed. And a position that a moving tractor is given twice, to the last digit, is an old
-one, whatever quality it claims. SI units.
+one, whatever quality it claims; so is a yaw rate while the wheels turn. SI units.
 """
 
-from math import exp, hypot, isfinite
+from math import exp, hypot, isfinite, nan
 from typing import NamedTuple
 
 from agrobot_mj.core.signals import Fix, Measurement, Quality
@@ -19,7 +19,7 @@ MOVING_M_S = 0.4
 
 
 class Evidence(NamedTuple):
-    """Consistency of the newest fixes with each other."""
+    """Consistency of the newest fixes with each other, and of the gyro with the wheels."""
 
     fix: Fix | None = None
     """Last fix; None before the first."""
@@ -36,12 +36,24 @@ class Evidence(NamedTuple):
     repeated_s: float = 0.0
     """Time for which the position has not changed although the tractor was moving [s]."""
 
+    gyro: float = nan
+    """Last reading of the gyro; NaN without one [rad/s]."""
+    steer: float = nan
+    """Measured steering angle when the gyro last read something else [rad]."""
+
     @property
     def drift(self) -> float:
         """Distance between the position and the integral of the fixes' velocities [m]."""
         return hypot(self.east, self.north)
 
     def after(self, measured: Measurement) -> "Evidence":
+        """Evidence after a tick."""
+        found = self._after_fix(measured)
+        if measured.gyro != self.gyro:
+            found = found._replace(gyro=measured.gyro, steer=measured.steer)
+        return found
+
+    def _after_fix(self, measured: Measurement) -> "Evidence":
         """Evidence after a tick; one without a new fix changes nothing."""
         fix, last = measured.fix, self.fix
         if fix is None:
@@ -49,11 +61,11 @@ class Evidence(NamedTuple):
         t = fix.t if isfinite(fix.t) else measured.t
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
         if last is None or time > GAP_S:
-            return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
+            return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S, gyro=self.gyro, steer=self.steer)
         if time <= 0.0:
             return self
         repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
-        found = Evidence(
+        found = self._replace(
             fix=fix,
             t=t,
             quality=measured.quality,
@@ -61,7 +73,7 @@ class Evidence(NamedTuple):
             repeated_s=self.repeated_s + time if repeated else 0.0,
         )
         if not self.quality == measured.quality == Quality.FIX:
-            return found
+            return found._replace(east=0.0, north=0.0)
         keep = exp(-time / DRIFT_TIME_S)
         return found._replace(
             east=keep * self.east + fix.x - last.x - 0.5 * time * (fix.vx + last.vx),

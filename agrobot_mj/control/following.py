@@ -37,6 +37,8 @@ RISE_M_S2 = 1.0
 """Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
+INTEGRAL_COLUMN = Column("steer_integral", "rad", "steering angle held by the integral of the law")
+"""Column of the laws that have an integral."""
 DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),

@@ -28,7 +28,7 @@ from pydantic import Field
 from scipy.linalg import expm, solve_discrete_are
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.following import INTEGRAL_COLUMN, STEEP, Beside, Following, FollowingState
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import Latency, Positive
@@ -141,7 +141,7 @@ class Lqr(Following):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns of every path-following law, and the integral."""
-        return (*super().columns, Column("steer_integral", "rad", "steering angle held by the integral of the law"))
+        return (*super().columns, INTEGRAL_COLUMN)
 
     def report(self, state: FollowingState) -> Sequence[float]:
         """Values of `columns`."""

@@ -2,11 +2,12 @@
 
 The first ask what the estimator says of itself, and whether path, steering angle, pedal and speed are as commanded. The
 others are evidence that does not go through the estimator: positions that repeat themselves or do not follow their own
-velocity, wheels slower than the fixes, a turn that does not fit the steering angle. Pedal and wheels that are faster
-than the ground are none, so that a tractor which cannot move is not taken for one with a sensor that lies.
+velocity, wheels slower than the fixes, a turn that does not fit the steering angle or that the gyro does not see.
+Pedal and wheels that are faster than the ground are none, so that a tractor which cannot move is not taken for one with
+a sensor that lies.
 """
 
-from math import atan, copysign, degrees, hypot, nan
+from math import atan, copysign, degrees, hypot, nan, tan
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
@@ -113,6 +114,9 @@ class SupervisorLimits(Reporting):
     implement."""
     angle_mismatch_s: Positive = 1.0
     """Duration of such a difference at which it stops [s]. Estimate (0.5-1.5): lag of wheels and tyres."""
+    max_unseen_turn_deg_s: Positive = 2.0
+    """Yaw rate that wheels which turn add, while the gyro repeats one reading, at which it stops [deg/s]. Estimate
+    (1-4): a gyro resolves 0.1 deg/s, and has noise."""
     max_repeat_s: Positive = 0.4
     """Time for which a moving tractor may be given one position [s]. Estimate (0.2-1): fixes have noise."""
     max_fix_drift_m: Positive = 0.4
@@ -156,6 +160,10 @@ class SupervisorLimits(Reporting):
                 *(abs(turning - steer), angle, self.angle_mismatch_s),
                 "tractor turns as with wheels {:.0f} deg off the measured angle",
             ),
+            Monitor(
+                *(_unseen_turn(situation, measured, proof), self.max_unseen_turn_deg_s, 0.0),
+                "gyro repeats one reading in a turn of {:.1f} deg/s",
+            ),
         )
 
 
@@ -163,3 +171,9 @@ def _angle_of_turn(situation: Situation, gyro: float) -> float:
     """Steering angle that the turn needs, from the gyro if there is one; NaN at a crawl [deg]."""
     u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
     return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan
+
+
+def _unseen_turn(situation: Situation, measured: Measurement, proof: Evidence) -> float:
+    """Yaw rate that the wheels have added since the gyro last read something else [deg/s]."""
+    turned = tan(measured.steer) - tan(proof.steer)
+    return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))

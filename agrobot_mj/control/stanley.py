@@ -10,16 +10,30 @@ In reverse the front axle trails and this feedback is unstable: there the rear a
 (psi - psi_ref) - atan(k e_r / (u_0 + |u|)),  stable for h > 0, k > 0: with l = L / h the error obeys e'' + e' / l + k
 e / (L |u|) = 0 over the distance.
 
-No integral: a side slope or a steering error leaves an offset of about (angle) u / k unless the estimator knows the
-bias.
+Without more a side slope, a steering error or a valve's dead band leaves an offset of about (angle) u / k. The angle v
+takes it away:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  what the front axle does beside what
+the law lets it do, so that a line is acquired without winding up on the way. It rests at a steep angle to the path and
+while the command is at a limit, and is not used in reverse.
 """
 
-from math import atan, tan
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from math import atan, sin, tan
+from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import Beside, Following
+from agrobot_mj.control.following import INTEGRAL_COLUMN, LARGEST_BIAS, STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
+
+
+class StanleyState(NamedTuple):
+    """Memory of `Stanley`."""
+
+    integral: float = 0.0
+    """v [rad]."""
+    offset: float | None = None
+    """e_f of the last tick [m]; None before the first one forward."""
 
 
 class Stanley(Following):
@@ -28,23 +42,52 @@ class Stanley(Following):
     sized: ClassVar = {"yaw_damping_s": {"length": 1}, "reverse_heading_gain": {"length": 0.5}}
 
     kind: Literal["stanley"] = "stanley"
-    gain_per_s: Positive = 0.66
+    gain_per_s: Positive = 0.91
     """k, speed towards the path per offset [1/s]. Estimate (0.3-1): below 1 / (4 lags) of the steering."""
-    softening_m_s: NonNegative = 0.89
+    softening_m_s: NonNegative = 0.99
     """u_0, keeps the law calm at low speed [m/s]. Estimate (0-1)."""
-    yaw_damping_s: NonNegative = 0.51
+    yaw_damping_s: NonNegative = 0.54
     """k_d, steering angle per yaw rate beside the path's, forward [s]. Estimate (0.2-0.8): lag of the steering."""
     reverse_heading_gain: Positive = 1.5
     """h, steering angle per heading error in reverse [-]. Estimate (1-2): damping 1 at 1 m/s."""
-    tunable: ClassVar = {"gain_per_s": (0.1, 2.0), "softening_m_s": (0.0, 1.0), "yaw_damping_s": (0.0, 1.5)}
+    integral_per_m: NonNegative = 0.083
+    """k_i, angle per way of the front axle that it cannot explain, forward [rad/m]; 0: none. Estimate (0-0.3)."""
+    tunable: ClassVar = {
+        "gain_per_s": (0.1, 2.0),
+        "softening_m_s": (0.0, 1.0),
+        "yaw_damping_s": (0.0, 1.5),
+        "integral_per_m": (0.02, 0.5),
+    }
     """Ranges in which the gains are sought."""
 
-    def steering(self, memory: None, beside: Beside, situation: Situation, dt: float) -> tuple[None, float]:
+    def memory(self) -> StanleyState:
+        """No offset known."""
+        return StanleyState()
+
+    def steering(
+        self, memory: StanleyState, beside: Beside, situation: Situation, dt: float
+    ) -> tuple[StanleyState, float]:
         """Feed-forward, heading error, offset of the leading axle."""
         machine, k, pace = situation.machine, self.gain_per_s, self.softening_m_s + abs(beside.speed)
-        if beside.direction > 0:
-            e_f = beside.offset_of(machine.cg_to_front_axle, beside.yaw + beside.steer_here, situation)
-            turning = situation.estimate.yaw_rate - beside.speed * tan(beside.steer_here) / machine.wheelbase_m
-            return None, beside.steer_ahead - beside.heading - atan(k * e_f / pace) - self.yaw_damping_s * turning
-        e_r = beside.offset_of(-machine.cg_to_rear_axle, beside.yaw, situation)
-        return None, beside.steer_ahead + self.reverse_heading_gain * beside.heading - atan(k * e_r / pace)
+        if beside.direction < 0:
+            e_r = beside.offset_of(-machine.cg_to_rear_axle, beside.yaw, situation)
+            wanted = beside.steer_ahead + self.reverse_heading_gain * beside.heading - atan(k * e_r / pace)
+            return StanleyState(memory.integral), wanted
+        e_f = beside.offset_of(machine.cg_to_front_axle, beside.yaw + beside.steer_here, situation)
+        towards = atan(k * e_f / pace)
+        turning = situation.estimate.yaw_rate - beside.speed * tan(beside.steer_here) / machine.wheelbase_m
+        wanted = beside.steer_ahead - beside.heading - towards - self.yaw_damping_s * turning + memory.integral
+        unexplained = 0.0
+        if memory.offset is not None and abs(beside.heading) < STEEP and abs(wanted + beside.bias) < beside.limit:
+            unexplained = e_f - memory.offset + situation.estimate.speed * sin(towards) * dt
+        integral = clip(memory.integral - self.integral_per_m * unexplained, -LARGEST_BIAS, LARGEST_BIAS)
+        return StanleyState(integral, e_f), wanted
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of every path-following law, and the integral."""
+        return (*super().columns, INTEGRAL_COLUMN)
+
+    def report(self, state: FollowingState) -> Sequence[float]:
+        """Values of `columns`."""
+        return (*super().report(state), state.memory.integral)

@@ -10,7 +10,7 @@ from drives import MACHINE, Bend, drive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.control import Guidance, Lqr, Nmpc, PurePursuit, following
+from agrobot_mj.control import Guidance, Lqr, Nmpc, PurePursuit, Stanley, following
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import Following, sideslip
 from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, _slip
@@ -93,6 +93,16 @@ class Mirrored(Bend):
 def test_laws_with_disturbance_estimate_leave_no_offset_behind_a_steering_bias(law: Following, speed: float) -> None:
     d = drive(law, Bend(speed), 80.0, bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
+
+
+def test_stanleys_integral_takes_away_what_a_steering_bias_leaves_and_adds_no_overshoot() -> None:
+    """Forward; the way onto a line from far, which the law explains, winds up nothing."""
+    biased = drive(Stanley(), Bend(1.2), 80.0, bias=radians(3.0))
+    assert abs(biased.offset[-100:]).max() < 0.01
+    assert biased.reports[-1][-1] == pytest.approx(radians(3.0), abs=radians(0.3))
+    free, plain = (drive(Stanley(integral_per_m=k), Bend(1.2), 40.0, offset=3.0) for k in (0.083, 0.0))
+    assert abs(free.offset - plain.offset).max() < 0.1
+    assert free.offset.min() > -0.03
 
 
 @pytest.mark.parametrize("law", LAWS)

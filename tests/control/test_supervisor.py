@@ -106,6 +106,8 @@ def test_healthy_evidence_stops_nothing():
         ({"speed": [1.2 + 0.05 * k for k in range(40)]}, 1.5, "faster than commanded"),
         ({"pedal": [0.24] * 40 + [0.0]}, 0.1, "pedal 0.24 off"),
         ({"pedal": [0.24 + 0.02 * k for k in range(40)]}, 0.5, "pedal"),
+        ({"steer": [0.0] * 40 + [0.1]}, 0.05, "gyro repeats one reading"),
+        ({"gyro": [0.01] * 30 + [0.0] * 10 + [0.0], "steer": [0.0] * 40 + [-0.1]}, 0.05, "in a turn of 4.9 deg/s"),
         ({"gyro": [0.0] * 40 + [0.5]}, 1.0, "tractor turns as with wheels 30 deg off"),
     ],
 )
@@ -114,6 +116,13 @@ def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
     state = watched(begin + round(within_s / TICK) + 1, **readings)
     assert state.mode is Mode.STOPPING
     assert word in state.reason
+
+
+def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
+    """Without noise it reads zero on a line; and a wheel that is turned at rest turns nothing."""
+    assert watched(400, gyro=0.0, steer=[0.0] * 40 + [0.01]).mode is Mode.TRACKING
+    assert watched(400, gyro=float("nan"), steer=[0.0] * 40 + [0.1]).mode is Mode.TRACKING
+    assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
 
 
 @pytest.mark.parametrize(
