@@ -4,7 +4,7 @@ from math import sin, sqrt
 from typing import NamedTuple
 
 from agrobot_mj.core.signals import Array, Fix, Quality
-from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, X, Y
+from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, SideLoad, X, Y
 from agrobot_mj.estimation.lever_arm import Lever
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
@@ -99,6 +99,10 @@ class Core(NamedTuple):
     """Curvature of the bend, without that noise and without bumps [1/m]."""
     nis: float = float("nan")
     """NIS of the position of the last tick, NaN without a fix."""
+
+    def side_load(self, gravity: float) -> SideLoad:
+        """What the sideslip follows from besides `mean`, with the `gravity` in the specific side force [m/s2]."""
+        return SideLoad(gravity, self.bend)
 
 
 def alone(covariance: Array, index: int, sigma: float) -> Array:

@@ -46,7 +46,6 @@ from agrobot_mj.estimation.full_model import (
     K,
     MeasurementRow,
     N,
-    SideLoad,
     V,
     course,
     gyro_row,
@@ -136,7 +135,7 @@ class FullFilter(Filter):
 
     def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, dt: float) -> tuple[Array, Array]:
         """Prior mean and covariance."""
-        side, place = SideLoad(inputs.side, core.bend), core.mean[:2]
+        side, place = core.side_load(inputs.side), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
@@ -193,7 +192,7 @@ class FullFilter(Filter):
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
-        velocity = velocity_rows(core.mean, fix, self.levels, SideLoad(inputs.side, core.bend))
+        velocity = velocity_rows(core.mean, fix, self.levels, core.side_load(inputs.side))
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)
         good = nis < self.gates.nis or _size(position) < self.gates.position
@@ -234,7 +233,7 @@ class FullFilter(Filter):
             return turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
-            chi = course(core.mean, SideLoad(inputs.side, core.bend))
+            chi = course(core.mean, core.side_load(inputs.side))
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search), []
