@@ -47,7 +47,7 @@ class Eso(Following):
 
     kind: Literal["eso"] = "eso"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """The law inside, by its own `kind`, best without an integral of its own; keys that both have count here."""
+    """The law inside, by its own `kind`; keys that both have count here."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     """omega [1/s]. Estimate (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}

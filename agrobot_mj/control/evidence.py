@@ -40,6 +40,8 @@ class Evidence(NamedTuple):
     """Last reading of the gyro; NaN without one [rad/s]."""
     steer: float = nan
     """Measured steering angle when the gyro last read something else [rad]."""
+    gyro_t: float = 0.0
+    """Time of the first of its readings that are alike [s]."""
 
     @property
     def drift(self) -> float:
@@ -50,7 +52,7 @@ class Evidence(NamedTuple):
         """Evidence after a tick."""
         found = self._after_fix(measured)
         if measured.gyro != self.gyro:
-            found = found._replace(gyro=measured.gyro, steer=measured.steer)
+            found = found._replace(gyro=measured.gyro, steer=measured.steer, gyro_t=measured.t)
         return found
 
     def _after_fix(self, measured: Measurement) -> "Evidence":
@@ -61,7 +63,8 @@ class Evidence(NamedTuple):
         t = fix.t if isfinite(fix.t) else measured.t
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
         if last is None or time > GAP_S:
-            return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S, gyro=self.gyro, steer=self.steer)
+            begun = Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
+            return begun._replace(gyro=self.gyro, steer=self.steer, gyro_t=self.gyro_t)
         if time <= 0.0:
             return self
         repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)

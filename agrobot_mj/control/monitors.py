@@ -115,10 +115,11 @@ class SupervisorLimits(Reporting):
     angle_mismatch_s: Positive = 1.0
     """Duration of such a difference at which it stops [s]. Estimate (0.5-1.5): lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
-    """Yaw rate that wheels which turn add, while the gyro repeats one reading, at which it stops [deg/s]. Estimate
-    (1-4): a gyro resolves 0.1 deg/s, and has noise."""
+    """Yaw rate that wheels which turn add, while the gyro repeats one reading for `max_repeat_s`, at which it stops
+    [deg/s]. Estimate (1-4): a gyro resolves 0.1 deg/s, and has noise."""
     max_repeat_s: Positive = 0.4
-    """Time for which a moving tractor may be given one position [s]. Estimate (0.2-1): fixes have noise."""
+    """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Estimate (0.2-1):
+    fixes have noise."""
     max_fix_drift_m: Positive = 0.4
     """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
     Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.03."""
@@ -161,19 +162,20 @@ class SupervisorLimits(Reporting):
                 "tractor turns as with wheels {:.0f} deg off the measured angle",
             ),
             Monitor(
-                *(_unseen_turn(situation, measured, proof), self.max_unseen_turn_deg_s, 0.0),
+                *(self._unseen_turn(situation, measured, proof), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one reading in a turn of {:.1f} deg/s",
             ),
         )
+
+    def _unseen_turn(self, situation: Situation, measured: Measurement, proof: Evidence) -> float:
+        """Yaw rate that the wheels have added since the gyro last read something else [deg/s]."""
+        if measured.t - proof.gyro_t < self.max_repeat_s:
+            return 0.0
+        turned = tan(measured.steer) - tan(proof.steer)
+        return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))
 
 
 def _angle_of_turn(situation: Situation, gyro: float) -> float:
     """Steering angle that the turn needs, from the gyro if there is one; NaN at a crawl [deg]."""
     u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
     return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan
-
-
-def _unseen_turn(situation: Situation, measured: Measurement, proof: Evidence) -> float:
-    """Yaw rate that the wheels have added since the gyro last read something else [deg/s]."""
-    turned = tan(measured.steer) - tan(proof.steer)
-    return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))

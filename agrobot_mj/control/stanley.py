@@ -12,19 +12,24 @@ e / (L |u|) = 0 over the distance.
 
 Without more a side slope, a steering error or a valve's dead band leaves an offset of about (angle) u / k. The angle v
 takes it away:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  what the front axle does beside what
-the law lets it do, so that a line is acquired without winding up on the way. It rests at a steep angle to the path and
-while the command is at a limit, and is not used in reverse.
+the offset is to make it do. It rests on the way onto a line: at a steep angle, while the wheels are behind the command
+or the command at a limit, and until the heading is known, when others steer. It is not used in reverse.
 """
 
 from collections.abc import Sequence
-from math import atan, sin, tan
-from typing import ClassVar, Literal, NamedTuple
+from math import atan, radians, sin, tan
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import INTEGRAL_COLUMN, LARGEST_BIAS, STEEP, Beside, Following, FollowingState
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
+
+BEHIND = radians(3.0)
+"""Angle by which the wheels are behind the command above which the integral rests [rad]. Estimate."""
 
 
 class StanleyState(NamedTuple):
@@ -50,7 +55,7 @@ class Stanley(Following):
     """k_d, steering angle per yaw rate beside the path's, forward [s]. Estimate (0.2-0.8): lag of the steering."""
     reverse_heading_gain: Positive = 1.5
     """h, steering angle per heading error in reverse [-]. Estimate (1-2): damping 1 at 1 m/s."""
-    integral_per_m: NonNegative = 0.083
+    integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
     """k_i, angle per way of the front axle that it cannot explain, forward [rad/m]; 0: none. Estimate (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
@@ -77,8 +82,12 @@ class Stanley(Following):
         towards = atan(k * e_f / pace)
         turning = situation.estimate.yaw_rate - beside.speed * tan(beside.steer_here) / machine.wheelbase_m
         wanted = beside.steer_ahead - beside.heading - towards - self.yaw_damping_s * turning + memory.integral
+        if not situation.estimate.aligned:
+            return StanleyState(memory.integral), wanted
+        steered = clip(wanted + beside.bias, -beside.limit, beside.limit)
+        follows = steered == wanted + beside.bias and abs(steered - situation.steer) < BEHIND
         unexplained = 0.0
-        if memory.offset is not None and abs(beside.heading) < STEEP and abs(wanted + beside.bias) < beside.limit:
+        if follows and memory.offset is not None and abs(beside.heading) < STEEP:
             unexplained = e_f - memory.offset + situation.estimate.speed * sin(towards) * dt
         integral = clip(memory.integral - self.integral_per_m * unexplained, -LARGEST_BIAS, LARGEST_BIAS)
         return StanleyState(integral, e_f), wanted

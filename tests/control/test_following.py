@@ -96,7 +96,7 @@ def test_laws_with_disturbance_estimate_leave_no_offset_behind_a_steering_bias(l
 
 
 def test_stanleys_integral_takes_away_what_a_steering_bias_leaves_and_adds_no_overshoot() -> None:
-    """Forward; the way onto a line from far, which the law explains, winds up nothing."""
+    """Forward; the way onto a line from far winds up nothing."""
     biased = drive(Stanley(), Bend(1.2), 80.0, bias=radians(3.0))
     assert abs(biased.offset[-100:]).max() < 0.01
     assert biased.reports[-1][-1] == pytest.approx(radians(3.0), abs=radians(0.3))

@@ -107,7 +107,7 @@ def test_healthy_evidence_stops_nothing():
         ({"pedal": [0.24] * 40 + [0.0]}, 0.1, "pedal 0.24 off"),
         ({"pedal": [0.24 + 0.02 * k for k in range(40)]}, 0.5, "pedal"),
         ({"steer": [0.0] * 40 + [0.1]}, 0.05, "gyro repeats one reading"),
-        ({"gyro": [0.01] * 30 + [0.0] * 10 + [0.0], "steer": [0.0] * 40 + [-0.1]}, 0.05, "in a turn of 4.9 deg/s"),
+        ({"gyro": [0.01] * 40 + [0.0], "steer": [0.0] * 41 + [-0.1]}, 0.45, "in a turn of 4.9 deg/s"),
         ({"gyro": [0.0] * 40 + [0.5]}, 1.0, "tractor turns as with wheels 30 deg off"),
     ],
 )
@@ -119,7 +119,9 @@ def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
 
 
 def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
-    """Without noise it reads zero on a line; and a wheel that is turned at rest turns nothing."""
+    """Without noise it reads zero on a line; a packet may be late; and a wheel that is turned at rest turns nothing."""
+    late = [0.001 * k for k in range(40)] + [0.04] * 7 + [0.001 * k for k in range(40, 80)]
+    assert watched(80, gyro=late, steer=[0.0] * 42 + [0.1]).mode is Mode.TRACKING
     assert watched(400, gyro=0.0, steer=[0.0] * 40 + [0.01]).mode is Mode.TRACKING
     assert watched(400, gyro=float("nan"), steer=[0.0] * 40 + [0.1]).mode is Mode.TRACKING
     assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
