@@ -11,7 +11,8 @@ Gains come from the discrete Riccati equation on a grid of speeds, once a proces
 The integral q is kept as the part of it that no transient explains:  v = q + P_qx x / P_qq,  with P the solution of
 the Riccati equation and x the other states. The cost is x' P x + P_qq v^2 without a product of the two, so that v = 0
 is the best start from any x: a line is acquired without winding up on the way. v is kept as an angle and rests while
-the command is at a limit, on the way onto the path (far away or at a steep angle) and while the tractor stands.
+the command is at a limit, on the way onto the path (far away or at a steep angle), while the tractor stands and until
+the heading is known, when others steer.
 
 Forward and in reverse, at any speed of the grid. It leaves no offset behind steady disturbances (slope, steering
 bias, payload); a disturbance that changes faster than the integral - each arc, where the estimated heading is biased
@@ -103,7 +104,7 @@ class Lqr(Following):
         wanted = beside.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
         possible = clip(wanted, -beside.limit - beside.bias, beside.limit - beside.bias)
         moved = sum(t * (x - last) for t, x, last in zip(transient, errors, memory.errors or errors, strict=True))
-        near = offset == beside.cross_track and abs(beside.heading) < STEEP
+        near = offset == beside.cross_track and abs(beside.heading) < STEEP and situation.estimate.aligned
         step = -gains[-1] * (offset * dt + moved) if near else 0.0
         integral = self._integral(memory, situation, step, wanted - possible)
         under_way = (*memory.under_way, possible - beside.steer_ahead)[1:]
