@@ -102,6 +102,13 @@ def test_a_folder_without_a_run_is_reported(tmp_path):
         export_run(tmp_path)
 
 
+def test_signals_of_another_kind_are_reported(log, tmp_path):
+    write_log(log, tmp_path)
+    (tmp_path / "signals.parquet").write_text("x\n1\n")
+    with pytest.raises(ScenarioError, match=r"signals\.parquet: is no Parquet file"):
+        export_run(tmp_path)
+
+
 def test_a_missing_extra_names_the_install_command(log, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
     with pytest.raises(ScenarioError, match=r'export --mcap needs mcap_ros2; pip install "agrobot-mj\[mcap\]"'):

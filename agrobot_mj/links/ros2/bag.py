@@ -48,9 +48,11 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 def _signals(file: Path) -> pa.Table:
     """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
     known = column_names(file)
-    empty = {
-        field.name for field in pq.read_schema(file.absolute()) if pa.types.is_null(field.type)
-    }  # of a run that ended at once
+    try:
+        schema = pq.read_schema(file.absolute())
+    except pa.ArrowException:
+        raise ScenarioError(f"{file}: is no Parquet file, so not that of a run") from None
+    empty = {field.name for field in schema if pa.types.is_null(field.type)}  # of a run that ended at once
     columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known and name not in empty)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
