@@ -19,7 +19,7 @@ MOVING_M_S = 0.4
 
 
 class Evidence(NamedTuple):
-    """Consistency of the newest fixes with each other, and of the gyro with the wheels."""
+    """Consistency of the newest fixes with each other."""
 
     fix: Fix | None = None
     """Last fix; None before the first."""
@@ -36,26 +36,12 @@ class Evidence(NamedTuple):
     repeated_s: float = 0.0
     """Time for which the position has not changed although the tractor was moving [s]."""
 
-    gyro: float = nan
-    """Last reading of the gyro; NaN without one [rad/s]."""
-    steer: float = nan
-    """Measured steering angle when the gyro last read something else [rad]."""
-    gyro_t: float = 0.0
-    """Time of the first of its readings that are alike [s]."""
-
     @property
     def drift(self) -> float:
         """Distance between the position and the integral of the fixes' velocities [m]."""
         return hypot(self.east, self.north)
 
     def after(self, measured: Measurement) -> "Evidence":
-        """Evidence after a tick."""
-        found = self._after_fix(measured)
-        if measured.gyro != self.gyro:
-            found = found._replace(gyro=measured.gyro, steer=measured.steer, gyro_t=measured.t)
-        return found
-
-    def _after_fix(self, measured: Measurement) -> "Evidence":
         """Evidence after a tick; one without a new fix changes nothing."""
         fix, last = measured.fix, self.fix
         if fix is None:
@@ -63,12 +49,11 @@ class Evidence(NamedTuple):
         t = fix.t if isfinite(fix.t) else measured.t
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
         if last is None or time > GAP_S:
-            begun = Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
-            return begun._replace(gyro=self.gyro, steer=self.steer, gyro_t=self.gyro_t)
+            return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
         if time <= 0.0:
             return self
         repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
-        found = self._replace(
+        found = Evidence(
             fix=fix,
             t=t,
             quality=measured.quality,
@@ -76,9 +61,26 @@ class Evidence(NamedTuple):
             repeated_s=self.repeated_s + time if repeated else 0.0,
         )
         if not self.quality == measured.quality == Quality.FIX:
-            return found._replace(east=0.0, north=0.0)
+            return found
         keep = exp(-time / DRIFT_TIME_S)
         return found._replace(
             east=keep * self.east + fix.x - last.x - 0.5 * time * (fix.vx + last.vx),
             north=keep * self.north + fix.y - last.y - 0.5 * time * (fix.vy + last.vy),
         )
+
+
+class GyroEvidence(NamedTuple):
+    """Since when the gyro gives the reading that it gives."""
+
+    reading: float = nan
+    """Last reading; NaN without one [rad/s]."""
+    t: float = 0.0
+    """Time of the first of the readings that are alike [s]."""
+    steer: float = nan
+    """Measured steering angle at that time [rad]."""
+
+    def after(self, measured: Measurement) -> "GyroEvidence":
+        """Evidence after a tick; one with the same reading changes nothing."""
+        if measured.gyro == self.reading:
+            return self
+        return GyroEvidence(measured.gyro, measured.t, measured.steer)

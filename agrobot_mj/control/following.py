@@ -37,8 +37,6 @@ RISE_M_S2 = 1.0
 """Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
-INTEGRAL_COLUMN = Column("steer_integral", "rad", "steering angle held by the integral of the law")
-"""Column of the laws that have an integral."""
 DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),
@@ -177,6 +175,19 @@ class Following(GuidanceLaw):
     def report(self, state: "FollowingState") -> Sequence[float]:
         """Values of `columns`."""
         return (nan if state.s is None else state.s, state.cross_track, state.heading, state.steer_ahead)
+
+
+class Integrating(Following):
+    """Base of the followers whose own memory has an `integral`, an angle that they report."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of every path-following law, and the integral."""
+        return (*super().columns, Column("steer_integral", "rad", "steering angle held by the integral of the law"))
+
+    def report(self, state: "FollowingState") -> Sequence[float]:
+        """Values of `columns`."""
+        return (*super().report(state), state.memory.integral)
 
 
 class FollowingState(NamedTuple):

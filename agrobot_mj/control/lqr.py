@@ -19,7 +19,6 @@ bias, payload); a disturbance that changes faster than the integral - each arc, 
 - leaves its transient.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from math import radians
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -29,9 +28,9 @@ from pydantic import Field
 from scipy.linalg import expm, solve_discrete_are
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import INTEGRAL_COLUMN, STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.following import STEEP, Beside, Integrating
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.signals import TICK_S, Array, Column
+from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -52,7 +51,7 @@ class LqrState(NamedTuple):
     """The states x of the last tick; none before the first."""
 
 
-class Lqr(Following):
+class Lqr(Integrating):
     """Linear-quadratic regulator of cross-track error, heading and steering angle."""
 
     sized: ClassVar = {
@@ -138,15 +137,6 @@ class Lqr(Following):
             return memory.integral
         limit = radians(self.integral_limit_deg)
         return clip(memory.integral + step, -limit, limit)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law, and the integral."""
-        return (*super().columns, INTEGRAL_COLUMN)
-
-    def report(self, state: FollowingState) -> Sequence[float]:
-        """Values of `columns`."""
-        return (*super().report(state), state.memory.integral)
 
 
 def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from math import atan, copysign, degrees, hypot, nan, tan
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import MOVING_M_S, Evidence
+from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -57,6 +57,8 @@ class Watched(NamedTuple):
     """Commanded less measured steering angle where the wheels do not follow, else 0 [rad]."""
     evidence: Evidence = Evidence()
     """Consistency of the fixes with each other."""
+    gyro: GyroEvidence = GyroEvidence()
+    """Since when the gyro gives its reading."""
     pedal_mismatch: float = 0.0
     """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
     pedal_rate: float = 0.0
@@ -162,16 +164,16 @@ class SupervisorLimits(Reporting):
                 "tractor turns as with wheels {:.0f} deg off the measured angle",
             ),
             Monitor(
-                *(self._unseen_turn(situation, measured, proof), self.max_unseen_turn_deg_s, 0.0),
+                *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one reading in a turn of {:.1f} deg/s",
             ),
         )
 
-    def _unseen_turn(self, situation: Situation, measured: Measurement, proof: Evidence) -> float:
+    def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:
         """Yaw rate that the wheels have added since the gyro last read something else [deg/s]."""
-        if measured.t - proof.gyro_t < self.max_repeat_s:
+        if measured.t - gyro.t < self.max_repeat_s:
             return 0.0
-        turned = tan(measured.steer) - tan(proof.steer)
+        turned = tan(measured.steer) - tan(gyro.steer)
         return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))
 
 

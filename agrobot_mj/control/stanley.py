@@ -16,16 +16,14 @@ the offset is to make it do. It rests on the way onto a line: at a steep angle, 
 or the command at a limit, and until the heading is known, when others steer. It is not used in reverse.
 """
 
-from collections.abc import Sequence
 from math import atan, radians, sin, tan
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import INTEGRAL_COLUMN, LARGEST_BIAS, STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.following import LARGEST_BIAS, STEEP, Beside, Integrating
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
 
 BEHIND = radians(3.0)
@@ -41,7 +39,7 @@ class StanleyState(NamedTuple):
     """e_f of the last tick [m]; None before the first one forward."""
 
 
-class Stanley(Following):
+class Stanley(Integrating):
     """Stanley's law at the front axle; in reverse at the rear axle."""
 
     sized: ClassVar = {"yaw_damping_s": {"length": 1}, "reverse_heading_gain": {"length": 0.5}}
@@ -91,12 +89,3 @@ class Stanley(Following):
             unexplained = e_f - memory.offset + situation.estimate.speed * sin(towards) * dt
         integral = clip(memory.integral - self.integral_per_m * unexplained, -LARGEST_BIAS, LARGEST_BIAS)
         return StanleyState(integral, e_f), wanted
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law, and the integral."""
-        return (*super().columns, INTEGRAL_COLUMN)
-
-    def report(self, state: FollowingState) -> Sequence[float]:
-        """Values of `columns`."""
-        return (*super().report(state), state.memory.integral)

@@ -149,6 +149,7 @@ class Supervisor(SupervisorLimits):
             offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
             mismatch=0.0 if following else mismatch,
             evidence=watched.evidence.after(measured),
+            gyro=watched.gyro.after(measured),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
             allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),

@@ -17,7 +17,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.extras import required
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
-from agrobot_mj.fieldlogs.columns import check_time, column_names, read_columns
+from agrobot_mj.fieldlogs.columns import check_time, read_columns
 from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
 from agrobot_mj.links.ros2.sample import TickSample, samples_of
@@ -47,13 +47,12 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 def _signals(file: Path) -> pa.Table:
     """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
-    known = column_names(file)
     try:
         schema = pq.read_schema(file.absolute())
-    except pa.ArrowException:
+    except (pa.ArrowException, OSError, ValueError):
         raise ScenarioError(f"{file}: is no Parquet file, so not that of a run") from None
-    empty = {field.name for field in schema if pa.types.is_null(field.type)}  # of a run that ended at once
-    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in known and name not in empty)])
+    there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null in a run that ended at once
+    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in there)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
         if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
