@@ -119,10 +119,11 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
     `SLIDES` of `rho`, the slip over peak over stiffness.
     """
     sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
-    slides = 1.0 + a * ((D[1] / D[0]) ** 2 - 1.0)
+    ratio = D[1] / D[0]
+    slides = 1.0 + a * (ratio * ratio - 1.0)
     n_x, n_y = slip.x / D[0], slip.y / D[1] * (K[1] / K[0] + sliding * (slides - K[1] / K[0]))
     length = sqrt(n_x * n_x + n_y * n_y)
-    if length < VANISHING:
+    if length <= VANISHING:  # single precision has 0 for it
         return Direction(0.0, 0.0)
     return Direction(n_x / length, n_y / length)
 
