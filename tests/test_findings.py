@@ -173,6 +173,20 @@ def test_the_survival_table_states_what_was_found():
     assert survival.survived(rows[0]) == (14.0, False)
 
 
+def test_the_survival_figure_has_a_bar_up_to_each_limit():
+    rows = []
+    for law, hard in survival.JOBS:
+        middle = (hard.start + hard.stop) / 2
+        rows.append(searched(law, hard.name, [(hard.start, 3, 0), (middle, 10, 0), (hard.stop, 10, 10)]))
+    rows[0] = searched(rows[0]["law"], rows[0]["hardship"], [(0.0, 3, 0), (28.0, 3, 0)])
+    rows[1] = searched(rows[1]["law"], rows[1]["hardship"], [(0.0, 3, 3)])
+    slope, soil = survival.survival_figure(rows).axes[:2]
+    assert [bar.get_width() for bar in slope.patches] == [28.0] + [14.0] * (len(survival.SURVIVORS) - 2)
+    assert [line.get_marker() for line in slope.lines] == [">", "x"]
+    assert [bar.get_x() + bar.get_width() for bar in soil.patches] == [500.0] * len(survival.SURVIVORS)
+    assert soil.get_xlim() == (900, 100)
+
+
 def test_a_search_finds_a_laws_limit(monkeypatch):
     """With runs that succeed up to a dead band of 3 V, and two times out of three up to 4 V."""
 

@@ -10,14 +10,18 @@ from collections.abc import Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple
 
+import matplotlib as mpl
 from estimates import select
+from matplotlib.figure import Figure
 from sweeps import Blocks, Row, Study, variants
 
 from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.palette import BLUE, LIGHT_GREY, VERMILION
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.limit.question import Question, Tried, check
 from agrobot_mj.studies.limit.search import find_limit
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
@@ -29,13 +33,14 @@ FITTED = {
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
 """Gyro, wheel speed, inertial unit, and the filter that uses them."""
+PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
     *("network as printed", "P + network", "PI", "P + feed-forward", "PI + feed-forward"),
     *("pure pursuit", "Stanley", "LQR"),
 )
 SURVIVORS: dict[str, dict[str, Any]] = {
-    "the paper's stack": LAWS["network as printed"],
+    PAPER: LAWS["network as printed"],
     **{law: {**FITTED, **LAWS[law]} for law in DRIVEN},
 }
 """Overrides by law; all but the paper's stack drive with the same sensors and filter."""
@@ -78,9 +83,13 @@ JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
 
 
 def survival(study: Study) -> Blocks:
-    """The worst value of each hardship that each law survives."""
+    """The worst value of each hardship that each law survives; draws the figure."""
     rows = study.done("survival", search, JOBS)
-    return {"survival": survival_table(rows) if rows else ""}
+    if not rows:
+        return {}
+    with mpl.rc_context(STYLE):
+        save(survival_figure(rows), study.images / "survival.png")
+    return {"survival": survival_table(rows)}
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
@@ -151,3 +160,34 @@ def _cell(row: Row, hard: Hardship) -> str:
     star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
     again = "!" if row["verdict"] == "not_monotone" else ""
     return f"{value - hard.offset:.3g}, not {fails['value'] - hard.offset:g}{star}{again}"
+
+
+def survival_figure(rows: Sequence[Row]) -> Figure:
+    """A panel per hardship: how far each law goes, and in grey how far without it where that was searched.
+
+    An arrow goes on beyond the end of the range, a cross stands where a law fails at its start.
+    """
+    figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
+    grid = figure.subplots(2, 3, sharey=True)
+    for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
+        start, stop = hard.start - hard.offset, hard.stop - hard.offset
+        for place, law in enumerate(SURVIVORS):
+            (row,) = select(rows, law=law, hardship=hard.name)
+            sound = row.get("sound") or {}
+            if sound.get("verdict", "fixed") != "fixed":
+                reach = survived(sound)[0]
+                axes.barh(place, 0 if reach is None else reach - hard.start, 0.8, start, color=LIGHT_GREY)
+            value, whole = survived(row)
+            colour = VERMILION if law == PAPER else BLUE
+            if value is None:
+                axes.plot(start, place, "x", color=colour, clip_on=False)
+                continue
+            axes.barh(place, value - hard.start, 0.5, start, color=colour)
+            if whole:
+                axes.plot(stop, place, ">", color=colour, clip_on=False)
+        axes.set(title=f"{hard.name} [{hard.unit}]", xlim=(start, stop))
+        axes.grid(axis="y", visible=False)
+        axes.tick_params("y", length=0)
+    grid[0, 0].set_yticks(range(len(SURVIVORS)), list(SURVIVORS))
+    grid[0, 0].invert_yaxis()
+    return figure

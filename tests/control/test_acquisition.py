@@ -1,8 +1,7 @@
 """A tractor that starts beside a level straight line comes onto it, with no lasting weave and little overshoot."""
 
-from importlib.util import find_spec
-
 import pytest
+from extras import NEEDS_CASADI
 from turns import by_turns
 
 from agrobot_mj import load_scenario
@@ -49,7 +48,7 @@ def test_integrals_rest_while_the_heading_is_sought(law, start):
     assert found["overshoot_m"] < 0.06
 
 
-@pytest.mark.skipif(find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])")
+@NEEDS_CASADI
 @pytest.mark.parametrize("start", [(1.5, 0.0, 0.5), (0.5, 45.0, 1.2), (2.0, 0.0, 4.0)])
 def test_nmpc_acquires_a_line_slow_from_a_turn_and_fast(start):
     found = way("nmpc", start)

@@ -1,12 +1,12 @@
 """Every path-following law drives a tractor without slip to its path, forward and in reverse."""
 
 import sys
-from importlib.util import find_spec
 from math import cos, radians, sin
 
 import numpy as np
 import pytest
 from drives import MACHINE, Bend, drive
+from extras import NEEDS_CASADI
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,8 +20,6 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Circle
 from agrobot_mj.paths.route import SampledRoute
 
-CASADI = find_spec("casadi") is not None
-NEEDS_CASADI = pytest.mark.skipif(not CASADI, reason="casadi is not installed (pip install agrobot-mj[nmpc])")
 LAWS = [
     pytest.param(kind(), id=kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
     for kind in every(Guidance)
@@ -304,13 +302,10 @@ def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatc
     nmpc._solver.cache_clear()
 
 
-def test_columns_and_report_agree() -> None:
-    for p in LAWS:
-        law = p.values[0]
-        if isinstance(law, Nmpc) and not CASADI:
-            continue
-        assert len(law.columns) == len(law.report(law.init()))
-        assert all(c.unit and c.description for c in law.columns)
+@pytest.mark.parametrize("law", LAWS)
+def test_columns_and_report_agree(law: Following) -> None:
+    assert len(law.columns) == len(law.report(law.init()))
+    assert all(c.unit and c.description for c in law.columns)
 
 
 @pytest.mark.parametrize("u", [0.62, 1.2, 2.9, -1.7])

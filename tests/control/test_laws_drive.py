@@ -1,10 +1,10 @@
 """Every guidance law drives with sensors and estimator; those that claim more hold it, in reverse too if they can."""
 
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 import pytest
+from extras import NEEDS_CASADI
 from turns import by_turns
 
 from agrobot_mj.control import Guidance, Nmpc
@@ -13,9 +13,6 @@ from agrobot_mj.core.spec import every
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
-NEEDS_CASADI = pytest.mark.skipif(
-    find_spec("casadi") is None, reason="casadi is not installed (pip install agrobot-mj[nmpc])"
-)
 INSIDE = [kind for kind in every(Guidance) if not kind().outside]
 
 

@@ -1,0 +1,7 @@
+"""Marks of tests that need a package of an extra, which `make install` leaves out."""
+
+from importlib.util import find_spec
+
+import pytest
+
+NEEDS_CASADI = pytest.mark.skipif(find_spec("casadi") is None, reason="needs casadi; pip install agrobot-mj[nmpc]")
