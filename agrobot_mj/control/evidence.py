@@ -2,16 +2,21 @@
 
 Position less travelled velocity is a sum that forgets what lies behind; a receiver that jumps or drifts does not keep
 it small, where it claims to be fixed. And a position that a moving tractor is given twice, to the last digit, is an old
-one, whatever quality it claims; so is a yaw rate while the wheels turn. SI units.
+one, whatever quality it claims; so is a yaw rate while the wheels turn. The antenna is above the rear axle: its course
+turns as the tractor does. SI units.
 """
 
-from math import exp, hypot, isfinite, nan
+from math import atan2, exp, hypot, isfinite, nan
 from typing import NamedTuple
 
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 
 DRIFT_TIME_S = 20.0
 """Time in which the sum forgets [s]. Estimate: 3 cm/s of white velocity noise grow to 3 cm in it."""
+SWAY_S, TURN_TIME_S = 2.0, 10.0
+"""Times over which the difference of turns is averaged [s]. Estimates: some swings of the antenna; with a usual bias of
+0.3 deg/s the means are 2.4 deg apart."""
 GAP_S = 0.5
 """Time between two fixes beyond which nothing is known of the way between them [s]. Estimate: ten lost fixes."""
 MOVING_M_S = 0.4
@@ -84,3 +89,44 @@ class GyroEvidence(NamedTuple):
         if measured.gyro == self.reading:
             return self
         return GyroEvidence(measured.gyro, measured.t, measured.steer)
+
+
+class TurnEvidence(NamedTuple):
+    """What the course of the fixes turns beside the gyro: its mean of late over one of longer."""
+
+    course: float = nan
+    """Course of the last fix; NaN before one in motion [rad]."""
+    t: float = 0.0
+    """Time of that fix [s]."""
+    turned: float = 0.0
+    """Turn by the gyro since then [rad]."""
+    known_s: float = 0.0
+    """Time since the first fix [s]."""
+    difference: float = 0.0
+    """Turn of the course less that of the gyro since the first fix [rad]."""
+    late: float = 0.0
+    """Its mean over `SWAY_S` [rad]."""
+    long: float = 0.0
+    """Its mean over `TURN_TIME_S` [rad]."""
+
+    @property
+    def apart(self) -> float:
+        """How far course and gyro have turned apart [rad]."""
+        return abs(self.late - self.long)
+
+    def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
+        """Evidence after a tick of `dt` [s]; it begins anew without gyro or a fix of good quality in motion."""
+        fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
+        if turned != turned or (time > GAP_S and self.known_s > 0.0):
+            return TurnEvidence()
+        if fix is None:
+            return self._replace(turned=turned)
+        if measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= MOVING_M_S:
+            return TurnEvidence()
+        course = atan2(fix.vy, fix.vx)
+        if self.course != self.course:
+            return TurnEvidence(course, measured.t)
+        known, difference = self.known_s + time, self.difference + wrap(course - self.course - turned)
+        late = self.late + (difference - self.late) * time / min(known, SWAY_S)
+        long = self.long + (difference - self.long) * time / min(known, TURN_TIME_S)
+        return TurnEvidence(course, measured.t, 0.0, known, difference, late, long)

@@ -2,7 +2,8 @@
 
 The first ask what the estimator says of itself, and whether path, steering angle, pedal and speed are as commanded. The
 others are evidence that does not go through the estimator: positions that repeat themselves or do not follow their own
-velocity, wheels slower than the fixes, a turn that does not fit the steering angle or that the gyro does not see.
+velocity, wheels slower than the fixes, a turn that does not fit the steering angle or the fixes' course, or that the
+gyro does not see.
 Pedal and wheels that are faster than the ground are none, so that a tractor which cannot move is not taken for one with
 a sensor that lies.
 """
@@ -11,7 +12,7 @@ from math import atan, copysign, degrees, hypot, nan, tan
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence
+from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence, TurnEvidence
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -59,6 +60,8 @@ class Watched(NamedTuple):
     """Consistency of the fixes with each other."""
     gyro: GyroEvidence = GyroEvidence()
     """Since when the gyro gives its reading."""
+    turn: TurnEvidence = TurnEvidence()
+    """What the fixes' course turns beside the gyro."""
     pedal_mismatch: float = 0.0
     """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
     pedal_rate: float = 0.0
@@ -122,6 +125,9 @@ class SupervisorLimits(Reporting):
     max_repeat_s: Positive = 0.4
     """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Estimate (0.2-1):
     fixes have noise."""
+    max_course_mismatch_deg: Positive = 8.0
+    """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg].
+    Estimate (6-15): sound runs reach 3, late fixes in bends more."""
     max_fix_drift_m: Positive = 0.4
     """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
     Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.03."""
@@ -167,6 +173,7 @@ class SupervisorLimits(Reporting):
                 *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one reading in a turn of {:.1f} deg/s",
             ),
+            Monitor(degrees(w.turn.apart), self.max_course_mismatch_deg, 0.0, "fixes turn {:.0f} deg beside the gyro"),
         )
 
     def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:

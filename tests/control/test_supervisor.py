@@ -1,12 +1,13 @@
 """The supervisor: passes commands while all is well, and ends a run in a controlled stop where it is not."""
 
-from math import nan
+from math import cos, degrees, nan, sin
 
 import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.base import Situation
+from agrobot_mj.control.evidence import TurnEvidence
 from agrobot_mj.control.supervisor import Mode, Supervisor
 from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -109,6 +110,8 @@ def test_healthy_evidence_stops_nothing():
         ({"steer": [0.0] * 40 + [0.1]}, 0.05, "gyro repeats one reading"),
         ({"gyro": [0.01] * 40 + [0.0], "steer": [0.0] * 41 + [-0.1]}, 0.45, "in a turn of 4.9 deg/s"),
         ({"gyro": [0.0] * 40 + [0.5]}, 1.0, "tractor turns as with wheels 30 deg off"),
+        ({"gyro": [0.0] * 40 + [0.09]}, 6.0, "fixes turn 8 deg beside the gyro"),
+        ({"gyro": [0.0] * 40 + [-0.09]}, 6.0, "fixes turn 8 deg beside the gyro"),
     ],
 )
 def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
@@ -125,6 +128,33 @@ def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
     assert watched(400, gyro=0.0, steer=[0.0] * 40 + [0.01]).mode is Mode.TRACKING
     assert watched(400, gyro=float("nan"), steer=[0.0] * 40 + [0.1]).mode is Mode.TRACKING
     assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
+
+
+def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2):
+    """Largest difference [deg] of the turns of a course [rad] and a gyro [rad/s], of a fix every so many ticks."""
+    evidence, largest = TurnEvidence(), 0.0
+    speeds, gyros = np.broadcast_to(speed, course.shape), np.broadcast_to(gyro, course.shape)
+    for k, (angle, u, rate) in enumerate(zip(course.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
+        fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * k) if k % every == 0 else None
+        evidence = evidence.after(Measurement(TICK * k, fix, quality, 0.0, 0.2, rate), TICK)
+        largest = max(largest, degrees(evidence.apart))
+    return largest
+
+
+def test_course_and_gyro_turn_apart_only_where_one_of_them_is_wrong():
+    t = TICK * np.arange(800)
+    rate = 0.4 * np.sin(0.5 * t)
+    bends = np.cumsum(rate) * TICK  # to either side, over the whole compass
+    sway, usual = 0.3 * np.sin(7.0 * t), np.radians(0.3)
+    assert turns_apart(bends + sway, rate + usual) < 5.0
+    assert turns_apart(bends + np.pi, rate) < 2.0, "in reverse"
+    back = np.where(t < 20.0, 0.0, np.pi)
+    assert turns_apart(back, 0.0, speed=np.where(abs(t - 20.0) < 0.3, 0.1, 1.0)) < 1.0, "there and back"
+    assert turns_apart(bends, 0.3 * rate) > 8.0
+    assert turns_apart(bends, rate + np.radians(3.0)) > 8.0
+    assert turns_apart(bends, np.nan) == 0.0
+    assert turns_apart(bends, 0.0, quality=Quality.FLOAT) == 0.0
+    assert turns_apart(bends, 0.0, every=20) == 0.0, "nothing is known of the way between them"
 
 
 @pytest.mark.parametrize(

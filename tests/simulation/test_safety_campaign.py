@@ -18,6 +18,8 @@ QUICK = (
     {"kind": "gnss_jump", "north_m": 0.5},
     {"kind": "wheel_speed_stuck", "value": "zero"},
     {"kind": "gyro_scale"},
+    {"kind": "gyro_bias"},
+    {"kind": "gyro_bias", "bias_deg_s": -5.0, "start_s": 17.0},
     {"kind": "pedal_pot_scale"},
     {"kind": "valve_scale"},
 )

@@ -114,6 +114,8 @@ def _rolling(found: Unsettled, machine: Machine, where: str, along: float) -> st
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)
+    if driveline.connected and needed < strength.torque:
+        return f"its wheels roll back and forth {where}; a longer plant.settle_limit_s lets them come to rest"
     drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if driveline.connected else "driveline.connected (no)"
     return (
         f"its wheels roll {where}, since drive and brake give way: {found.mass:.0f} kg need {needed:.0f} N m, which is "
