@@ -115,7 +115,7 @@ class TurnEvidence(NamedTuple):
         return abs(self.late - self.long)
 
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
-        """Evidence after a tick of `dt` [s]; it begins anew without gyro or a fix of good quality in motion."""
+        """Evidence after a tick of `dt` [s]; it starts over without gyro or a fix of good quality in motion."""
         fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
         if turned != turned or (time > GAP_S and self.known_s > 0.0):
             return TurnEvidence()

@@ -170,22 +170,23 @@ def survival_figure(rows: Sequence[Row]) -> Figure:
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)
     for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
-        start, stop = hard.start - hard.offset, hard.stop - hard.offset
+        begin = 0.0 if hard.stop > hard.start else hard.start  # of nothing, where less is milder
+        stop = hard.stop - hard.offset
         for place, law in enumerate(SURVIVORS):
             (row,) = select(rows, law=law, hardship=hard.name)
             sound = row.get("sound") or {}
             if sound.get("verdict", "fixed") != "fixed":
                 reach = survived(sound)[0]
-                axes.barh(place, 0 if reach is None else reach - hard.start, 0.8, start, color=LIGHT_GREY)
+                axes.barh(place, 0 if reach is None else reach - hard.offset - begin, 0.8, begin, color=LIGHT_GREY)
             value, whole = survived(row)
             colour = VERMILION if law == PAPER else BLUE
             if value is None:
-                axes.plot(start, place, "x", color=colour, clip_on=False)
+                axes.plot(begin, place, "x", color=colour, clip_on=False)
                 continue
-            axes.barh(place, value - hard.start, 0.5, start, color=colour)
+            axes.barh(place, value - hard.offset - begin, 0.5, begin, color=colour)
             if whole:
                 axes.plot(stop, place, ">", color=colour, clip_on=False)
-        axes.set(title=f"{hard.name} [{hard.unit}]", xlim=(start, stop))
+        axes.set(title=f"{hard.name} [{hard.unit}]", xlim=(begin, stop))
         axes.grid(axis="y", visible=False)
         axes.tick_params("y", length=0)
     grid[0, 0].set_yticks(range(len(SURVIVORS)), list(SURVIVORS))
