@@ -159,7 +159,7 @@ def _cell(row: Row, hard: Hardship) -> str:
     last = next(tried for tried in row["tried"] if tried["value"] == value)
     star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
     again = "!" if row["verdict"] == "not_monotone" else ""
-    return f"{value - hard.offset:.3g}, not {fails['value'] - hard.offset:g}{star}{again}"
+    return f"{value - hard.offset:.3g}, not {fails['value'] - hard.offset:.3g}{star}{again}"
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
