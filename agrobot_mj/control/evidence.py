@@ -98,8 +98,6 @@ class TurnEvidence(NamedTuple):
     """Course of the last fix; NaN before one in motion [rad]."""
     t: float = 0.0
     """Time of that fix [s]."""
-    turned: float = 0.0
-    """Turn by the gyro since then [rad]."""
     known_s: float = 0.0
     """Time since the first fix [s]."""
     difference: float = 0.0
@@ -116,17 +114,17 @@ class TurnEvidence(NamedTuple):
 
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
         """Evidence after a tick of `dt` [s]; it starts over without gyro or a fix of good quality in motion."""
-        fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
-        if turned != turned or (time > GAP_S and self.known_s > 0.0):
+        fix, difference, time = measured.fix, self.difference - measured.gyro * dt, measured.t - self.t
+        if difference != difference or (time > GAP_S and self.known_s > 0.0):
             return TurnEvidence()
         if fix is None:
-            return self._replace(turned=turned)
+            return self._replace(difference=difference)
         if measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= MOVING_M_S:
             return TurnEvidence()
         course = atan2(fix.vy, fix.vx)
         if self.course != self.course:
             return TurnEvidence(course, measured.t)
-        known, difference = self.known_s + time, self.difference + wrap(course - self.course - turned)
+        known, difference = self.known_s + time, difference + wrap(course - self.course)
         late = self.late + (difference - self.late) * time / min(known, SWAY_S)
         long = self.long + (difference - self.long) * time / min(known, TURN_TIME_S)
-        return TurnEvidence(course, measured.t, 0.0, known, difference, late, long)
+        return TurnEvidence(course, measured.t, known, difference, late, long)
