@@ -115,7 +115,7 @@ class TurnEvidence(NamedTuple):
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
         """Evidence after a tick of `dt` [s]; it starts over without gyro or a fix of good quality in motion."""
         fix, difference, time = measured.fix, self.difference - measured.gyro * dt, measured.t - self.t
-        if difference != difference or (time > GAP_S and self.known_s > 0.0):
+        if difference != difference or (self.course == self.course and time > GAP_S):
             return TurnEvidence()
         if fix is None:
             return self._replace(difference=difference)

@@ -3,8 +3,9 @@
 Forward, with the offset e_f of the front axle from where it would be without errors, across the direction in which it
 would move there:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  delta_ff =
 atan(L kappa_R) ahead by the steering's lag, r the yaw rate. On an arc the CG, not the front axle, is on the path, and
-no error rests. The damping of the yaw rate makes up for the lag of the steering: without it a valve at its rate limit
-turns a large error into a weave that lasts. Source: [Hoffmann2007].
+no error rests. The damping of the yaw rate makes up for the lag T of the steering: with k_d = T the angle of the front
+axle's way obeys T theta' = -theta - k e_f / u on a machine of any length. Without it a valve at its rate limit turns a
+large error into a weave that lasts. Source: [Hoffmann2007].
 
 In reverse the front axle trails and this feedback is unstable: there the rear axle leads, with delta = delta_ff + h
 (psi - psi_ref) - atan(k e_r / (u_0 + |u|)),  stable for h > 0, k > 0: with l = L / h the error obeys e'' + e' / l + k
@@ -42,7 +43,7 @@ class StanleyState(NamedTuple):
 class Stanley(Integrating):
     """Stanley's law at the front axle; in reverse at the rear axle."""
 
-    sized: ClassVar = {"yaw_damping_s": {"length": 1}, "reverse_heading_gain": {"length": 0.5}}
+    sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 
     kind: Literal["stanley"] = "stanley"
     gain_per_s: Positive = 0.91

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY
@@ -26,21 +27,22 @@ SLIDING = 0.02
 
 
 class RecentMotion:
-    """Motion of the last `REST_S`."""
+    """Motion of the last `REST_S`, by the way of each tick: what trembles from step to step goes nowhere."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
-        self.velocities, self.speeds, self.ticks = np.zeros((ticks, 3)), np.zeros(ticks), 0
-        self.begin, self.place = np.zeros(2), np.zeros(2)
+        self.velocities, self.speeds, self.ticks, self.tick_s = np.zeros((ticks, 3)), np.zeros(ticks), 0, tick_s
+        self.begin, self.place, self.yaw = np.zeros(2), np.zeros(3), 0.0
 
     def add(self, motion: TractorMotion) -> None:
         """Take in the motion after a tick."""
-        at = self.ticks % len(self.speeds)
-        self.velocities[at] = motion.cg.velocity
-        self.speeds[at] = max(float(np.linalg.norm(self.velocities[at])), abs(motion.yaw_rate))
-        self.place[:] = motion.cg.place[:2]
+        at, place, yaw = self.ticks % len(self.speeds), np.array(motion.cg.place), motion.attitude[0]
         if not self.ticks:
-            self.begin[:] = motion.cg.place[:2]
+            self.begin, self.place, self.yaw = place[:2], place - self.tick_s * np.array(motion.cg.velocity), yaw
+        self.velocities[at] = (place - self.place) / self.tick_s
+        turned = abs(wrap(yaw - self.yaw)) / self.tick_s
+        self.speeds[at] = max(float(np.linalg.norm(self.velocities[at])), turned)
+        self.place, self.yaw = place, yaw
         self.ticks += 1
 
     @property
@@ -51,7 +53,7 @@ class RecentMotion:
     @property
     def gone(self) -> bool:
         """Whether the tractor is too far from its placement to come to rest, or its motion is not finite."""
-        return not float(np.abs(self.place - self.begin).max()) < GONE_M
+        return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
     def drift(self) -> float:
