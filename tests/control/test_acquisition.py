@@ -48,6 +48,14 @@ def test_integrals_rest_while_the_heading_is_sought(law, start):
     assert found["overshoot_m"] < 0.06
 
 
+@pytest.mark.parametrize(("start", "largest"), [((0.8, -35.0, 3.3), 0.15), ((2.0, 45.0, 2.0), 0.15)])
+@pytest.mark.parametrize("law", ["lqr", "stanley"])
+def test_a_row_crop_tractor_acquires_a_line(law, start, largest):
+    found = way(law, start, {"machine": "row_crop", "plant.kind": "mujoco", "physics": "fast"})
+    assert found["acquired_s"] < 12.0
+    assert found["overshoot_m"] < largest
+
+
 @NEEDS_CASADI
 @pytest.mark.parametrize("start", [(1.5, 0.0, 0.5), (0.5, 45.0, 1.2), (2.0, 0.0, 4.0)])
 def test_nmpc_acquires_a_line_slow_from_a_turn_and_fast(start):

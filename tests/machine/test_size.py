@@ -134,7 +134,6 @@ def test_machines_of_any_size_steer_as_fast_and_the_speed_loop_keeps_its_gain():
         ({"plant.tyre.kind": "linear"}, "plant.tyre.rear_slip_stiffness_n", 8.0),
         ({"guidance.kind": "lqr"}, "guidance.rear_cornering_stiffness_n_rad", 8.0),
         ({"guidance.kind": "pure_pursuit"}, "guidance.lookahead_m", 2.0),
-        ({"guidance.kind": "stanley"}, "guidance.yaw_damping_s", 2.0),
         ({"guidance.kind": "stanley"}, "guidance.reverse_heading_gain", sqrt(2.0)),
         ({}, "plant.tyre.trail_m", 2.0),
         ({}, "sensors.gnss.dual_antenna.baseline_m", 2.0),

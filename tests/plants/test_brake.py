@@ -91,6 +91,11 @@ def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
     assert all(word in told for word in words), told
 
 
+def test_a_light_machine_that_trembles_from_step_to_step_is_at_rest(capsys):
+    Loop(load_scenario("straight_line", {"machine": "riding", "physics": "fast"}))
+    assert capsys.readouterr().err == ""
+
+
 def test_is_applied_after_standstill_and_released_at_once():
     ticks = round(STANDSTILL_S / TICK_S)
     state = BrakeState().after(Command(0.0, 0.0), TICK_S)
