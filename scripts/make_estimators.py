@@ -6,7 +6,7 @@ ground changes. `--seeds` reduces the sensors' seeds of the last two as well.
 
 import json
 from collections.abc import Iterable, Iterator
-from itertools import groupby
+from itertools import groupby, starmap
 from math import degrees, radians
 from typing import Any
 
@@ -65,10 +65,19 @@ def loop(study: Study) -> Blocks:
             keys = json.loads(estimator)
             if of_interest(case, keys):
                 numbers = np.mean([loop_numbers(study.kept(name, run)) for run in runs], axis=0)
-                texts = ("" if np.isnan(v) else f"{v:.3g}" if v < 1000 else f"{v:.0f}" for v in numbers)
-                lines.append((case, ", ".join([keys.pop("kind"), *(f"{k} {v}" for k, v in keys.items())]), *texts))
+                lines.append((case, ", ".join([keys.pop("kind"), *starmap(setting, keys.items())]), *map(short, numbers)))
     heads = (*COMMON, "NEES", "NIS", "coast [cm]", "speed [cm/s]", "lateral [cm]")
     return {"loop": markdown_table(heads, lines, 2) if lines else ""}
+
+
+def short(value: float) -> str:
+    """Three digits of a number, and none after the point from 1000 on; nothing for NaN."""
+    return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+
+
+def setting(key: str, value: float) -> str:
+    """A setting of an estimator as the table calls it."""
+    return "compensated" if key == "terrain_compensation" else f"{key} {value:g}"
 
 
 def loop_numbers(run: KeptRun) -> list[float]:
@@ -119,7 +128,7 @@ class Recorded:
             for kind in KINDS:
                 runs = self.runs(kind, ground=ground or None)
                 numbers = [settled(follow(drive, {**kind, **keys}, seed, day)) for drive, seed in runs]
-                lines.append((case, kind["kind"], *(f"{v:.3g}" for v in np.mean(numbers, axis=0))))
+                lines.append((case, kind["kind"], *map(short, np.mean(numbers, axis=0))))
         return markdown_table((*COMMON, "yaw rate [deg/s]", "NEES", "NIS", "time [us]"), lines, 2)
 
     def losses_table(self, starts: Iterable[float] = LOSS_STARTS_S) -> str:
