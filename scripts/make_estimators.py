@@ -65,7 +65,8 @@ def loop(study: Study) -> Blocks:
             keys = json.loads(estimator)
             if of_interest(case, keys):
                 numbers = np.mean([loop_numbers(study.kept(name, run)) for run in runs], axis=0)
-                lines.append((case, ", ".join([keys.pop("kind"), *starmap(setting, keys.items())]), *map(short, numbers)))
+                told = ", ".join([keys.pop("kind"), *starmap(setting, keys.items())])
+                lines.append((case, told, *map(short, numbers)))
     heads = (*COMMON, "NEES", "NIS", "coast [cm]", "speed [cm/s]", "lateral [cm]")
     return {"loop": markdown_table(heads, lines, 2) if lines else ""}
 
