@@ -142,7 +142,7 @@ class Recorded:
                     for start in starts
                     for drive, seed in self.runs(kind, start + seconds)
                 ])  # fmt: skip
-                lines.append((f"{seconds:g} s", kind["kind"], f"{rms(off):.3g}", f"{off.max():.3g}"))
+                lines.append((f"{seconds:g} s", kind["kind"], short(rms(off)), short(off.max())))
         return markdown_table(("loss in an arc", "estimator", "rms [cm]", "worst [cm]"), lines, 2)
 
     def outliers_table(self) -> str:
