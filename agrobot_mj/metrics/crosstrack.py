@@ -1,9 +1,11 @@
 """Position of a point relative to a path, regardless of time: distance, and time at which the reference is closest.
 
-The nearest point is sought on the leg of the reference at the same time, as far as WINDOW_M ahead of and behind it, see
-`paths.route`. Left is left of the heading, in reverse too.
+The nearest point is sought WINDOW_M ahead of and behind the one of the row before, so that a tractor may fall far
+behind the reference; where there is none or it is lost, about the reference of the same time. It is on the leg of that
+time, see `paths.route`. Left is left of the heading, in reverse too.
 """
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +15,9 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 WINDOW_M = 10.0
-"""Largest distance along the path from the reference at which the nearest point is sought [m]."""
+"""How far ahead of and behind a place the nearest point is sought, and distance at which it is lost [m]."""
+FORGOTTEN_S = 5.0
+"""Time without a position after which the place on the path counts as unknown [s]. Estimate."""
 FARTHEST_M = 1e7
 """Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
 
@@ -39,9 +43,17 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
     `route` is the path's, if it is at hand.
     """
     route, beside = route or SampledRoute(path), BesidePath(np.full(len(t), np.nan), np.full(len(t), np.nan))
+    place, seen = 0.0, -inf
     for row in np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M).tolist():
         now, east, north = float(t[row]), float(x[row]), float(y[row])
-        k, _ = route.search(east, north, route.passed(now), now, WINDOW_M)
+        offset, found = inf, False
+        if now - seen < FORGOTTEN_S:
+            k, found = route.search(east, north, place, now, WINDOW_M)
+            offset = route.sample(k).offset(east, north)
+        if not found or abs(offset) > WINDOW_M:
+            again, _ = route.search(east, north, route.passed(now), now, WINDOW_M)
+            if abs(route.sample(again).offset(east, north)) <= abs(offset):
+                k = again
         sample = route.sample(k)
-        beside.offset[row], beside.time[row] = sample.offset(east, north), sample.t
+        place, seen, beside.offset[row], beside.time[row] = sample.s, now, sample.offset(east, north), sample.t
     return beside

@@ -68,6 +68,26 @@ def test_the_neighbouring_swath_is_not_chosen(lag: float) -> None:
             assert track(path, t, x, y).offset == pytest.approx(forward * left, abs=1e-6)
 
 
+@pytest.mark.parametrize("path", PATHS, ids=repr)
+def test_a_tractor_that_falls_far_behind_its_reference_stays_on_its_place(path: Any) -> None:
+    t, _, _ = points_beside(path, 0.0, 0.0)
+    behind = np.array([path.at(0.6 * s) for s in t.tolist()])
+    x, y = behind[:, 0] - 0.2 * np.sin(behind[:, 4]), behind[:, 1] + 0.2 * np.cos(behind[:, 4])
+    found = track(path, t, x, y)
+    assert found.offset == pytest.approx(0.2, abs=4e-3)
+    assert found.time[-1] < path.duration_s - 5
+
+
+def test_after_a_long_loss_of_positions_it_is_sought_about_the_reference() -> None:
+    path = Swaths(length_m=40, swath_m=3.0, turn_radius_m=2.0)
+    t, x, y = points_beside(path, -1.0, 0.3)
+    lost = slice(len(t) // 4, 3 * len(t) // 4)
+    x[lost] = np.nan
+    found = track(path, t, x, y).offset
+    assert np.isnan(found[lost]).all()
+    assert np.delete(found, np.r_[lost]) == pytest.approx(0.3, abs=4e-3)
+
+
 def test_at_standstill_and_beyond_the_ends_the_straight_continues() -> None:
     path = LaneChange(straight_m=15)
     t = np.array([0.0, 0.0, path.duration_s + 5])

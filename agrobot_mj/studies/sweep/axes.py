@@ -1,7 +1,8 @@
 """Values of a sweep: what an axis runs through, and what a draw is drawn from."""
 
 from collections.abc import Mapping
-from math import floor, isclose, isfinite, log
+from math import floor, isclose, log
+from sys import float_info
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from agrobot_mj.core.spec import Spec
 
 
 def _number(given: Any) -> Any:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not isfinite(given):
-        raise ValueError(f"must be a number, got {given!r}")
+    if isinstance(given, bool) or not isinstance(given, int | float) or not abs(given) <= float_info.max:
+        raise ValueError(f"must be a number, got {given!r:.60}")
     return given
 
 

@@ -119,6 +119,11 @@ def test_refuses_numbers_of_seeds_that_cannot_be_counted_up(plan, seeds):
     assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
+def test_refuses_a_number_that_no_float_holds(plan):
+    text = f'base = "circle"\n[axes]\n"path.radius_m" = {{ from = 5, to = 1{"0" * 400}, count = 3 }}\n'
+    assert "must be a number, got 1000" in faults(plan, text)[0]
+
+
 def test_every_fault_of_the_file_is_reported_at_once(plan):
     text = """
 base = "side_slope"
