@@ -6,10 +6,9 @@ one, whatever quality it claims; so is a yaw rate while the wheels turn. The ant
 turns as the tractor does. SI units.
 """
 
-from math import atan2, exp, hypot, isfinite, nan
+from math import atan2, exp, hypot, isfinite, nan, pi, remainder
 from typing import NamedTuple
 
-from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 
 DRIFT_TIME_S = 20.0
@@ -21,6 +20,10 @@ GAP_S = 0.5
 """Time between two fixes beyond which nothing is known of the way between them [s]. Estimate: ten lost fixes."""
 MOVING_M_S = 0.4
 """Speed from which on a tractor moves: ten times the noise of a velocity [m/s]. Estimate."""
+COURSE_M_S = 0.25
+"""Speed from which on a velocity has a course: eight times its noise [m/s]. Estimate."""
+HELD_S = 5.0
+"""Time without a course for which turns remain comparable: a usual bias adds 1.5 deg [s]. Estimate."""
 
 
 class Evidence(NamedTuple):
@@ -92,20 +95,23 @@ class GyroEvidence(NamedTuple):
 
 
 class TurnEvidence(NamedTuple):
-    """What the course of the fixes turns beside the gyro: its mean of late over one of longer."""
+    """What the course of the fixes turns beside the gyro: its mean of late over one of longer.
 
-    course: float = nan
-    """Course of the last fix; NaN before one in motion [rad]."""
+    What is known holds for HELD_S without a fix of good quality in motion; a fix counts for GAP_S at most.
+    """
+
     t: float = 0.0
-    """Time of that fix [s]."""
+    """Time of the last such fix [s]."""
+    turned: float = 0.0
+    """Integral of the gyro [rad]."""
+    difference: float = nan
+    """Course of that fix less what the gyro had turned when it was taken; NaN before the first [rad]."""
     known_s: float = 0.0
-    """Time since the first fix [s]."""
-    difference: float = 0.0
-    """Turn of the course less that of the gyro since the first fix [rad]."""
+    """Time for which the fixes count [s]."""
     late: float = 0.0
-    """Its mean over `SWAY_S` [rad]."""
+    """Mean of the difference over SWAY_S [rad]."""
     long: float = 0.0
-    """Its mean over `TURN_TIME_S` [rad]."""
+    """Its mean over TURN_TIME_S [rad]."""
 
     @property
     def apart(self) -> float:
@@ -113,18 +119,20 @@ class TurnEvidence(NamedTuple):
         return abs(self.late - self.long)
 
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
-        """Evidence after a tick of `dt` [s]; it starts over without gyro or a fix of good quality in motion."""
-        fix, difference, time = measured.fix, self.difference - measured.gyro * dt, measured.t - self.t
-        if difference != difference or (self.course == self.course and time > GAP_S):
-            return TurnEvidence()
-        if fix is None:
-            return self._replace(difference=difference)
-        if measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= MOVING_M_S:
-            return TurnEvidence()
-        course = atan2(fix.vy, fix.vx)
-        if self.course != self.course:
-            return TurnEvidence(course, measured.t)
-        known, difference = self.known_s + time, difference + wrap(course - self.course)
-        late = self.late + (difference - self.late) * time / min(known, SWAY_S)
-        long = self.long + (difference - self.long) * time / min(known, TURN_TIME_S)
-        return TurnEvidence(course, measured.t, known, difference, late, long)
+        """Evidence after a tick of `dt` [s]; it starts over without gyro, and after HELD_S."""
+        fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
+        if turned != turned or (time > HELD_S and self.known_s > 0.0):
+            return TurnEvidence(measured.t)
+        if fix is None or measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= COURSE_M_S:
+            return self._replace(turned=turned)
+        age = measured.t - fix.t if isfinite(fix.t) else 0.0
+        difference = atan2(fix.vy, fix.vx) - turned + age * measured.gyro
+        if self.difference != self.difference:
+            return TurnEvidence(measured.t, turned, difference, 0.0, difference, difference)
+        # in reverse the course is half a turn off
+        difference = self.difference + remainder(difference - self.difference, pi)
+        step = min(time, GAP_S)
+        known = self.known_s + step
+        late = self.late + (difference - self.late) * step / min(known, SWAY_S)
+        long = self.long + (difference - self.long) * step / min(known, TURN_TIME_S)
+        return TurnEvidence(measured.t, turned, difference, known, late, long)

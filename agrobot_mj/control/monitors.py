@@ -127,7 +127,7 @@ class SupervisorLimits(Reporting):
     fixes have noise."""
     max_course_mismatch_deg: Positive = 8.0
     """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg].
-    Estimate (6-15): sound runs reach 3, late fixes in bends 5, a constant bias of 1 deg/s all of it."""
+    Estimate (6-15): sound runs reach 5 (on bumps), a constant bias of 1 deg/s all of it."""
     max_fix_drift_m: Positive = 0.4
     """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
     Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.03."""

@@ -130,13 +130,17 @@ def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
     assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
 
 
-def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2):
-    """Largest difference [deg] of the turns of a course [rad] and a gyro [rad/s], of a fix every so many ticks."""
+def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0):
+    """Largest difference [deg] of the turns of a course [rad] and a gyro [rad/s].
+
+    There is a fix every so many ticks, which is `late` ticks old.
+    """
     evidence, largest = TurnEvidence(), 0.0
     speeds, gyros = np.broadcast_to(speed, course.shape), np.broadcast_to(gyro, course.shape)
-    for k, (angle, u, rate) in enumerate(zip(course.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
-        fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * k) if k % every == 0 else None
-        evidence = evidence.after(Measurement(TICK * k, fix, quality, 0.0, 0.2, rate), TICK)
+    claimed, seen = np.broadcast_to(quality, course.shape), course[np.maximum(np.arange(len(course)) - late, 0)]
+    for k, (angle, u, rate) in enumerate(zip(seen.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
+        fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * (k - late)) if k % every == 0 else None
+        evidence = evidence.after(Measurement(TICK * k, fix, claimed[k], 0.0, 0.2, rate), TICK)
         largest = max(largest, degrees(evidence.apart))
     return largest
 
@@ -154,7 +158,18 @@ def test_course_and_gyro_turn_apart_only_where_one_of_them_is_wrong():
     assert turns_apart(bends, rate + np.radians(3.0)) > 8.0
     assert turns_apart(bends, np.nan) == 0.0
     assert turns_apart(bends, 0.0, quality=Quality.FLOAT) == 0.0
-    assert turns_apart(bends, 0.0, every=20) == 0.0, "nothing is known of the way between them"
+    assert turns_apart(bends, 0.0, every=120) == 0.0, "nothing is known of the way between them"
+
+
+def test_course_and_gyro_stay_comparable_where_fixes_are_slow_few_poor_or_late():
+    t = TICK * np.arange(800)
+    rate = 0.4 * np.sin(0.5 * t)
+    bends, wrong = np.cumsum(rate) * TICK, np.radians(4.0)
+    crawling = np.where(t % 3.0 < 1.5, 0.1, 1.0)
+    poor = np.where(t % 4.0 < 2.0, Quality.FLOAT, Quality.FIX)
+    for limits in ({"every": 20}, {"speed": 0.3}, {"speed": crawling}, {"quality": poor}, {"late": 10}):
+        assert turns_apart(bends, rate + np.radians(0.3), **limits) < 5.0
+        assert turns_apart(bends, rate + wrong, **limits) > 8.0
 
 
 @pytest.mark.parametrize(
