@@ -91,6 +91,18 @@ def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
     assert all(word in told for word in words), told
 
 
+@pytest.mark.parametrize(("machine", "grade_deg", "direction_deg"), [("riding", 10, 90), ("robot", 18, 0)])
+def test_held_wheels_that_tremble_are_told_to_take_a_shorter_step(machine, grade_deg, direction_deg, capsys):
+    slope = {"kind": "slope", "grade_deg": grade_deg, "direction_deg": direction_deg}
+    scenario = load_scenario("straight_line", {"machine": machine, "terrain": slope, "plant.settle_limit_s": 10.0})
+    Loop(scenario.changed({"physics_dt_s": 0.005}))
+    told = capsys.readouterr().err
+    assert "it creeps" in told
+    assert "a shorter step" in told
+    Loop(scenario.changed({"physics_dt_s": 0.0025}))
+    assert capsys.readouterr().err == ""
+
+
 def test_a_light_machine_that_trembles_from_step_to_step_is_at_rest(capsys):
     Loop(load_scenario("straight_line", {"machine": "riding", "physics": "fast"}))
     assert capsys.readouterr().err == ""

@@ -24,6 +24,8 @@ GONE_M = 5.0
 """Distance from which a tractor that moves off is no longer watched [m]. Estimate."""
 SLIDING = 0.02
 """Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Estimate."""
+GRIPPING = 0.95
+"""Use of friction up to which held tyres do not slide: what then creeps is the physics step [-]. Estimate."""
 
 
 class RecentMotion:
@@ -94,30 +96,33 @@ def rest_warning(found: Unsettled, settled_s: float, machine: Machine, ground: G
         return ""
     if found.recent.drift < TRAVELLING * speed:
         how = f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
-    elif abs(found.truth.wheel_speed) < ROLLING * found.recent.drift:
-        how = _held(found.recent.drift, float(found.wheels[:, 5].max()), where)
     else:
-        how = _rolling(found, machine, where, atan(east * cos(found.truth.yaw) + north * sin(found.truth.yaw)))
+        along = atan(east * cos(found.truth.yaw) + north * sin(found.truth.yaw))
+        turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
+        rolls = _rolling(found, machine, where, along) if turning else ""
+        how = rolls or _held(found.recent.drift, float(found.wheels[:, 5].max()), where)
     told = f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
     return f"plant.settle_limit_s: {told}: {how}; the run starts like that"
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """How it moves at `drift` [m/s] although its rear wheels do not turn, at this use of friction [-]."""
+    """How it moves at `drift` [m/s] although its rear wheels are held, at this use of friction [-]."""
     how = "slides" if drift > SLIDING else "creeps"
+    shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
         f"it {how} {where} with its rear wheels held, at {100 * used:.0f} % of the tyres' grip; "
-        "gentler ground (terrain) or other tyres (plant.tyre)"
+        f"{shorter}gentler ground (terrain) or other tyres (plant.tyre)"
     )
 
 
 def _rolling(found: Unsettled, machine: Machine, where: str, along: float) -> str:
-    """Why its wheels turn on ground that rises by `along` in its heading [rad]."""
+    """Why its wheels turn on ground that rises by `along` in its heading [rad]; empty if the drive holds them, so that
+    they only tremble from step to step."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)
     if driveline.connected and needed < strength.torque:
-        return f"its wheels roll back and forth {where}; a longer plant.settle_limit_s lets them come to rest"
+        return ""
     drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if driveline.connected else "driveline.connected (no)"
     return (
         f"its wheels roll {where}, since drive and brake give way: {found.mass:.0f} kg need {needed:.0f} N m, which is "
