@@ -16,7 +16,7 @@ OTHER_LAP = 0.02
 
 def hints(scenario: Scenario) -> list[str]:
     """One line for each key without effect, or that does not fit the machine's size or the path, beginning with it."""
-    return [*_faults(scenario), *_overruled(scenario), *_machine(scenario), *_learned(scenario)]
+    return [*_faults(scenario), *_late(scenario), *_overruled(scenario), *_machine(scenario), *_learned(scenario)]
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:
@@ -28,6 +28,14 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         elif not fault.active(first):
             window = f"{fault.start_s:g} to {fault.last_s:g} s"
             yield f"fault[{k}]: its window, {window}, holds no tick of {TICK_S:g} s; it will not act"
+
+
+def _late(scenario: Scenario) -> Iterator[str]:
+    """Fixes that are always older than the supervisor bears."""
+    late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
+    if scenario.supervisor.enabled and late > most:
+        why = f"fixes are older all the time (sensors.gnss.latency_s = {late:g} s), and the pedal is held"
+        yield f"supervisor.coasting_after_s: {most:g} s; {why}"
 
 
 def _overruled(scenario: Scenario) -> Iterator[str]:

@@ -76,6 +76,13 @@ def test_a_fault_that_never_acts_is_reported(window, said):
     assert bool(run(short).column("faults_active").any()) == (said is None)
 
 
+@pytest.mark.parametrize(("latency_s", "told"), [(1.0, True), (0.5, False)])
+def test_fixes_that_the_supervisor_never_takes_for_new_are_reported(latency_s, told):
+    late = {"supervisor.enabled": True, "sensors.gnss.latency_s": latency_s}
+    found = hints(load_scenario("figure_eight", late))
+    assert [line.startswith("supervisor.coasting_after_s: 0.6 s") for line in found] == ([True] if told else [])
+
+
 def test_the_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
     fault = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle")
     arguments = ["run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", str(tmp_path / "out")]
