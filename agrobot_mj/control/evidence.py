@@ -6,7 +6,7 @@ one, whatever quality it claims; so is a yaw rate while the wheels turn. The ant
 turns as the tractor does. SI units.
 """
 
-from math import atan2, copysign, exp, hypot, isfinite, nan, pi, remainder
+from math import atan2, exp, hypot, isfinite, nan, pi, remainder
 from typing import NamedTuple
 
 from agrobot_mj.core.signals import Fix, Measurement, Quality
@@ -24,9 +24,6 @@ COURSE_M_S = 0.25
 """Speed from which on a velocity has a course: eight times its noise [m/s]. Estimate."""
 HELD_S = 5.0
 """Time without a course for which turns remain comparable: a usual bias adds 1.5 deg [s]. Estimate."""
-
-SWING_TIME_S = 10.0
-"""Time in which swings are forgotten [s]. Estimate: wheels that swing about their command do so once in 0.8-1.7 s."""
 
 
 class Evidence(NamedTuple):
@@ -139,18 +136,3 @@ class TurnEvidence(NamedTuple):
         late = self.late + (difference - self.late) * step / min(known, SWAY_S)
         long = self.long + (difference - self.long) * step / min(known, TURN_TIME_S)
         return TurnEvidence(measured.t, turned, difference, known, late, long)
-
-
-class SwingEvidence(NamedTuple):
-    """How often the wheels have gone from one side of their command to the other."""
-
-    side: float = 0.0
-    """Side of the command on which they were last far off: 1, -1, 0 before [-]."""
-    swings: float = 0.0
-    """Number of changes, forgotten within SWING_TIME_S [-]."""
-
-    def after(self, mismatch: float, far: float, dt: float) -> "SwingEvidence":
-        """Evidence after a tick of `dt` [s] in which the wheels are `mismatch` from their command; beyond `far` counts
-        [rad]."""
-        side = copysign(1.0, mismatch) if abs(mismatch) > far else self.side
-        return SwingEvidence(side, self.swings * exp(-dt / SWING_TIME_S) + (side * self.side < 0.0))

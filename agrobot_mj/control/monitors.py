@@ -12,7 +12,7 @@ from math import atan, copysign, degrees, hypot, nan, tan
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence, SwingEvidence, TurnEvidence
+from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence, TurnEvidence
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -62,8 +62,6 @@ class Watched(NamedTuple):
     """Since when the gyro gives its reading."""
     turn: TurnEvidence = TurnEvidence()
     """What the fixes' course turns beside the gyro."""
-    steering: SwingEvidence = SwingEvidence()
-    """How often the wheels swing about their command."""
     pedal_mismatch: float = 0.0
     """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
     pedal_rate: float = 0.0
@@ -92,9 +90,6 @@ class SupervisorLimits(Reporting):
     """Difference of commanded and measured steering angle that is too much [deg]. Estimate (5-20)."""
     steer_mismatch_s: Positive = 2.0
     """Duration of such a difference at which it stops [s]. Estimate (1-4): from stop to stop the valve takes 3.5."""
-    max_steer_swings: Positive = 4.0
-    """Number of times that the wheels go from one side of their command to the other, each time that far off, forgotten
-    within 10 s, at which it stops [-]. Estimate (3-6): sound runs reach 2, late valves 7-12."""
     max_aligning_s: Positive = 15.0
     """Time after which it gives up aligning and stops [s]. Estimate (5-30)."""
     max_realigning_s: Positive = 4.0
@@ -157,7 +152,6 @@ class SupervisorLimits(Reporting):
                 *(mismatch, self.max_steer_mismatch_deg, self.steer_mismatch_s),
                 "wheels {:.0f} deg off the steering command",
             ),
-            Monitor(w.steering.swings, self.max_steer_swings, 0.0, "wheels swing about the steering command"),
             Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
             Monitor(u, top, self.overspeed_s, "drives at {:.1f} m/s, faster than commanded", cut=True),
             Monitor(

@@ -151,7 +151,6 @@ class Supervisor(SupervisorLimits):
             evidence=watched.evidence.after(measured),
             gyro=watched.gyro.after(measured),
             turn=watched.turn.after(measured, dt),
-            steering=watched.steering.after(mismatch, radians(self.max_steer_mismatch_deg), dt),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
             allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),

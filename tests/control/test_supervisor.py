@@ -121,15 +121,6 @@ def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
     assert word in state.reason
 
 
-@pytest.mark.parametrize(("swings", "mode"), [(3, Mode.TRACKING), (12, Mode.STOPPING)])
-def test_wheels_that_go_on_swinging_about_their_command_are_stopped(swings, mode):
-    """Each swing is shorter than `steer_mismatch_s`: a late valve under a law that is right for a sound one."""
-    wheels = 0.4 * np.sin(np.pi * np.arange(14 * swings) / 14)
-    state, _ = drive(Supervisor(), [seen(steer=angle) for angle in wheels.tolist()] + [seen()] * 40)
-    assert state.mode is mode
-    assert state.reason == ("" if mode is Mode.TRACKING else "wheels swing about the steering command")
-
-
 def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
     """Without noise it reads zero on a line; a packet may be late; and a wheel that is turned at rest turns nothing."""
     late = [0.001 * k for k in range(40)] + [0.04] * 7 + [0.001 * k for k in range(40, 80)]
