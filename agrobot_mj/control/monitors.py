@@ -12,13 +12,15 @@ from math import atan, copysign, degrees, hypot, nan, tan
 from typing import NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import MOVING_M_S, Evidence, GyroEvidence, TurnEvidence
+from agrobot_mj.control.evidence import COURSE_M_S, MOVING_M_S, Evidence, GyroEvidence, TurnEvidence
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 OVERSPEED_M_S = 0.15
 """Speed that is no overspeed at any command [m/s]. Estimate: four times the noise of a reading."""
+SWAYING_M_S = 0.8
+"""Speed below which the sway of the antenna turns the course by more, in inverse proportion [m/s]. Estimate."""
 HEAVIEST = 3.0
 """Largest ratio of a signal to its limit that counts in the time above the limit [-]. Estimate."""
 
@@ -126,8 +128,8 @@ class SupervisorLimits(Reporting):
     """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Estimate (0.2-1):
     fixes have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg].
-    Estimate (6-15): sound runs reach 5 (on bumps), a constant bias of 1 deg/s all of it."""
+    """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg];
+    more below 0.8 m/s. Estimate (6-15): sound runs reach 5 (on bumps), a constant bias of 1 deg/s all of it."""
     max_fix_drift_m: Positive = 0.4
     """Distance of the fixes from where their own velocities lead, forgotten within 20 s, at which it stops [m].
     Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.03."""
@@ -143,6 +145,7 @@ class SupervisorLimits(Reporting):
         off, mismatch = w.offset if w.tracked else 0.0, degrees(abs(w.mismatch))
         steer, turning = degrees(situation.steer), _angle_of_turn(situation, measured.gyro)
         angle = self.max_angle_mismatch_deg + self.max_angle_mismatch_share * max(abs(steer), abs(turning))
+        course = self.max_course_mismatch_deg * max(1.0, SWAYING_M_S / max(u, COURSE_M_S))
         return (
             Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),
             Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position known to {:.2f} m only"),
@@ -173,7 +176,7 @@ class SupervisorLimits(Reporting):
                 *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one reading in a turn of {:.1f} deg/s",
             ),
-            Monitor(degrees(w.turn.apart), self.max_course_mismatch_deg, 0.0, "fixes turn {:.0f} deg beside the gyro"),
+            Monitor(degrees(w.turn.apart), course, 0.0, "fixes turn {:.0f} deg beside the gyro"),
         )
 
     def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:
