@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.studies.pages.document import COLOURS
-from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped
+from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -39,18 +38,22 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str]) -> Figure:
-    """Error of the successful runs over each parameter that is a number."""
-    rows = -(-len(numeric) // 2)
-    figure = Figure((2 * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
-    grid = figure.subplots(rows, 2, squeeze=False).ravel()
+    """Error of the successful runs and its median over each parameter that is a number."""
+    columns = min(len(numeric), 2)
+    rows = -(-len(numeric) // columns)
+    figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, parameter in zip(grid, numeric, strict=False):
         for k, group in enumerate(groups):
             good = [row for row in group.rows if error_of(row, METRIC) is not None]
-            x, y = np.array([row[parameter] for row in good]), group.values
-            axes.plot(x, y, ".", color=COLOURS[k % len(COLOURS)], markersize=3, label=group.name)
+            x, colour = [row[parameter] for row in good], COLOURS[k % len(COLOURS)]
+            axes.plot(x, group.values, ".", color=colour, markersize=3, label=group.name)
+            if good:
+                curve = median_curve(group, parameter, colour)
+                axes.plot(curve["x"], curve["y"], color=colour, linewidth=1)
         axes.set(xlabel=parameter, ylabel=LABEL)
     for axes in grid[len(numeric) :]:
         axes.remove()
     handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(groups), 4))
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(groups), 2 * columns))
     return figure

@@ -262,7 +262,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand) -> Char
              "hovertemplate": f"{parameter} %{{x}}<br>%{{y:.3g}} cm<extra>%{{fullData.name}}</extra>"}
         )  # fmt: skip
         if len(group.values):
-            data.append(_median_curve(group, parameter, colour))
+            data.append(median_curve(group, parameter, colour))
     return {"data": data, "layout": layout(parameter, LABEL)}
 
 
@@ -274,7 +274,7 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
     return [end(stretch, key=_badness) for stretch in stretches for end in (min, max)]
 
 
-def _median_curve(group: Group, parameter: str, colour: str) -> Chart:
+def median_curve(group: Group, parameter: str, colour: str) -> Chart:
     """Median and 10 to 90 % of the successful runs at each value, or in six classes of as many runs."""
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     if len({row[parameter] for row in rows}) <= MOST_VALUES / 2:
