@@ -497,3 +497,11 @@ def test_a_stopped_comparison_leaves_no_process(number):
             process.kill()
             for pid in alive(workers):
                 os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("arguments", [("tune", "circle", "x" * 50_000), ("run", "--" + "x" * 50_000), ("x" * 50_000,)])
+def test_a_usage_error_shortens_what_it_repeats(call, arguments):
+    status, _, said = call(*arguments)
+    assert status == 2
+    assert "xxx" in said
+    assert len(said) < 5000

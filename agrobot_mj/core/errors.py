@@ -12,11 +12,16 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
+def shortened_lines(text: str) -> str:
+    """A text with lines of at most about `LONGEST_LINE` characters."""
+    return "\n".join(shortened(line, LONGEST_LINE) for line in text.split("\n"))
+
+
 class ScenarioError(ValueError):
     """Input that cannot be run; its text is the whole message for the user."""
 
     def __init__(self, text: str = "") -> None:
-        super().__init__("\n".join(shortened(line, LONGEST_LINE) for line in str(text).split("\n")))
+        super().__init__(shortened_lines(str(text)))
 
 
 class CommandError(ValueError):

@@ -48,6 +48,8 @@ LARGEST_FIELD_M = 100e3
 """Largest distance between two fixes [m]: beyond it a fix is none."""
 FARTHEST_M = 50e3
 """Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
+FEWEST = 4
+"""Number of values below which there is nothing to interpolate [-]."""
 SMOOTHING_S = 1.0
 """Length of the cubic that differentiates headings and courses [s]."""
 COURSE_S = 2.0
@@ -125,7 +127,10 @@ class FieldRecording(NamedTuple):
         return first, last
 
     def between(self, start: float, end: float) -> "FieldRecording":
-        """The part from `start` to `end` [s]. Raises `FieldLogError` where there is none, or an input has a gap."""
+        """The part from `start` to `end` [s], without what has fewer than `FEWEST` values in it.
+
+        Raises `FieldLogError` where there is no such part, or an input has a gap.
+        """
         first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
             t = getattr(self, part).between(first - LONGEST_GAP_S, last + LONGEST_GAP_S).t
@@ -136,12 +141,10 @@ class FieldRecording(NamedTuple):
                     f"{self.name}: {column!r} has no value from {t[k]:.2f} to {t[k + 1]:.2f} s; "
                     "take a part of the log with --from and --to"
                 )
-        cut = {
-            key: series.between(first, last)
-            for key in ("yaw_rate", "heading", "position")
-            if (series := getattr(self, key)) is not None
-        }
-        return self._replace(start=first, end=last, **cut)
+        compared = (self.yaw_rate, self.heading, self.position)
+        parts = [series.between(first, last) if series else None for series in compared]
+        yaw_rate, heading, position = (part if part and len(part.t) >= FEWEST else None for part in parts)
+        return self._replace(start=first, end=last, yaw_rate=yaw_rate, heading=heading, position=position)
 
 
 def read_recording(
@@ -232,7 +235,7 @@ class _Reader(NamedTuple):
         good = np.isfinite(a) & np.isfinite(b)
         if c.quality:
             good &= self.good[c.quality]
-        if good.sum() < 4:
+        if good.sum() < FEWEST:
             what = f"with {c.quality!r} in {list(c.accepted)}; see position.accepted" if c.quality else "in them"
             raise FieldLogError(f"{self.name}: {first!r} and {second!r} have {good.sum()} positions {what}")
         a, b = a[good], b[good]
@@ -265,7 +268,7 @@ class _Reader(NamedTuple):
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
         """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
         good = np.isfinite(values)
-        if good.sum() < 4:
+        if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")
         if (worst := float(np.abs(values[good]).max())) > bound:
             raise FieldLogError(
@@ -278,7 +281,7 @@ def _fresh(series: TimeSeries) -> TimeSeries:
     """The series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
-    return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= 4 else series
+    return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def _sharpened(series: TimeSeries, length: float) -> Array:

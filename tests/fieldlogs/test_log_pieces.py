@@ -100,3 +100,15 @@ def test_words_and_booleans_are_qualities():
     found = read(columns, LogMap.model_validate(tables))
     assert found.position.t.max() < columns["t"][300]
     assert found.heading.t.min() >= columns["t"][100]
+
+
+@pytest.mark.parametrize("values", [0, 1, 3])
+def test_a_part_with_few_values_of_a_heading_has_none(values):
+    """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
+    _, columns, log_map = shunt()
+    late = np.arange(len(columns["t"])) >= 200 - values
+    columns["heading"] = np.where(late, columns["heading"], np.nan)
+    part = read(columns, log_map).between(5.0, 9.97)
+    assert part.heading is None
+    assert part.position is not None
+    assert read(columns, log_map).between(5.0, 10.5).heading is not None
