@@ -12,11 +12,13 @@ ahead without turning its heading, and rest without an offset beside an arc or o
 integrates.
 """
 
-from math import cos, sin, tanh
+from math import cos, hypot, sin, sqrt, tanh
 from typing import ClassVar, Literal
 
-from agrobot_mj.control.base import GuidanceLaw, Situation, YawController
+from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Situation, YawController
 from agrobot_mj.control.cascade import Cascade
+from agrobot_mj.control.following import TURNING_S
+from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -37,26 +39,37 @@ class CascadeLaw(GuidanceLaw):
     """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
     scheduled_above_m_s: Positive | None = None
     """Speed beyond which the yaw controller's gains fall as its inverse square, since the reference answers the heading
-    by u / l_r, and the yaw rate the steering by u / L [m/s]; 1.5 with tuned gains, never when null, as in the paper.
-    Estimate (1.2-2)."""
+    by u / l_r, and the yaw rate the steering by u / L [m/s]; 1.5 with tuned gains. When null they never do, and the law
+    asks for any turn, as in the paper. Estimate (1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
-    tunable: ClassVar = {"gain_per_m": (0.1, 1.5)}
+    tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
     """Ranges in which the gains are sought."""
     holds_lane_change: ClassVar = True
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""
-        k_s, k_e, l_r, psi = self.saturation_m_s, self.gain_per_m, cg_to_rear_axle, estimate.yaw
+        k_s, k_e, l_r, psi = self.saturation(reference), self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))
         vy = reference.vy + k_s * tanh(k_e * (reference.y - estimate.y))
         u_ref = cos(psi) * vx + sin(psi) * vy
         gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
         return u_ref, gamma_ref
 
+    def saturation(self, reference: Reference) -> float:
+        """Largest velocity that closes an error at the speed of the reference, k_s [m/s]."""
+        return self.saturation_m_s
+
+    @property
+    def ends_turns(self) -> bool:
+        """Whether the law asks only for turns that the steering can end."""
+        return self.scheduled_above_m_s is not None
+
     def setpoints(self, situation: Situation) -> tuple[float, float]:
         """Speed [m/s] and yaw-rate [rad/s] references."""
-        return self.references(situation.estimate, situation.reference, situation.machine.cg_to_rear_axle)
+        m = situation.machine
+        speed, yaw_rate = self.references(situation.estimate, situation.reference, m.cg_to_rear_axle)
+        return speed, _ended(yaw_rate, situation) if self.ends_turns else yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
         """Wheelbase over that of the paper's tractor, less beyond `scheduled_above_m_s`, negative in reverse [-]."""
@@ -79,3 +92,25 @@ class Kinematic(CascadeLaw):
     """The paper's guidance: position error to yaw rate, yaw rate to steering."""
 
     kind: Literal["kinematic"] = "kinematic"
+
+    def saturation(self, reference: Reference) -> float:
+        """More beyond `scheduled_above_m_s`, as the root of the speed [m/s].
+
+        A step of curvature, which nothing foresees, leads farther away; as the speed itself it would swing over a line.
+        """
+        above = self.scheduled_above_m_s
+        return self.saturation_m_s * (sqrt(max(hypot(reference.vx, reference.vy) / above, 1.0)) if above else 1.0)
+
+
+def _ended(yaw_rate: float, situation: Situation) -> float:
+    """The yaw-rate reference [rad/s], or as much of it as the steering can end in time.
+
+    A tractor slower than its reference turns as much slower. A heading error e asks for a yaw rate u e / l_r beside
+    that of the path; wheels that turn back at the rate r end it in time if it is at most sqrt(2 u r e / L), the root
+    of (2 r l_r / L) times what is asked for.
+    """
+    m, r, u = situation.machine, situation.reference, situation.estimate.speed
+    turn = r.curvature * u
+    beside = yaw_rate * min(abs(u) / max(hypot(r.vx, r.vy), SLOWEST_M_S), 1.0) - turn
+    most = sqrt(2.0 * m.steer_limit / TURNING_S * m.cg_to_rear_axle / m.wheelbase_m * abs(beside))
+    return turn + clip(beside, -most, most)

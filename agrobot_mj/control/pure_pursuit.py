@@ -12,16 +12,20 @@ steering error leaves an offset, and corners of the curvature are cut by about t
 radii. With a distance too short for the lag that the prediction leaves, the tractor weaves.
 """
 
-from math import atan, copysign, cos, radians, sin, tan
+from math import atan, copysign, cos, radians, sin, sqrt, tan
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from agrobot_mj.control.base import Situation
+from agrobot_mj.control.base import SLOWEST_M_S, Situation
 from agrobot_mj.control.following import Beside, Following, sideslip
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.spec import NonNegative, Positive
+
+BRISK_M_S = 1.2
+"""Speed below which a shorter look-ahead does [m/s]: the valve has more time a metre, and the line is reached sooner.
+Estimate, that of the paper."""
 
 
 class PurePursuit(Following):
@@ -33,7 +37,8 @@ class PurePursuit(Following):
     lookahead_s: NonNegative = 0.28
     """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""
     lookahead_m: Positive = 1.9
-    """Look-ahead distance at rest [m]. Estimate (0.6-2.4), searched; below 1 it weaves on a worn valve."""
+    """Part of the look-ahead distance that does not grow with the speed, from `BRISK_M_S` on [m]. Estimate (0.6-2.4),
+    searched; below 1 it weaves on a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.57
     """Time ahead at which the arc begins [s]. Estimate: searched; delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
@@ -58,7 +63,9 @@ class PurePursuit(Following):
         Straight on beyond the end of the leg.
         """
         l_r, route, end = situation.machine.cg_to_rear_axle, situation.route, beside.leg[1]
-        reach = way + self.lookahead_m + self.lookahead_s * abs(situation.estimate.speed)
+        u = abs(situation.estimate.speed)
+        pace = max(u, route.ahead(beside.place.s + self.lookahead_m).speed, SLOWEST_M_S)  # where it soon will be
+        reach = way + self.lookahead_m * min(sqrt(pace / BRISK_M_S), 1.0) + self.lookahead_s * u
         far = reach * tan(radians(self.approach_deg))
         s = min(beside.place.s + reach, end)
         goal, beta = route.ahead(s), sideslip(route, s, beside.direction, beside.leg, l_r)
