@@ -110,8 +110,8 @@ def compare(
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import tally
     from agrobot_mj.studies.compare import compare as drive_all
+    from agrobot_mj.studies.compare import legend, notes, table
     from agrobot_mj.studies.compare_plan import plan
-    from agrobot_mj.studies.tables import legend, notes, table
 
     scenario = load_scenario(source, overrides(sets))
     kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}

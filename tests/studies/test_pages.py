@@ -22,7 +22,7 @@ from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
-from agrobot_mj.studies.pages.print import ranking
+from agrobot_mj.studies.pages.report import ranking
 from agrobot_mj.studies.pages.sweep import Group, RerunCommand, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 

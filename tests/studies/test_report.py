@@ -14,8 +14,8 @@ from agrobot_mj.core.signals import Reference
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.paths import Circle, FigureEight, Line
 from agrobot_mj.studies import report, style
+from agrobot_mj.studies.compare import legend, table
 from agrobot_mj.studies.report import ReportedRun, q, write_figures
-from agrobot_mj.studies.tables import legend, table
 
 NAMES = ["trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q"]
 CONTROLLERS = {"pd": 0.5, "pd_isgn": 0.3, "pd_t1fnn": 0.2, "pd_t2fnn": 0.1}

@@ -1,11 +1,93 @@
-"""Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler."""
+"""Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler that is there already.
 
+Workers of a scheduler need this version of the package, the plugin files at the same paths, and the data files that
+scenarios name.
+"""
+
+import logging
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from agrobot_mj.studies.engine.cluster import dask_cluster
-from agrobot_mj.studies.engine.pool import Pool, cores
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.extras import required
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.plugins import load_plugins, loaded_files
+from agrobot_mj.studies.engine.pool import AHEAD, Pool, cores, stream
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, perform
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+PATIENCE_S = 10
+"""Time that a scheduler has to answer [s]."""
+
+
+@contextmanager
+def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
+    """What does tasks over a scheduler within the block.
+
+    Raises `ScenarioError` if the scheduler cannot be reached or is lost, or if its workers cannot do the work.
+    """
+    # Its own account of a lost scheduler is a traceback; ours is the message below.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    with _client(address) as client:
+        window = AHEAD * _workers(client, address)
+        executor, function = client.get_executor(pure=False), partial(_perform, plugins=loaded_files())
+
+        def over_dask(tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+            for task, future in stream(executor, function, iter(tasks), window):
+                error = future.exception()
+                if isinstance(error, OSError):
+                    raise error
+                yield task, future.result() if error is None else failure(f"{type(error).__name__}: {error}")
+
+        try:
+            yield over_dask
+        except CancelledError:
+            raise ScenarioError(
+                f"--scheduler {address}: was lost; what is done is kept, the same command goes on with the rest"
+            ) from None
+
+
+def _client(address: str) -> "Client":
+    distributed = required("distributed", "cluster", "--scheduler")
+    try:
+        return distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        reason = f"no answer within {PATIENCE_S} s" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
+        raise ScenarioError(
+            f"--scheduler {address}: cannot be reached: {reason}; give its address as tcp://HOST:8786"
+        ) from None
+
+
+def _workers(client: "Client", address: str) -> int:
+    """Number of threads of the workers, once each has said that it has this version and the plugins."""
+    try:
+        versions: dict[str, Any] = client.run(_ready, loaded_files())
+    except Exception as error:
+        raise ScenarioError(f"--scheduler {address}: a worker is not ready: {type(error).__name__}: {error}") from None
+    if not versions:
+        raise ScenarioError(f"--scheduler {address}: has no workers; start some with: dask worker {address}")
+    for worker, version in versions.items():
+        if version != __version__:
+            raise ScenarioError(f"--scheduler {address}: worker {worker} has agrobot_mj {version}, not {__version__}")
+    return max(1, sum(map(int, client.nthreads().values())))
+
+
+def _ready(plugins: tuple[Path, ...]) -> str:
+    """The version of a worker, with the plugins loaded."""
+    load_plugins(plugins)
+    return __version__
+
+
+def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
+    load_plugins(plugins)  # of a worker that has joined late
+    return perform(task)
+
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]

@@ -16,8 +16,14 @@ from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.closeness import Closeness, check_closeness
 from agrobot_mj.studies.courses import courses, courses_figure
 from agrobot_mj.studies.engine import Task, base_text, resuming
-from agrobot_mj.studies.falsify.question import NOT_FOUND, Combination, Falsified, FalsifyQuestion
-from agrobot_mj.studies.falsify.search import CONFIRMED, FalsifySearch
+from agrobot_mj.studies.falsify.search import (
+    CONFIRMED,
+    NOT_FOUND,
+    Combination,
+    Falsified,
+    FalsifyQuestion,
+    FalsifySearch,
+)
 from agrobot_mj.studies.limit.question import condition_of
 from agrobot_mj.studies.style import STYLE, save
 

@@ -23,8 +23,7 @@ from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, enlargement, re
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.sweep.plan import SweepPlan
-from agrobot_mj.studies.sweep.portable import renamed
-from agrobot_mj.studies.sweep.schema import read_sweep
+from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"

@@ -11,8 +11,7 @@ from agrobot_mj.simulation.branching import EVERY, Branch
 from agrobot_mj.studies.closeness import Closeness, Rises
 from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
 from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.risk.question import RiskQuestion
-from agrobot_mj.studies.risk.splitting import Split, Wanted, split
+from agrobot_mj.studies.risk.splitting import RiskQuestion, Split, Wanted, split
 
 AHEAD_S = 1.0
 """Time ahead for which runs are judged by where they are going [s]. Estimate (0.5-2: heading to position)."""

@@ -1,19 +1,22 @@
-"""Adaptive multilevel splitting: the probability of what hardly any path of a random process does [Cerou2007].
+"""The probability of a rare failure by adaptive multilevel splitting [Cerou2007]: question, algorithm, and estimate.
 
-Each path has a level, the highest score that it reached; a path that failed has an infinite one. In a round the lowest
-of n paths die, and each is replaced by a copy of a survivor up to the first moment at which that was above the level of
-the dead, from where it goes on by noise of its own. A round in which k paths die leaves (n - k) / n of the weight.
+Each run has a level, the highest score that it reached; one that failed has an infinite one. In a round the lowest of n
+runs die, and each is replaced by a copy of a survivor up to the first moment at which that was above the level of the
+dead, from where it goes on by noise of its own. A round in which k runs die leaves (n - k) / n of the weight.
 
 In discrete time, and with scores that repeat, the estimate has no bias, whatever n, the score, or the rule to stop, if
-two inequalities are strict [Brehier2016]: all paths at or below the level die, however many they are, and a copy goes
+two inequalities are strict [Brehier2016]: all runs at or below the level die, however many they are, and a copy goes
 its own way from a score above it, not at it. Where none survives the estimate is 0.
 """
 
-from collections.abc import Generator
-from math import inf
+from collections.abc import Generator, Sequence
+from math import exp, fsum, inf, isfinite, sqrt
 from typing import NamedTuple, Protocol, TypeVar
 
 from numpy.random import Generator as Random
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.studies.statistics import wilson_interval
 
 
 class Leveled(Protocol):
@@ -67,3 +70,77 @@ def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wa
         paths = alive
     failed = sum(path.level == inf for path in paths)
     return Split(weight * failed / n, weight, failed, tuple(trace), driven)
+
+
+CONFIDENCE = 0.95
+"""Confidence of the interval [-]."""
+
+
+class RiskQuestion(NamedTuple):
+    """What is to be found."""
+
+    until: str
+    """Condition at which a run counts as failed."""
+    particles: int = 50
+    """Runs that are split together [-]."""
+    repeats: int = 10
+    """Independent splittings, whose spread gives the interval [-]."""
+    score: str | None = None
+    """Signal whose magnitude says how close a run is; that of the condition's metrics if None."""
+    least: float = 1e-6
+    """Probability below which a failure is not sought [-]."""
+
+    @property
+    def worst(self) -> int:
+        """Runs that die in a round, at least: a tenth, so that several can be driven at a time."""
+        return max(1, self.particles // 10)
+
+    def check(self) -> None:
+        """Raise `ScenarioError` unless it can be asked."""
+        if self.particles < 2 or self.repeats < 2:
+            raise ScenarioError("--particles and --repeats must be 2 or more")
+        if not (isfinite(self.least) and 0 < self.least < 1):
+            raise ScenarioError(f"--least must be between 0 and 1, got {self.least:g}")
+
+
+class RiskEstimate(NamedTuple):
+    """A probability with its interval."""
+
+    probability: float
+    """Mean of the splittings, without bias [-]."""
+    low: float
+    """Lower end of the 95 % interval [-]."""
+    high: float
+    """Upper end [-]."""
+    error: float
+    """Standard error of the mean [-]."""
+
+
+def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
+    """The mean of independent splittings with its interval.
+
+    Where no run was split the interval is Wilson's; where none failed its upper end is that of Wilson for the runs of
+    the last rounds, times their weight.
+    """
+    n, found = len(splits), mean_of([split.probability for split in splits])
+    if not any(split.trace for split in splits):
+        runs = n * particles
+        low, high = wilson_interval(sum(split.failed for split in splits), runs, CONFIDENCE)
+        return found._replace(low=low, high=high, error=sqrt(found.probability * (1 - found.probability) / runs))
+    if found.probability:
+        return found
+    weight = fsum(min((weight for _, weight in split.trace if weight), default=1.0) for split in splits) / n
+    return found._replace(high=weight * wilson_interval(0, n * particles, CONFIDENCE)[1])
+
+
+def mean_of(values: Sequence[float]) -> RiskEstimate:
+    """The mean of independent estimates; its interval is Student's for the logarithm of the mean.
+
+    The estimates are skewed as their logarithm is not, and none is below 0.
+    """
+    from scipy.stats import t
+
+    n, mean = len(values), fsum(values) / len(values)
+    error = sqrt(fsum((value - mean) ** 2 for value in values) / (n - 1) / n)
+    spread = exp(float(t.ppf((1 + CONFIDENCE) / 2, n - 1)) * error / mean) if mean else 1.0
+    return RiskEstimate(mean, mean / spread, min(mean * spread, 1.0), error)

@@ -19,8 +19,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.schema import Scenario, check_files
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
 from agrobot_mj.studies.sweep.axes import Axis, Listed
-from agrobot_mj.studies.sweep.portable import portable
-from agrobot_mj.studies.sweep.schema import Sweep
+from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 MAX_RUNS = 100_000
 """Default limit of the number of runs of a sweep: a day of a laptop."""

@@ -6,6 +6,7 @@ Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for 
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,7 +18,7 @@ from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.loading import find_file, load_scenario, read_toml, scenario_files
-from agrobot_mj.scenario.overrides import absolute_value, json_text
+from agrobot_mj.scenario.overrides import FILE_KEYS, absolute_value, explicit_values, json_text, relocate_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.sweep.axes import DRAWS, AnyDraw, Axis, Choice, Listed
 
@@ -263,3 +264,37 @@ def _lines(source: str, error: ValidationError) -> list[str]:
         key = ".".join(str(key) for key in keys)
         found += [f"{source}: {key}: {line}" if key else f"{source}: {line}" for line in text.splitlines()]
     return list(dict.fromkeys(found))
+
+
+class PortableSweep(NamedTuple):
+    """Content of `sweep.toml` and `base.toml`, and the files that lie beside them."""
+
+    sweep: dict[str, Any]
+    """The sweep, as `schema.resolved`."""
+    base: dict[str, Any]
+    """Its base scenario, defaults left out."""
+    files: dict[str, Path]
+    """Data files by name, each where it lies now."""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Names by path."""
+        return {str(path): name for name, path in self.files.items()}
+
+
+def portable(sweep: Sweep) -> PortableSweep:
+    """The sweep with every data file named as if it lay beside it; files of the library keep their names."""
+    content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
+    changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
+    files = relocate_files([base, *tables])
+    names = {str(path): name for name, path in files.items()}
+    return PortableSweep(changed_values(content, lambda key, value: renamed(key, value, names)), base, files)
+
+
+def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
+    """A value of a dotted key with the paths of files in it replaced by their names."""
+    if isinstance(value, str):
+        return names.get(value, value) if last(key) in FILE_KEYS else value
+    if isinstance(value, Mapping):
+        return {inner: renamed(inner, each, names) for inner, each in value.items()}
+    return [renamed("", each, names) for each in value] if isinstance(value, list | tuple) else value

@@ -25,7 +25,7 @@ from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, writ
 from agrobot_mj.studies.engine.resume import ROWS, RowFiles
 from agrobot_mj.studies.engine.tasks import Done, digest, origin
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
-from agrobot_mj.studies.sweep.portable import portable, renamed
+from agrobot_mj.studies.sweep.schema import portable, renamed
 
 TABLE, PLAN, RUNS = "sweep.parquet", "plan.json", "runs"
 DIGITS = 8

@@ -20,8 +20,7 @@ from agrobot_mj.studies.limit.question import condition_of
 from agrobot_mj.studies.risk import RiskQuestion
 from agrobot_mj.studies.risk.command import answer
 from agrobot_mj.studies.risk.population import AHEAD_S, populations
-from agrobot_mj.studies.risk.question import estimate
-from agrobot_mj.studies.risk.splitting import Split
+from agrobot_mj.studies.risk.splitting import Split, estimate
 
 SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
 BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.kind=lqr", "--set", "duration_s=3")

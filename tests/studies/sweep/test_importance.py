@@ -13,8 +13,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.sweep.importance.results import influence, noise_share
-from agrobot_mj.studies.sweep.importance.shares import Share, ranked
-from agrobot_mj.studies.sweep.importance.sobol import FEWEST, sobol_flaws
+from agrobot_mj.studies.sweep.importance.shares import FEWEST, Share, ranked, sobol_flaws
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
 

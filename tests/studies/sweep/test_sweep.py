@@ -22,7 +22,7 @@ from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.studies.engine import cluster, resume, tasks
+from agrobot_mj.studies.engine import resume, tasks, workers
 from agrobot_mj.studies.sweep import SweepOptions
 from agrobot_mj.studies.sweep import sweep as run_sweep
 
@@ -136,7 +136,7 @@ def test_dask_gives_the_same_table(serial, file, tmp_path, workers):
 
 
 def test_an_unreachable_scheduler_is_reported_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE_S", 2)
+    monkeypatch.setattr(workers, "PATIENCE_S", 2)
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
     status, out, err = call(file, "--scheduler", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
@@ -159,9 +159,9 @@ def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path,
             return future
 
     monkeypatch.setattr(
-        cluster, "_client", lambda address: nullcontext(SimpleNamespace(get_executor=lambda pure: Lost()))
+        workers, "_client", lambda address: nullcontext(SimpleNamespace(get_executor=lambda pure: Lost()))
     )
-    monkeypatch.setattr(cluster, "_workers", lambda client, address: 1)
+    monkeypatch.setattr(workers, "_workers", lambda client, address: 1)
     status, out, err = call(file, "--scheduler", "tcp://here:1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.startswith("--scheduler tcp://here:1: was lost; what is done is kept")

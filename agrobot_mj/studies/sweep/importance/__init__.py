@@ -3,7 +3,6 @@
 A screening is a regression on some ten samples, Sobol indices need hundreds; both say what they cannot tell apart.
 """
 
-from agrobot_mj.studies.sweep.importance.results import importance
-from agrobot_mj.studies.sweep.importance.text import importance_table, importance_text
+from agrobot_mj.studies.sweep.importance.results import importance, importance_table, importance_text
 
 __all__ = ["importance", "importance_table", "importance_text"]

@@ -3,6 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+from scipy.stats import chi2, norm, rankdata, spearmanr, t
+
+from agrobot_mj.core.extras import required
+from agrobot_mj.core.signals import Array
+
 CONFIDENCE = 0.95
 """Confidence of the intervals of all draws of a group at once [-]."""
 
@@ -73,3 +79,105 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
         below = sum(share.low > other.high for other in shares) if trusted else 0
         found.append(share._replace(best=1 + above, worst=len(shares) - below))
     return tuple(sorted(found, key=lambda share: (share.best, share.worst)))
+
+
+class Regression(NamedTuple):
+    """A linear regression on standardised columns."""
+
+    slopes: Array
+    """Standardised slopes, shape (d,) [-]."""
+    errors: Array
+    """Their standard errors, shape (d,) [-]."""
+    left: float
+    """Share of the variance that is left, upper limit at `CONFIDENCE` [-]."""
+
+
+def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
+    """The shares, and the part that is neither linear nor noise (upper limit); draws (n, d), values (n,)."""
+    n, d = draws.shape
+    ranks = rankdata(draws, axis=0)
+    found = regression(_standard(ranks), _standard(values))
+    halves = t.ppf(1.0 - (1.0 - CONFIDENCE) / (2 * d), n - d - 1) * found.errors
+    left = min(1.0, max(0.0, found.left - noise))
+    shares = [
+        Share(
+            key,
+            share=float(slope**2),
+            low=float(max(abs(slope) - half, 0.0) ** 2),
+            high=float(min(1.0, (abs(slope) + half) ** 2 + left)),
+            effect=float(slope),
+            half=float(half),
+            correlation=float(spearmanr(column, values).statistic),
+        )
+        for key, slope, half, column in zip(keys, found.slopes, halves, ranks.T, strict=True)
+    ]
+    return shares, left
+
+
+def regression(x: Array, y: Array) -> Regression:
+    """Least squares of y (n,) on x (n, d), both of mean 0 and variance 1."""
+    n, d = x.shape
+    inverse = np.linalg.pinv(x.T @ x)
+    slopes = inverse @ x.T @ y
+    rest = y - x @ slopes
+    leverage = np.sum(x @ inverse * x, axis=1) + 1.0 / n
+    scaled = rest / np.maximum(1.0 - leverage, 1e-6)
+    covariance = inverse @ (x.T * scaled**2) @ x @ inverse
+    left = float(rest @ rest / (y @ y)) * (n - 1) / float(chi2.ppf(1.0 - CONFIDENCE, n - d - 1))
+    return Regression(slopes, np.sqrt(np.diag(covariance)), left)
+
+
+def _standard(values: Array) -> Array:
+    """Columns with mean 0 and variance 1; one that does not vary becomes 0."""
+    away: Array = values - values.mean(axis=0)
+    deviation = away.std(axis=0)
+    found: Array = np.divide(away, deviation, out=np.zeros_like(away), where=deviation > 0.0)
+    return found
+
+
+RESAMPLES = 1000
+"""Resamples of the bootstrap [-]."""
+FEWEST = 64
+"""Fewest samples whose intervals are trusted; those of 16 miss known indices in a third of all cases and more."""
+
+
+def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
+    """The indices of values in the order of the design, shape (n (d + 2),). Raises `ScenarioError` without SALib.
+
+    `noise` is its share of the variance of `values`. It is in each total index, and taken from estimate and lower end;
+    the upper end keeps it, since noise that depends on a draw is not in the others.
+    """
+    sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
+    problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
+    found = sobol.analyze(problem, values, calc_second_order=False, num_resamples=RESAMPLES, seed=1)
+    # SALib's half widths are those of a normal distribution for one index alone; these hold for all at once.
+    widen = t.ppf(1.0 - (1.0 - CONFIDENCE) / (2 * d), max(len(values) // (d + 2) - 1, 1)) / norm.ppf(0.975)
+    columns = np.column_stack([found["ST"], widen * found["ST_conf"], found["S1"], widen * found["S1_conf"]])
+    real = max(1.0 - noise, 1e-6)
+    return [
+        Share(
+            key,
+            share=float((total - noise) / real),
+            low=float(min(total - half - noise, (total - half - noise) / real)),
+            high=float((total + half) / real),
+            effect=float(first / real),
+            half=float(first_half / real),
+        )
+        for key, (total, half, first, first_half) in zip(keys, columns, strict=True)
+    ]
+
+
+def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
+    """Why the intervals cannot be trusted: too few samples, or values that no index can have."""
+    few = [f"{samples} samples are too few for intervals; {FEWEST} or more tell"] if samples < FEWEST else []
+    return (*few, *(f"{text}: no index can be there" for share in shares for text in _impossible(share)))
+
+
+def _impossible(share: Share) -> list[str]:
+    """Intervals that exclude everything from 0 to 1."""
+    ends = {"first-order": (share.effect - share.half, share.effect + share.half), "total": (share.low, share.high)}
+    return [
+        f"{share.key}: the {name} index is from {low:.2f} to {high:.2f}"
+        for name, (low, high) in ends.items()
+        if high < 0.0 or low > 1.0
+    ]
