@@ -7,7 +7,7 @@ import click
 import typer.main
 
 from agrobot_mj.cli import app
-from agrobot_mj.cli.examples import EXAMPLES
+from agrobot_mj.cli.app import EXAMPLES
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import TableClass, places

@@ -21,8 +21,7 @@ from blocks import put
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import sweep_files
-from agrobot_mj.core.sources import source_digest
+from agrobot_mj.core.resources import source_digest, sweep_files
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json

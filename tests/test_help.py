@@ -7,7 +7,7 @@ import pytest
 from typer.main import get_command
 
 from agrobot_mj import cli
-from agrobot_mj.cli.examples import EXAMPLES
+from agrobot_mj.cli.app import EXAMPLES
 from agrobot_mj.cli.options import overrides
 from agrobot_mj.core.resources import machine_files
 from agrobot_mj.scenario.loading import load_scenario, scenario_files

@@ -11,7 +11,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import Implement
-from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.terrain import Flat, Rough
 from agrobot_mj.tyres import Contact, MagicFormula, Ruts

@@ -24,7 +24,7 @@ from pydantic import Field
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Beside, Following, FollowingState, sideslip
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import NonNegative, Positive

@@ -1,15 +1,15 @@
-"""PID and the low-level loops: speed to pedal to voltage, steering angle to voltage.
+"""PID and the low-level loops: speed to pedal to voltage, steering angle to voltage; and the brake.
 
-Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and the pedal goes forward. The
-structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the
-gains are estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
+The brake is applied where standstill is asked for, by a law with a speed of exactly zero, by the supervisor's stop with
+a pedal in neutral. The hydrostat brings the tractor to rest by then; the brake holds it there, and stops one that the
+hydrostat does not hold. It is released as soon as the tractor is asked to drive.
 """
 
-from math import radians
+from math import inf, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import AngleLoop
-from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.core.signals import NEUTRAL_V, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
@@ -175,3 +175,24 @@ class SteeringLoop(AngleLoop):
             return wanted
         reach = radians(self.reference_rate_deg_s) * dt
         return clip(wanted, last - reach, last + reach)
+
+
+STANDSTILL_S = 1.0
+"""Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Estimate."""
+
+
+class BrakeState(NamedTuple):
+    """Memory of the brake; before the first tick the tractor is parked."""
+
+    standing_s: float = inf
+    """Time for which standstill has been asked for [s]."""
+
+    @property
+    def share(self) -> float:
+        """Share of the brake's torque that is applied, 0 or 1 [-]."""
+        return 1.0 if self.standing_s >= STANDSTILL_S else 0.0
+
+    def after(self, command: Command, dt: float) -> "BrakeState":
+        """State `dt` [s] later, under the command that the low-level loops get."""
+        asked = command.speed if command.pedal is None else command.pedal
+        return BrakeState(self.standing_s + dt if asked == 0.0 else 0.0)

@@ -22,7 +22,7 @@ from math import sqrt
 from types import FunctionType
 from typing import Any, get_args, get_type_hints
 
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import required
 
 
 def _warp() -> Any:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
 """Characters of a line of a message, and of a value or key that it repeats."""
@@ -36,3 +38,13 @@ def suggestion(word: str, known: Sequence[str]) -> str:
     """`; did you mean 'x'?` or nothing."""
     close = get_close_matches(word, known, n=1, cutoff=0.5)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def required(module: str, extra: str, purpose: str) -> Any:
+    """The module. Raises `ScenarioError` with the command that installs the extra where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        missing = f" ({error})" if not isinstance(error, ModuleNotFoundError) else ""
+        package = module.partition(".")[0]
+        raise ScenarioError(f'{purpose} needs {package}{missing}; pip install "agrobot-mj[{extra}]"') from None

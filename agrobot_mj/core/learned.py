@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.datafile import checked, refuse
+from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"

@@ -1,7 +1,16 @@
-"""Base class of all configuration: frozen, strict about unknown keys, finite numbers only."""
+"""Base class of all configuration: frozen, strict about unknown keys, finite numbers only.
 
+pydantic can collect the docstrings of attributes while each class is made, which costs every run a quarter of a second;
+only `explain`, `schema`, `init` and the docs look at them, so they are read from the source when somebody asks.
+"""
+
+import ast
+import inspect
 import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from itertools import pairwise
 from math import isclose, prod
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Self, get_args
@@ -10,9 +19,48 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchema
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from agrobot_mj.core.docstrings import attribute_docstrings
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import TICK_S
+
+
+@cache
+def attribute_docstrings(owner: type) -> dict[str, str]:
+    """Docstrings below the attributes of a class and of its bases, by attribute; empty if there is no source."""
+    found: dict[str, str] = {}
+    for base in reversed(owner.__mro__):
+        found.update(_own(base))
+    return found
+
+
+def _own(owner: type) -> dict[str, str]:
+    body: list[ast.stmt] = list(_statements(owner.__module__))
+    for name in owner.__qualname__.replace("<locals>.", "").split("."):
+        inside = next((node for node in _definitions(body) if node.name == name), None)
+        body = inside.body if inside else []
+    return {
+        before.target.id: inspect.cleandoc(after.value.value)
+        for before, after in pairwise(body)
+        if isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and isinstance(after.value.value, str)
+    }
+
+
+def _definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
+    """Classes and functions of a block, those inside its branches included."""
+    for statement in body:
+        if isinstance(statement, ast.ClassDef | ast.FunctionDef):
+            yield statement
+        else:
+            yield from _definitions([node for node in ast.iter_child_nodes(statement) if isinstance(node, ast.stmt)])
+
+
+@cache
+def _statements(module: str) -> tuple[ast.stmt, ...]:
+    try:
+        return tuple(ast.parse(inspect.getsource(sys.modules[module])).body)
+    except (KeyError, OSError, TypeError, SyntaxError):
+        return ()
+
 
 HUGE = 1e9
 """No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""

@@ -1,13 +1,16 @@
-"""Whether the parts of a machine fit its weight: a line for each that does not, beginning with its key.
+"""How large a machine is beside the compact tractor, and whether its parts fit its weight.
 
-Rough bounds, of machines far from any that is built: a machine that crosses none may still be a bad one.
+A part of a scenario names the keys that follow the size, and how, in `sized`: a look-ahead goes with the length, a
+cornering stiffness with the load of its axle. Bounds of what fits are rough, of machines far from any that is built: a
+machine that crosses none may still be a bad one.
 """
 
 from collections.abc import Iterator
 
 from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
-from agrobot_mj.machine.tractor import GRAVITY, AxleWheel
+from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
 """Static deflection over free radius beyond which a tyre is flat [-]. Estimate: half its section height or so."""
@@ -73,3 +76,15 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
     if speed > 0.0 and (share := strength.power / speed / weight) < LEAST_POWER:
         at = f"at {speed:g} m/s it pulls {share:.2g} of the weight of {weight:.0f} N"
         yield f"driveline.power_limit_kw: {at}, hardly more than rolling takes"
+
+
+def ratios_of(tractor: TractorParameters, driveline: Driveline) -> dict[str, float]:
+    """Wheelbase, track, mass, static loads of the axles and full speed over those of the compact tractor [-]."""
+    return {
+        "length": tractor.wheelbase_m / COMPACT.wheelbase_m,
+        "track": tractor.track_m / COMPACT.track_m,
+        "mass": tractor.mass_kg / COMPACT.mass_kg,
+        "front_load": tractor.front_axle_load / COMPACT.front_axle_load,
+        "rear_load": tractor.rear_axle_load / COMPACT.rear_axle_load,
+        "speed": driveline.full_speed_m_s / Driveline().full_speed_m_s,
+    }

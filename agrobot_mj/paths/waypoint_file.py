@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agrobot_mj.core.datafile import Stamp, checked, refuse, stamp
+from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from agrobot_mj.core.datafile import Stamp, stamp
+from agrobot_mj.core.resources import Stamp, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.fillet import Rounding, rounded

@@ -27,14 +27,13 @@ from agrobot_mj.estimation import Ekf, Estimator
 from agrobot_mj.faults import Fault
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.fitting import ratios_of
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.implements import Implement, NoImplement
 from agrobot_mj.machine.linkage import Linkage
-from agrobot_mj.machine.sizes import ratios_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import FigureEight, Path
 from agrobot_mj.plants import Mujoco, Plant
-from agrobot_mj.scenario.bodies import embody
 from agrobot_mj.scenario.contradictions import (
     LONGEST_S,
     equipment_errors,
@@ -43,7 +42,7 @@ from agrobot_mj.scenario.contradictions import (
     path_errors,
     prefixed,
 )
-from agrobot_mj.scenario.machines import COMPACT, machine_file, machine_tables
+from agrobot_mj.scenario.machines import COMPACT, embody, machine_file, machine_tables
 from agrobot_mj.scenario.overrides import (
     check_overrides,
     complete,

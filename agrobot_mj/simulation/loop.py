@@ -8,23 +8,25 @@ supervisor -> steering and speed loops -> valve voltages. Then the plant takes i
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import nan, radians
+from math import isnan, nan, radians
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.brake import BrakeState
-from agrobot_mj.control.pid import SpeedState
+from agrobot_mj.control.pid import BrakeState, SpeedState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
 from agrobot_mj.core.kernels import bound
 from agrobot_mj.core.learned import Learned
+from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import (
     NEUTRAL_V,
+    SOUND,
     TICK_S,
     Column,
     Command,
     Conditions,
+    Distortion,
     Drive,
     Estimate,
     Measurement,
@@ -40,8 +42,33 @@ from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_on
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.simulation.receiver import ImplementReceiver
-from agrobot_mj.simulation.wiring import Wiring
 from agrobot_mj.terrain import height_and_gradient
+
+
+class Wiring(NamedTuple):
+    """Both lines between two ticks; they carry voltages from neutral [V]."""
+
+    steer: SignalLine = SignalLine(0.0)
+    """Line to the steering valve."""
+    pedal: SignalLine = SignalLine(0.0)
+    """Line to the pedal valve."""
+
+    def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring, Drive]":
+        """The lines after a tick of length `dt` [s], and the voltages that arrive."""
+        if conditions.valve == conditions.pedal_valve == SOUND:
+            return Wiring(
+                SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V)
+            ), drive
+        steer, steer_voltage = _carried(self.steer, drive.steer_voltage, conditions.valve, dt)
+        pedal, pedal_voltage = _carried(self.pedal, drive.pedal_voltage, conditions.pedal_valve, dt)
+        return Wiring(steer, pedal), drive._replace(steer_voltage=steer_voltage, pedal_voltage=pedal_voltage)
+
+
+def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
+    """The line and the voltage that arrives, within the range of a valve; without power it stays without."""
+    line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
+    return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
+
 
 SATURATION_MARGIN = radians(0.01)
 """Distance from its limit at which a steering command counts as saturated [rad]."""

@@ -1,4 +1,4 @@
-"""A comparison: its runs, their folders and rows, and the paper's figures."""
+"""A comparison: its runs, their folders and rows, its table, and the paper's figures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

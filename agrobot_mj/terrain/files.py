@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.datafile import checked, refuse
+from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES

@@ -12,8 +12,7 @@ from pydantic import Field
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE, NonNegative, Positive
-from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
-from agrobot_mj.terrain.extent import Sized, cells_of
+from agrobot_mj.terrain.base import STEEPEST_DEG, Sized, Tilted, cells_of
 from agrobot_mj.terrain.grid import MOST_NODES, Ground, rounded_down, rounded_up
 
 Node = Annotated[float, Field(ge=0.01, le=HUGE)]

@@ -2,8 +2,7 @@
 
 from typing import Literal
 
-from agrobot_mj.terrain.base import Grade, Landscape, Tilted
-from agrobot_mj.terrain.extent import Sized
+from agrobot_mj.terrain.base import Grade, Landscape, Sized, Tilted
 from agrobot_mj.terrain.grid import Ground, plane
 
 

@@ -8,8 +8,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.agopengps.wire import decode, frame
 from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.guide import Guide, GuideState
-from agrobot_mj.links.agopengps.host_laws import HostSettings
+from agrobot_mj.links.agopengps.guide import Guide, GuideState, HostSettings
 from agrobot_mj.links.agopengps.link import run_link
 from agrobot_mj.links.agopengps.session import LinkOptions
 from agrobot_mj.links.agopengps.udp import Incoming

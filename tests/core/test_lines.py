@@ -4,7 +4,7 @@ from math import isnan, nan
 
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.signals import NOMINAL, SOUND, Distortion, Drive
-from agrobot_mj.simulation.wiring import Wiring
+from agrobot_mj.simulation.loop import Wiring
 
 DT = 0.05
 

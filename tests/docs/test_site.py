@@ -11,7 +11,7 @@ import pytest
 import typer.main
 
 from agrobot_mj.cli import app
-from agrobot_mj.cli.examples import EXAMPLES
+from agrobot_mj.cli.app import EXAMPLES
 from agrobot_mj.core.spec import members
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import Scenario

@@ -8,8 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.links.ros2.bag import export_run, write_mcap
 from agrobot_mj.links.ros2.content import EPOCH_NS
 from agrobot_mj.links.ros2.definitions import RECORDED

@@ -9,9 +9,19 @@ from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.core.geodesy import to_local
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.ros2.bag import recorded
-from agrobot_mj.links.ros2.content import EPOCH_NS, fix, imu, messages, path, quaternion, site_of, stamp, true
+from agrobot_mj.links.ros2.content import (
+    EPOCH_NS,
+    fix,
+    imu,
+    messages,
+    path,
+    quaternion,
+    sample_of,
+    site_of,
+    stamp,
+    true,
+)
 from agrobot_mj.links.ros2.definitions import DEFINITIONS, RECORDED, TOPICS, full_definition, full_name
-from agrobot_mj.links.ros2.sample import sample_of
 from agrobot_mj.links.running import gyro_heading
 
 UNIT = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}

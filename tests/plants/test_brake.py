@@ -8,7 +8,7 @@ from similar import DEFAULT_KG, similar
 
 from agrobot_mj.bench.manoeuvres import braking
 from agrobot_mj.bench.manoeuvres.base import Trial
-from agrobot_mj.control.brake import STANDSTILL_S, BrakeState
+from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline

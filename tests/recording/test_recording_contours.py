@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.recording.world.contours import MOST_LINES, contour_lines, contours, interval
 from agrobot_mj.recording.world.ground import smooth_corners
+from agrobot_mj.recording.world.scene import MOST_LINES, contour_lines, contours, interval
 from agrobot_mj.terrain import Ground, Slope
 from agrobot_mj.terrain.grid import heights, plane
 

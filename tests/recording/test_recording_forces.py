@@ -3,8 +3,7 @@ import pytest
 from recorded import replay
 
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
-from agrobot_mj.recording.world.forces import Forces
-from agrobot_mj.recording.world.wheels import Wheels, contacts
+from agrobot_mj.recording.world.wheels import Forces, Wheels, contacts
 from agrobot_mj.terrain.grid import plane
 from agrobot_mj.tyres.patch import WheelMotion, find_patch
 

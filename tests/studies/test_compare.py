@@ -8,7 +8,7 @@ from typer.main import get_command
 
 from agrobot_mj import load_scenario
 from agrobot_mj.cli import app
-from agrobot_mj.cli.variants import variants
+from agrobot_mj.cli.runs import variants
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.studies import compare as runs

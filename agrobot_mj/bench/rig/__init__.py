@@ -9,8 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.bench.rig.figures import FIGURES, write_figures
-from agrobot_mj.bench.rig.source import load_specimen
-from agrobot_mj.bench.rig.sweep import sweep
+from agrobot_mj.bench.rig.sweep import load_specimen, sweep
 from agrobot_mj.bench.rig.towed import Towed
 from agrobot_mj.bench.rig.wheel import FRONT, REAR, Rig, Setting
 from agrobot_mj.core.errors import ScenarioError

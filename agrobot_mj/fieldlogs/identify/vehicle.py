@@ -11,9 +11,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source
 from agrobot_mj.fieldlogs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.fieldlogs.identify.model import Chassis2, understeer_gradient
-from agrobot_mj.fieldlogs.identify.predictions import Channels, predictions
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, half_width
-from agrobot_mj.fieldlogs.identify.windows import VehicleData, prepare
+from agrobot_mj.fieldlogs.identify.windows import Channels, VehicleData, predictions, prepare
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.fieldlogs.pieces import pieces, split
 from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording

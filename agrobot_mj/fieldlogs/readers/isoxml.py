@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 from agrobot_mj.fieldlogs.columns import FieldLogError, check_size
 from agrobot_mj.fieldlogs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples
-from agrobot_mj.fieldlogs.readers.pgn import SIGNALS, BusSignal
+from agrobot_mj.fieldlogs.readers.can import SIGNALS, BusSignal
 
 TASKDATA = "TASKDATA.XML"
 TIME_LOG = re.compile(r"(TLG\d{5})\.XML")

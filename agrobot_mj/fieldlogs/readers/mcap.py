@@ -12,8 +12,7 @@ from math import atan2
 from pathlib import Path
 from typing import Any, Literal
 
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.readers.base import Head, LogReader, ReadLog, Samples
 

@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
+from agrobot_mj.core.palette import BLUE, DARK_GREY, VERMILION
 from agrobot_mj.core.signals import Column
 from agrobot_mj.fieldlogs.columns import Source
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.fieldlogs.pieces import pieces
 from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
 from agrobot_mj.fieldlogs.replay.driving import By, Driven, drive
-from agrobot_mj.fieldlogs.replay.figure import write_figure
 from agrobot_mj.fieldlogs.replay.residuals import (
     Replayed,
     first_metres_end,
@@ -27,6 +29,7 @@ from agrobot_mj.fieldlogs.replay.residuals import (
 )
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 COLUMNS = (
     Column("piece", "-", "number of the piece, from 0"),
@@ -174,3 +177,55 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
     fields = [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "description": c.description}) for c in COLUMNS]
     arrays = [pa.array(column, pa.float64(), from_pandas=True) for column in data]
     return pa.table(arrays, schema=pa.schema(fields))
+
+
+def write_figure(pieces: Sequence[Replayed], file: Path) -> Path:
+    """Draw the four panels."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
+        (way, rate), (place, rest) = figure.subplots(2, 2)
+        for recording, driven in pieces:
+            _way(way, recording, driven)
+            _rates(rate, rest, recording, driven)
+            _place(place, recording, driven)
+        _titles(way, rate, rest, place)
+        for axes in (way, rate, place):
+            _legend(axes)
+        return save(figure, file)
+
+
+def _way(axes: Any, recording: FieldRecording, driven: Driven) -> None:
+    if recording.position is not None:
+        axes.plot(*recording.position.value.T, ".", color=DARK_GREY, markersize=1.5, label="recorded")
+    axes.plot(*driven.point.T, color=BLUE, label="plant")
+
+
+def _rates(rate: Any, rest: Any, recording: FieldRecording, driven: Driven) -> None:
+    rate.plot(driven.t, np.degrees(driven.yaw_rate), color=BLUE, label="plant", zorder=3)
+    if recording.yaw_rate is not None:
+        t, value = recording.yaw_rate.between(driven.t[0], driven.t[-1])
+        rate.plot(t, np.degrees(value), color=DARK_GREY, label=f"recorded ({recording.yaw_rate_source})")
+        rest.plot(t, np.degrees(np.interp(t, driven.t, driven.yaw_rate) - value), color=VERMILION)
+
+
+def _place(axes: Any, recording: FieldRecording, driven: Driven) -> None:
+    t, off, window = position_errors(recording, driven)
+    if len(t):
+        axes.plot(t, off[:, 0], color=DARK_GREY, label="ahead")
+        axes.plot(t, off[:, 1], color=BLUE, label="left")
+        axes.plot(t, window, color=VERMILION, label="windows of 10 s")
+
+
+def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
+    way.set_aspect("equal", adjustable="datalim")
+    way.set(xlabel="East [m]", ylabel="North [m]", title="Way of the recorded point")
+    rate.set(xlabel="Time [s]", ylabel="Yaw rate [deg/s]", title="Yaw rate")
+    rest.set(xlabel="Time [s]", ylabel="Plant less recording [deg/s]", title="Residual of the yaw rate")
+    place.set(xlabel="Time [s]", ylabel="Plant less recording [m]", title="Residual of the position")
+
+
+def _legend(axes: Any) -> None:
+    """One entry for each name, however many pieces there are."""
+    found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    if found:
+        axes.legend(found.values(), found.keys())

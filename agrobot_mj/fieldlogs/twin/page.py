@@ -1,7 +1,9 @@
-"""The page of a twin: where it went, how far it was off on what it had not seen, what is known and what is guessed."""
+"""What `agrobot-mj twin` writes: machine, scenario with its way, map and numbers; and the page about them."""
 
 from collections.abc import Iterator, Sequence
 from math import degrees
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from agrobot_mj.fieldlogs.identify.advice import advice
 from agrobot_mj.fieldlogs.replay.residuals import position_errors
 from agrobot_mj.fieldlogs.replay.words import doubts
 from agrobot_mj.fieldlogs.twin.machine import guessed
-from agrobot_mj.fieldlogs.twin.twin import Twin
+from agrobot_mj.fieldlogs.twin.twin import MACHINE, SCENARIO, WAY, Twin
+from agrobot_mj.simulation.storage import atomic, write_json
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
 
@@ -126,3 +129,34 @@ def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Char
     """One curve of several parts, broken between them."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
+
+
+REPORT = "report.html"
+FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml", "twin.json")
+"""What a twin leaves."""
+
+
+def write_twin(t: Twin, folder: Path) -> None:
+    """Write all files into a folder of results. Raises `ScenarioError` without plotly, before anything is written."""
+    page(t).write(folder / REPORT)
+    for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
+        with atomic(folder / name) as part:
+            part.write_text(text, encoding="utf-8")
+    write_json(folder / "twin.json", numbers(t))
+
+
+def numbers(t: Twin) -> dict[str, Any]:
+    """What `twin.json` holds."""
+    return {
+        "log": t.name,
+        "machine": t.scenario.machine,
+        "found": {key: each._asdict() for key, each in t.found.items()},
+        "windows": t.calibration.data.windows,
+        "held_out": t.held_out.metrics,
+        "notes": list(t.calibration.pieces.notes),
+    }
+
+
+def summary(t: Twin) -> str:
+    """The page's first section."""
+    return "\n".join([*t.calibration.pieces.notes, *short(t)])

@@ -11,8 +11,7 @@ from math import radians
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geodesy import Origin
-from agrobot_mj.links.agopengps.guide import Guide, GuideState
-from agrobot_mj.links.agopengps.host_laws import AbLine, HostSettings
+from agrobot_mj.links.agopengps.guide import AbLine, Guide, GuideState, HostSettings
 from agrobot_mj.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0

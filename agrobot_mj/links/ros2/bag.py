@@ -13,14 +13,23 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
 from agrobot_mj.fieldlogs.columns import check_time, read_columns
-from agrobot_mj.links.ros2.content import Content, frames, messages, nanoseconds, path, request, site_of, stamp
+from agrobot_mj.links.ros2.content import (
+    Content,
+    TickSample,
+    frames,
+    messages,
+    nanoseconds,
+    path,
+    request,
+    samples_of,
+    site_of,
+    stamp,
+)
 from agrobot_mj.links.ros2.definitions import RECORDED, full_definition, full_name
-from agrobot_mj.links.ros2.sample import TickSample, samples_of
 from agrobot_mj.links.running import gyro_heading
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario

@@ -6,8 +6,7 @@ from importlib import import_module
 from math import isfinite
 from typing import Any, NamedTuple, Self
 
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.links.ros2.content import Content
 from agrobot_mj.links.ros2.definitions import TOPICS
 

@@ -20,10 +20,9 @@ from agrobot_mj.control.cmd_vel import CmdVel, VelocityRequest
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.links.pacing import Pace
-from agrobot_mj.links.ros2.content import Content, messages, path, site_of
+from agrobot_mj.links.ros2.content import Content, TickSample, messages, path, sample_of, site_of
 from agrobot_mj.links.ros2.node import LATCHED, RosNode, VelocityMessage
 from agrobot_mj.links.ros2.profile import loopback_only
-from agrobot_mj.links.ros2.sample import TickSample, sample_of
 from agrobot_mj.links.running import NotBegunError, gyro_heading, run_session
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log

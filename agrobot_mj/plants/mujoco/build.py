@@ -16,8 +16,7 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.machine.fitting import fit_warnings
 from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
 from agrobot_mj.plants.mujoco.drawing import scene_of
-from agrobot_mj.plants.mujoco.implement import attached
-from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement import add_implement, attached
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.payload import Chassis, check_payloads
 from agrobot_mj.plants.mujoco.stability import check_implement, check_stability

@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import ImplementBase, NoImplement
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.mujoco.implement_model import add_implement
+from agrobot_mj.plants.mujoco.implement import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.terrain import Ground

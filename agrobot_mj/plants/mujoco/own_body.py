@@ -13,9 +13,8 @@ import mujoco
 import numpy as np
 from pydantic import ValidationError
 
-from agrobot_mj.core.datafile import Stamp, stamp
 from agrobot_mj.core.messages import fault
-from agrobot_mj.core.resources import MODELS
+from agrobot_mj.core.resources import MODELS, Stamp, stamp
 from agrobot_mj.core.signals import WHEELS
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.bodywork import HIDDEN, draw, parts, touching, wheel

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from agrobot_mj.core.datafile import checked, refuse
+from agrobot_mj.core.resources import checked, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
 """Largest MJCF file and asset [bytes], and most files in all."""

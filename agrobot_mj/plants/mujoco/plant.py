@@ -22,9 +22,8 @@ from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
-from agrobot_mj.plants.mujoco.placement import pose_on
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
-from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Unsettled, drive_holds, rest_warning
+from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Unsettled, drive_holds, pose_on, rest_warning
 from agrobot_mj.plants.mujoco.stepping import Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground

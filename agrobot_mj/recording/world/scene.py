@@ -1,22 +1,24 @@
 """What does not move: the ground, the reference path, and the shape of each body in the body's own frame.
 
 A body's geoms go into one entity a shape, so that the 64 lugs of the wheels cost no more than one.
+
+Contour lines make a slope and its direction visible. They are those of the ground without its relief, so that furrows
+and bumps do not turn into lines of their own.
 """
 
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, floor, log10
 from typing import Any
 
 import numpy as np
 import rerun as rr
+from contourpy import contour_generator
 from rerun.components import FillMode
 from scipy.spatial.transform import Rotation
 
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
-from agrobot_mj.recording.world.contours import ENTITY as CONTOURS
-from agrobot_mj.recording.world.contours import contour_lines
 from agrobot_mj.recording.world.ground import ROUGH_LIFT_M, ground_mesh, on_ground, smooth_corners
 from agrobot_mj.recording.world.names import REFERENCE
 from agrobot_mj.scenario.schema import Scenario
@@ -105,3 +107,45 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
     axes = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
     # rerun's capsules start at their origin, MuJoCo's are centred on it
     return rr.Capsules3D(translations=places - sizes[:, 1:2] * axes, **tube)
+
+
+CONTOURS = "world/contours"
+COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
+"""Lines lie below the reference path and the tracks, so that they hide neither."""
+MOST_LINES = 24
+"""Lines between the lowest and the highest place, at most."""
+LEAST_RISE_M = 0.4
+"""Height differences below this have no lines [m]."""
+
+
+def interval(low: float, high: float) -> float | None:
+    """Height between lines [m], a 1, 2 or 5 times a power of ten; None where the ground is level."""
+    if high - low < LEAST_RISE_M:
+        return None
+    least = (high - low) / MOST_LINES
+    decade = 10.0 ** floor(log10(least))
+    return next(k * decade for k in (1, 2, 5, 10) if k * decade >= least * (1 - 1e-9))
+
+
+def contours(corners: Array) -> list[Array]:
+    """Contour lines of a surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    step = interval(float(z.min()), float(z.max()))
+    if step is None:
+        return []
+    levels = step * np.arange(np.ceil(z.min() / step), np.floor(z.max() / step) + 1)
+    lines: list[Any] = contour_generator(x, y, z).multi_lines(levels)
+    return [
+        np.column_stack([line, np.full(len(line), level)])
+        for level, found in zip(levels, lines, strict=True)
+        for line in found
+    ]
+
+
+def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
+    """The lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is level."""
+    lines = contours(corners)
+    if not lines:
+        return None
+    above = np.array([0.0, 0.0, LIFT_M + lift])
+    return rr.LineStrips3D([(line + above).astype(np.float32) for line in lines], colors=COLOUR, radii=WIDTH)

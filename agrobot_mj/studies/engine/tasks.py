@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.sources import source_digest
+from agrobot_mj.core.resources import source_digest
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.plugins import loaded_files

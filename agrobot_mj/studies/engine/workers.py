@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.engine.pool import AHEAD, Pool, cores, stream

@@ -1,4 +1,4 @@
-"""What is asked of a limit, what is tried for it, and what is found: `Question`, `Tried`, `Found`, `Counterpart`."""
+"""The question of a limit, the values tried for it, and the answer: a verdict, and sentences on what it leaves open."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial

@@ -6,6 +6,8 @@ used, after which the rate itself decides and the value is called uncertain. Whe
 First the range is scanned at equal distances, from the end where the law should hold; then the first change from
 holding to failing is bisected, and the two values around it get more runs, which may move it. What the scan shows
 beside that (works again further on, never fails, fails from the start) is said, not smoothed over.
+
+`limit` asks it of one or more laws and writes `limit.json` and `limit.png`.
 """
 
 from collections import Counter

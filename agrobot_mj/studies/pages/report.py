@@ -1,4 +1,4 @@
-"""`report.html` for a folder of results, and figures as files for print."""
+"""`report.html` for a folder of results, and figures as files for print; pages of a validation and of limits."""
 
 import json
 from collections.abc import Callable

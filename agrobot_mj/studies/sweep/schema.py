@@ -1,6 +1,8 @@
 """The sweep file: a base scenario, axes, draws, seeds, variants. `read_sweep` reads one, by name or path.
 
 Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; none may be named twice.
+
+`portable` files name the data files beside them, so that results can be moved and shown to others.
 """
 
 import json

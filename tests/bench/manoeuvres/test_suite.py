@@ -7,7 +7,7 @@ import pytest
 
 from agrobot_mj.bench.manoeuvres import side_slope, suite
 from agrobot_mj.bench.manoeuvres.base import About, Trial
-from agrobot_mj.bench.manoeuvres.tables import number, page, paragraphs, table
+from agrobot_mj.bench.manoeuvres.suite import number, page, paragraphs, table
 from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.tyres import Linear
 

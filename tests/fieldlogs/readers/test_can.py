@@ -9,7 +9,7 @@ from public import checkout
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.fieldlogs.readers import open_log
-from agrobot_mj.fieldlogs.readers.pgn import signals_of
+from agrobot_mj.fieldlogs.readers.can import signals_of
 from agrobot_mj.fieldlogs.recording import read_recording
 
 MF7720 = "Show_All_CAN_Messages/Show_All_CAN_Messages/scan mf7720 bl 270922 speedsteer enable.txt"

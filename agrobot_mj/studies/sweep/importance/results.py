@@ -1,8 +1,4 @@
-"""Importance of the draws of a finished sweep: rows in, shares of the variance by group out.
-
-Each point of the design is averaged over its seeds. As every point has the same seeds, what is left of them is the
-residual of an analysis of variance in two ways (points and seeds), whose share is told.
-"""
+"""Importance of the draws of a finished sweep: rows in, shares of the variance by group out; table, text and figure."""
 
 import tomllib
 from collections.abc import Sequence

@@ -1,4 +1,16 @@
-"""Shares of a variance with their intervals, and the ranks that follow from them: `Share`, `Influence`."""
+"""Shares of a metric's variance with their intervals and ranks, by regression or as Sobol indices.
+
+Screening is a linear regression of the metric on all draws at once, standardised. Draws enter by their rank, which is
+their quantile, so that a logarithmic range is as straight as a linear one. The square of a slope is the share of the
+variance that a straight line in this draw explains: no more than the draw is responsible for. What all lines together
+leave, noise of the seeds aside, may belong to any of them by a bend or an interaction: so much, and no more, is added
+to the upper end of each. Standard errors are HC3 [MacKinnonWhite1985], which hold for points that scatter unevenly.
+
+Of the Sobol indices [Saltelli2010] of a sweep of `method = "saltelli"`, by SALib, the first-order one of a draw is the
+share of the variance that goes away once its value is known; the total one is the share that stays while only it is
+unknown, interactions included. The sum of first-order indices is at most 1, and a total index near 0 means that the
+number may stay an estimate. Intervals are by bootstrap.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm, rankdata, spearmanr, t
 
-from agrobot_mj.core.extras import required
+from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array
 
 CONFIDENCE = 0.95
