@@ -158,10 +158,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
     rows = [
         (f"closed loop without recording over {own}", f"{np.median(plains / bares):.2f}", f"at most {AIM_RATIO}"),
         (f"the same over that {all_of}", f"{np.median(plains / wholes):.2f}"),
-        (
-            f"an undisturbed tick over as many undisturbed steps, {own}",
-            f"{tick / (in_a_tick * step):.2f}",
-        ),
+        (f"an undisturbed tick over as many undisturbed steps, {own}", f"{tick / (in_a_tick * step):.2f}"),
         (f"the same over that {all_of}, undisturbed", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
         ("an undisturbed tick without its plant over one step", f"{python / step:.0f}", f"at most {AIM_PYTHON:.0f}"),
         ("recording adds, in the run's own thread", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),

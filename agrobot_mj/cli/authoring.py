@@ -60,9 +60,7 @@ def machine(
     return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")
 
 
-def init(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")],
-) -> None:
+def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")]) -> None:
     """Write a commented scenario file to start from."""
     from agrobot_mj.scenario.template import write_template
 

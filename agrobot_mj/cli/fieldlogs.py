@@ -26,8 +26,7 @@ Base = Annotated[
     typer.Option("--scenario", metavar="SCENARIO", help="Tractor, plant, tyres, terrain; that beside the log if any."),
 ]
 Logs = Annotated[
-    list[Path],
-    typer.Argument(metavar="LOG", help="Recordings of one machine (docs/replay.md), or a run's folder."),
+    list[Path], typer.Argument(metavar="LOG", help="Recordings of one machine (docs/replay.md), or a run's folder.")
 ]
 From = Annotated[
     float, typer.Option("--from", min=0, metavar="S", callback=finite, help="First time of the log that counts [s].")

@@ -38,8 +38,7 @@ OnMachine = Annotated[
     typer.Option("--machine", metavar="NAME", help="A name from `agrobot-mj list --machines` or a TOML file."),
 ]
 Plugins = Annotated[
-    list[Path] | None,
-    typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable."),
+    list[Path] | None, typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable.")
 ]
 
 

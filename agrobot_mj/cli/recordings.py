@@ -17,8 +17,7 @@ MAGIC = (b"RRF2", b"RRF0", b"RRIO")
 
 
 def view(
-    file: Recorded,
-    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
+    file: Recorded, web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False
 ) -> None:
     """Open a recording in the Rerun viewer; needs no network."""
     from agrobot_mj.recording.transport import viewer

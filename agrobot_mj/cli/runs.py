@@ -25,12 +25,7 @@ Live = Annotated[bool, typer.Option("--live", help="Show the run in a Rerun view
 
 
 def run(
-    source: Source,
-    sets: Sets = None,
-    out: Out = None,
-    no_rrd: NoRrd = False,
-    live: Live = False,
-    quiet: Quiet = False,
+    source: Source, sets: Sets = None, out: Out = None, no_rrd: NoRrd = False, live: Live = False, quiet: Quiet = False
 ) -> Answer:
     """Run one scenario."""
     from agrobot_mj.metrics.lag import lag_of

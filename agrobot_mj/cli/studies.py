@@ -58,8 +58,7 @@ def tune(
     source: Source,
     guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
     cases: Annotated[
-        str,
-        typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file."),
+        str, typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file.")
     ] = "surfaces",
     budget: Annotated[
         int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")

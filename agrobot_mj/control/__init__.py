@@ -27,8 +27,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[
-    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc,
-    Field(discriminator="kind"),
+    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc, Field(discriminator="kind")
 ]
 """Every guidance law, by `kind`."""
 

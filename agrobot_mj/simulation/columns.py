@@ -98,12 +98,7 @@ _ESTIMATE = _signals(
     ("yaw_hat", "rad", "estimated heading, wrapped", "estimate.yaw"),
     ("speed_hat", "m/s", "estimated velocity along the heading", "estimate.speed"),
     ("yaw_rate_hat", "rad/s", "estimated yaw rate", "estimate.yaw_rate"),
-    (
-        "steer_bias_hat",
-        "rad",
-        "estimated bias of the steering sensor; null if not estimated",
-        "estimate.steer_bias",
-    ),
+    ("steer_bias_hat", "rad", "estimated bias of the steering sensor; null if not estimated", "estimate.steer_bias"),
     ("rear_x_hat", "m", "estimated R, east", "estimate.rear_x"),
     ("rear_y_hat", "m", "estimated R, north", "estimate.rear_y"),
     ("p_xx", "m2", "estimated variance of R, east", lambda k: float(k.estimate.covariance[0, 0])),

@@ -6,18 +6,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.core.palette import (
-    BLUE,
-    BROWN,
-    DARK_GREY,
-    GREEN,
-    ORANGE,
-    PINK,
-    ROYAL_BLUE,
-    SKY_BLUE,
-    VERMILION,
-    YELLOW,
-)
+from agrobot_mj.core.palette import BLUE, BROWN, DARK_GREY, GREEN, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}

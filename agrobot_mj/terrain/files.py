@@ -92,11 +92,7 @@ def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
 
 
 def _read_npy(path: Path) -> Sheet:
-    mapped = _try(
-        path,
-        "write it with numpy.save, numbers only",
-        lambda: np.lib.format.open_memmap(path, mode="r"),
-    )
+    mapped = _try(path, "write it with numpy.save, numbers only", lambda: np.lib.format.open_memmap(path, mode="r"))
     if mapped.dtype.kind not in "fiu":
         refuse(path, f"holds values of type {mapped.dtype}; store real numbers, e.g. float32")
     _fits(path, mapped.shape)

@@ -63,12 +63,7 @@ class Ground(NamedTuple):
     def extent(self) -> tuple[float, float, float, float]:
         """(x_min, x_max, y_min, y_max) [m]."""
         rows, columns = self.heights.shape
-        return (
-            self.x0,
-            self.x0 + (columns - 1) * self.spacing,
-            self.y0,
-            self.y0 + (rows - 1) * self.spacing,
-        )
+        return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
     def covers(self, x: float, y: float) -> bool:
         """Whether the point (x, y) [m] lies on the grid."""

@@ -19,15 +19,7 @@ from pydantic import AfterValidator, Field
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import HUGE, NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import (
-    CarcassTyre,
-    Slip,
-    Structure,
-    TyreForce,
-    force_direction,
-    held_by_grip,
-    slip_of_faster,
-)
+from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 

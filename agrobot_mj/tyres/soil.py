@@ -25,15 +25,7 @@ from typing import Literal, NamedTuple
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import ConeIndex, Positive
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.tyres.base import (
-    CarcassTyre,
-    Slip,
-    Structure,
-    TyreForce,
-    force_direction,
-    held_by_grip,
-    slip_of_faster,
-)
+from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
 """Normalised slip rho at which the bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""

@@ -10,16 +10,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.pieces import spells
 from riding_tractor.closed_loop import Loop
-from riding_tractor.logs import (
-    CALIBRATION,
-    COVERAGE,
-    HELD_OUT,
-    STANDING,
-    FieldLog,
-    Repository,
-    field_log,
-    pursuit_log,
-)
+from riding_tractor.logs import CALIBRATION, COVERAGE, HELD_OUT, STANDING, FieldLog, Repository, field_log, pursuit_log
 
 DGPS = 2.0
 SILENT_S = 5.0

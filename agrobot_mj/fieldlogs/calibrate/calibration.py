@@ -159,11 +159,7 @@ class Calibration(NamedTuple):
 
 
 def calibrate(
-    sources: Sequence[Source],
-    log_map: LogMap | None,
-    scenario: Scenario,
-    start_s: float = 0.0,
-    end_s: float = inf,
+    sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
     """Calibrate the sensors of logs under one map; the wheelbase is the scenario's. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)

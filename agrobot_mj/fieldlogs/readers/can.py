@@ -75,10 +75,7 @@ SIGNALS: dict[int, tuple[BusSignal, ...]] = {
         BusSignal("steering_wheel", 0, 16, False, 1 / 1024, -32127 / 1024),
         BusSignal("yaw_rate", 24, 16, False, 1 / 8192, -32127 / 8192),
     ),
-    65267: (
-        BusSignal("latitude", 0, 32, False, 1e-7, -210.0),
-        BusSignal("longitude", 32, 32, False, 1e-7, -210.0),
-    ),
+    65267: (BusSignal("latitude", 0, 32, False, 1e-7, -210.0), BusSignal("longitude", 32, 32, False, 1e-7, -210.0)),
     127250: (BusSignal("heading", 8, 16, False, 1e-4, compass=True),),
     127251: (BusSignal("yaw_rate", 8, 32, True, -1e-6 / 32),),
     127257: (BusSignal("roll", 40, 16, True, 1e-4),),

@@ -97,10 +97,7 @@ def _single(path: str, title: str, unit: str, label: str, column: str, colour: i
 
 # The log keeps the paper's errors, reference less position. Shown is position less reference, so that all that lies
 # left of the path is positive: the lateral error, and beside it the cross-track error.
-_ERRORS = (
-    Series("longitudinal", "e_longitudinal", MEASURED, -1.0),
-    Series("lateral", "e_lateral", TRUE, -1.0),
-)
+_ERRORS = (Series("longitudinal", "e_longitudinal", MEASURED, -1.0), Series("lateral", "e_lateral", TRUE, -1.0))
 _COMMAND = (
     *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
     Series("network -tau_n", "tau_n", NETWORK, -1.0),

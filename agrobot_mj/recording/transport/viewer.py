@@ -29,10 +29,7 @@ RERUN = _launched()
 PORT = 9876
 """Port on which viewers listen by default."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
-COMMAND = (
-    *(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)),
-    *("--hide-welcome-screen", "--expect-data-soon"),
-)
+COMMAND = (*(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)), *("--hide-welcome-screen", "--expect-data-soon"))
 PR_SET_PDEATHSIG = 1
 """Option of Linux's prctl."""
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None

@@ -115,11 +115,7 @@ class Resumed:
 
 @contextmanager
 def resuming(
-    folder: Path,
-    names: Sequence[str],
-    jobs: int | None,
-    failed: Failed = lambda text: None,
-    most: int | None = None,
+    folder: Path, names: Sequence[str], jobs: int | None, failed: Failed = lambda text: None, most: int | None = None
 ) -> Iterator[Resumed]:
     """What does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
 

@@ -83,11 +83,7 @@ class Population:
 
 
 def populations(
-    scenario: Scenario,
-    q: RiskQuestion,
-    condition: Condition,
-    do: RunTasks,
-    done: Callable[[Population], object],
+    scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
     """All splittings of a question, each done; they go on together, so that many runs are driven at a time."""
     base, rises = base_text(scenario), Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
