@@ -165,7 +165,6 @@ def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Mean and its interval."""
     return estimate(values, bootstrap_interval).text()
 
 

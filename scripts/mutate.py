@@ -75,7 +75,6 @@ class Mutant(NamedTuple):
     """The change in words."""
     source: str
     name: str = ""
-    """Name that it has brought in."""
 
 
 def drawn(group: dict[str, Any], seed: str, count: int | None) -> Iterator[Mutant]:

@@ -47,11 +47,9 @@ class Measured(NamedTuple):
     """A line of a data sheet."""
 
     name: str
-    """Quantity."""
     value: float
     """Value [unit]."""
     unit: str
-    """Its unit."""
 
     @property
     def written(self) -> dict[str, str | float | None]:

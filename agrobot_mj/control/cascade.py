@@ -29,7 +29,6 @@ class CascadeState(NamedTuple):
     """Memory of a `Cascade`."""
 
     controller: Any
-    """State of the yaw controller."""
     yaw_rate_ref: float = nan
     """Last reference [rad/s]."""
     e_yaw_rate: float = nan

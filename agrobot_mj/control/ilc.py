@@ -33,7 +33,6 @@ class IlcState(NamedTuple):
     inner: Any
     """State of the feedback law."""
     lap: LapState = LapState()
-    """The map."""
     s: float | None = None
     """Distance of the nearest point along the path; None before the first tick [m]."""
     length: float = inf

@@ -35,7 +35,6 @@ class Moved(NamedTuple):
     """A route that lies beside another one."""
 
     route: Route
-    """The path."""
     map_: LapMap
     """How far beside it the line lies."""
     state: LapState
@@ -94,7 +93,6 @@ class ImplementIlcState(NamedTuple):
     inner: Any
     """State of the law inside."""
     lap: LapState = LapState()
-    """The map."""
     s: float | None = None
     """Distance along the path of the point nearest to the implement; None before the first tick [m]."""
     length: float = inf

@@ -167,7 +167,6 @@ class Supervisor(SupervisorLimits):
     def _commanded(
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
     ) -> tuple[SupervisorState, Command]:
-        """The command of the mode."""
         if state.mode is Mode.ALIGNING:
             command = Command(0.0, self.aligning_speed_m_s)
         elif state.mode is Mode.COASTING:  # the speed estimate may drift: the hydrostat's speed does not

@@ -16,7 +16,6 @@ class Key(NamedTuple):
     """A key of the schema."""
 
     dotted: str
-    """Dotted name of the key."""
     owner: type[Spec]
     """Class that defines the key."""
     name: str
@@ -35,9 +34,7 @@ class TableClass(NamedTuple):
     kinds: tuple[tuple[str, str], ...]
     """(table, kind) of every choice that leads here."""
     owner: type[Spec]
-    """The class."""
     default: Spec
-    """Default values of the table."""
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:

@@ -19,7 +19,6 @@ class Script(NamedTuple):
     faults: Sequence[Scripted]
     """Faults in the order of the file, in which they act."""
     seed: int
-    """Seed of the run."""
 
     def init(self) -> ScriptState:
         """State of each fault, with a random stream of its own."""

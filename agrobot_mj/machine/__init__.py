@@ -17,7 +17,6 @@ class Machine(NamedTuple):
     valve: Valve = Valve()
     """Steering valve and its pump."""
     cylinder: Cylinder = Cylinder()
-    """Steering cylinder."""
     driveline: Driveline = Driveline()
     """Driveline, from the pedal to the rear wheels."""
     implement: ImplementBase = NoImplement()

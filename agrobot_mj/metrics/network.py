@@ -19,7 +19,6 @@ class NetworkShare(Metric):
 
 
 def _share(kept: Array, learnt: Array) -> float | None:
-    """Share of what was learnt."""
     if len(kept) < LEAST:
         return None
     c, n = mean_magnitude(kept) or 0.0, mean_magnitude(learnt) or 0.0

@@ -34,7 +34,6 @@ class _Piece(NamedTuple):
     start: float
     """Where it begins, from the beginning of the turn [m]."""
     pose: Pose
-    """Pose there."""
     curvature: float
     """Curvature there [1/m]."""
     sharpness: float

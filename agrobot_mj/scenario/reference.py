@@ -67,7 +67,6 @@ class KnownKind(NamedTuple):
     table: str
     """Dotted key of the part's table; `metric` for a metric."""
     kind: str
-    """Its kind."""
     text: str
     """What it is, in a line."""
 

@@ -51,9 +51,7 @@ class GnssState(NamedTuple):
     """The receiver between two ticks."""
 
     errors: FixErrors
-    """Errors of the position."""
     dual: DualAntennaState
-    """Both antennas."""
     canopies: tuple[CanopyState, ...]
     """Each part of the field with an obstructed sky."""
     pending: tuple[GnssReading, ...] = ()

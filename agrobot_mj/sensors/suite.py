@@ -26,7 +26,6 @@ class SensorState(NamedTuple):
     """The sensors between two ticks, by name."""
 
     states: dict[str, Any]
-    """State of each sensor."""
     readings: dict[str, Any]
     """Last reading of each sensor, empty before the first tick."""
     present: tuple[str, ...] = ()

@@ -31,7 +31,6 @@ class SavedRows(NamedTuple):
     """A saved log: whole blocks, which snapshots of one run share, and the rows behind them."""
 
     filled: int
-    """Number of rows."""
     blocks: tuple[tuple[Array, Array], ...]
     """Values (BLOCK, columns) and poses (BLOCK, bodies, 7) of the whole blocks; never written to."""
     rest: tuple[Array, Array]

@@ -49,9 +49,7 @@ class Wiring(NamedTuple):
     """Both lines between two ticks; they carry voltages from neutral [V]."""
 
     steer: SignalLine = SignalLine(0.0)
-    """Line to the steering valve."""
     pedal: SignalLine = SignalLine(0.0)
-    """Line to the pedal valve."""
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring, Drive]":
         """The lines after a tick of length `dt` [s], and the voltages that arrive."""

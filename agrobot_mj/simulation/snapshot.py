@@ -20,7 +20,6 @@ class LoopState(NamedTuple):
     """A saved `Loop`."""
 
     plant: Any
-    """State of the plant."""
     stages: dict[str, Any]
     """States of the stages, by their names in `Stages`."""
     truth: Truth
@@ -33,11 +32,9 @@ class Snapshot(NamedTuple):
     """A saved `Simulation`."""
 
     scenario: Scenario
-    """Scenario that it belongs to."""
     loop: LoopState
     """Plant and stages."""
     rows: SavedRows
-    """The log."""
     standstill: Standstill
     """How long the tractor has not moved."""
     ending: tuple[str, str]

@@ -53,7 +53,6 @@ class Case(NamedTuple):
 
     plant: str
     law: str
-    """Name of the law."""
     variant: str | None
     """Name of the variant, if there is one."""
     seed: int

@@ -39,11 +39,9 @@ class ReportedRun(NamedTuple):
     """One run of a comparison."""
 
     plant: str
-    """Name of the plant."""
     law: str
     """Name of the law: a yaw controller, a guidance law, a variant."""
     log: LogLike
-    """Its log."""
     failed: bool = False
     """Whether it did not end as expected."""
 

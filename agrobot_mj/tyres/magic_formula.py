@@ -64,9 +64,7 @@ class MagicLaw(NamedTuple):
     F_z0: float
     """Reference load [N]."""
     along: CurveLaw
-    """Longitudinal curve."""
     across: CurveLaw
-    """Lateral curve."""
     rho_peak: float
     """Normalised slip at the nearer peak of both curves [-]."""
     anisotropy: float

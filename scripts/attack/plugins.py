@@ -75,7 +75,6 @@ class Family(NamedTuple):
     key: str
     """Key that chooses the kind in a scenario."""
     answers: tuple[str, ...] = ()
-    """Answers of its own."""
     more: str = ""
     """What else the class gives."""
 

@@ -79,7 +79,6 @@ def sweeps(chance: random.Random) -> str:
 
 
 def _sweep(chance: random.Random) -> str:
-    """The text of a sweep."""
     (key, value), (other, base) = chance.sample(numbers(), 2)
     span, odd = chance.choice([0.5, 1.5, 3.0, 100.0, -1.0, 0.0]), chance.choice(VALUES)
     axes = [f"[{value}, {value * span}]", f"[{odd}, {value}]", odd, "{ from = 0, to = nan, count = 3 }"]

@@ -49,7 +49,6 @@ def recordings(repository: Repository, run: Run, log_map: LogMap, machine: Scena
 
 
 Numbers = dict[str, Any]
-"""Numbers of a replay."""
 
 
 def replayed(found: Sequence[FieldRecording], model: Scenario | None, wheelbase: float) -> list[Replayed]:

@@ -38,7 +38,6 @@ class Specimen(NamedTuple):
     """A tyre to test, with its tractor."""
 
     tyre: Tyre
-    """The tyre."""
     tractor: TractorParameters
     """Tractor on whose wheels it is mounted."""
 

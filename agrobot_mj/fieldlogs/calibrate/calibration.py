@@ -115,7 +115,6 @@ class Calibration(NamedTuple):
     found: dict[str, Interval]
     """Quantities by the keys of the map, in its units."""
     log_map: LogMap
-    """The map that the log came with."""
     pieces: Pieces
     """The recordings in radians, by the rough centre and scale."""
     rough: RoughSteering

@@ -73,7 +73,6 @@ class VehicleFit(NamedTuple):
     value: Array
     """Values of `names`, SI and radians."""
     covariance: Array
-    """Their covariance."""
     freedom: int
     """Degrees of freedom of the intervals: windows less one."""
 

@@ -64,7 +64,6 @@ class IdentifiedVehicle(NamedTuple):
     found: dict[str, FoundQuantity]
     """Quantities by their keys, with the unit at the end."""
     windows: int
-    """Windows of the fit."""
     explained: float
     """Share of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
     residual_deg_s: float

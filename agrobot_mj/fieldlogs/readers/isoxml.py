@@ -217,7 +217,6 @@ def _entries(path: Path) -> list[zipfile.ZipInfo]:
 
 
 def _task_folders(entries: list[zipfile.ZipInfo]) -> list[str]:
-    """Folders with task data."""
     names = (each.filename for each in entries)
     return [name[: -len(TASKDATA)] for name in names if name.upper().rpartition("/")[2] == TASKDATA]
 

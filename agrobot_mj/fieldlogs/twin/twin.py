@@ -106,7 +106,6 @@ class Twin(NamedTuple):
     fitted: tuple[FieldRecording, ...]
     """Pieces that were fitted, under the calibrated map."""
     held_out: ReplayResult
-    """The replay of the others."""
     texts: dict[str, str]
     """Files of the twin by name: machine, and scenario and way where there is one."""
 

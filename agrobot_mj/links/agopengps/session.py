@@ -33,11 +33,8 @@ class LinkOptions(NamedTuple):
     """How to run over the link, beside the scenario."""
 
     address: str = "127.0.0.1"
-    """Address of the host."""
     port: int = BOARD_PORT
-    """Own port."""
     host_port: int = HOST_PORT
-    """Port of the host."""
     replay: Path | None = None
     """Record to drive from, in place of a host."""
     start: Literal["heard", "engaged", "now"] = "heard"

@@ -36,7 +36,6 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.storage import atomic, exclusive
 
 FILE = "run.mcap"
-"""Name of the file."""
 LARGEST = 1e9
 """Magnitude that no signal of a tractor reaches, in its own SI unit."""
 

@@ -75,7 +75,6 @@ class Outline(NamedTuple):
     between: tuple[float, float]
     """x from behind the front wheels, however they are turned, back to the rear wheels: rear end, front end."""
     floor: float
-    """Height of the floor."""
     dash: float
     """x of the bonnet's rear end."""
     nose: float

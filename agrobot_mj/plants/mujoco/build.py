@@ -33,9 +33,7 @@ class Built(NamedTuple):
     """Sets of masses that the chassis will carry, each with the index of the fault that adds it."""
 
     model: mujoco.MjModel
-    """Model for the physics."""
     scene: Scene
-    """Scene for the recordings."""
     tyres: TyreSet
     hitched: HitchedBody | None
     """Body of its implement, if there is one."""

@@ -166,7 +166,6 @@ def _leave_out(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 
 
 def _joints_of(model: mujoco.MjModel, tendon: int) -> set[int]:
-    """Joints of a fixed tendon."""
     first = int(model.tendon_adr[tendon])
     wraps = range(first, first + int(model.tendon_num[tendon]))
     return {int(model.wrap_objid[w]) for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT}

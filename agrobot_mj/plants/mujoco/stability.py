@@ -34,7 +34,6 @@ class Part(NamedTuple):
     """Springs or dampers at some points, and where they come from."""
 
     key: str
-    """Key of the scenario."""
     value: float | None
     """Its value; None where a tyre or an implement from outside has no such key."""
     stiffness: Array

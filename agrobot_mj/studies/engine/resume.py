@@ -18,7 +18,6 @@ from agrobot_mj.studies.engine.tasks import Done, Task, digest, origin
 from agrobot_mj.studies.engine.workers import Perform, performing
 
 ROWS = "rows"
-"""Folder of the rows."""
 RunTasks = Callable[[Sequence[Task]], list[Done]]
 """Function that does tasks, some at a time; results in the order of the tasks."""
 

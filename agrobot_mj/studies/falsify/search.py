@@ -103,7 +103,6 @@ class Combination(NamedTuple):
     distances: tuple[float, ...]
     """Distance of each key from where it is mild, in its unit [-]."""
     values: dict[str, Any]
-    """Values of the keys."""
     runs: int
     failed: int
     close: float

@@ -53,7 +53,6 @@ class Tried(NamedTuple):
     """The runs at one value."""
 
     value: float
-    """Value of the key."""
     runs: int
     """Number of independent runs: one where seeds change nothing."""
     failed: int
@@ -111,7 +110,6 @@ class Found(NamedTuple):
     """The answer for one law."""
 
     law: str
-    """Name of the law."""
     verdict: str
     """`limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
@@ -195,7 +193,6 @@ def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """The verdict on what was tried."""
     found = partial(Found, name, tried=tried)
     terms = f"{100 * q.reliability:g} % of runs at {100 * q.confidence:g} % confidence"
     works, fails = [t for t in tried if t.holds], [t for t in tried if not t.holds]

@@ -40,11 +40,9 @@ class Risk(NamedTuple):
     statement: str
     """The answer as a sentence."""
     splits: tuple[Split, ...]
-    """Each splitting."""
     ordinary: Run
     """A run of middling closeness, from its beginning."""
     failure: Run | None
-    """A run that failed."""
 
 
 def risk(

@@ -39,7 +39,6 @@ class RunPlan(NamedTuple):
     variant: str | None
     """Name of its variant, if the sweep has any."""
     seed: int
-    """Seed of the run."""
     parameters: dict[str, Any]
     """Values of axes and draws by dotted key."""
     overrides: dict[str, Any]

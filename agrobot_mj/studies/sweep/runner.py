@@ -48,7 +48,6 @@ class SweepSummary(NamedTuple):
     """Result of a sweep."""
 
     folder: Path
-    """Folder of the results."""
     total: int
     """Number of runs of the whole sweep."""
     before: int

@@ -206,6 +206,5 @@ def _check_metric(metric: str, rows: Rows) -> None:
 
 
 def _name(row: dict[str, Any], file: dict[str, Any]) -> str:
-    """Name of the group of a row."""
     parts = [row["variant"]] if file.get("variant") else []
     return ", ".join([*parts, *(str(row[key]) for key in file.get("axes", {}))]) or "all runs"

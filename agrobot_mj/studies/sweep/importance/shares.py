@@ -57,7 +57,6 @@ class Influence(NamedTuple):
 
     group: str
     mean: float
-    """Mean of the metric."""
     deviation: float
     """Its standard deviation over the points of the design, each averaged over its seeds."""
     noise: float | None
