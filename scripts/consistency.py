@@ -147,8 +147,7 @@ class CaseErrors(NamedTuple):
     """A case over all seeds."""
 
     wholes: list[Whole]
-    losses: dict[float, list[list[End]]]
-    """Ends of the losses of each length [s], those of a seed together."""
+    losses: dict[float, list[list[End]]]  # ends of the losses of each length [s], those of a seed together
 
 
 def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int]) -> CaseErrors:

@@ -24,10 +24,8 @@ class Estimate(NamedTuple):
     mean: float
     low: float
     high: float
-    n: int
-    """Number of seeds."""
-    failed: int = 0
-    """Further seeds whose runs failed: the mean is of those that are left."""
+    n: int  # number of seeds
+    failed: int = 0  # further seeds whose runs failed: the mean is of those that are left
 
     def text(self, digits: int = 2, sign: str = "") -> str:
         """`mean (low to high)`, or the mean alone of a single seed, and how many seeds failed."""

@@ -80,12 +80,9 @@ def _section(title: str, columns: Iterable[Column]) -> str:
 class Number(NamedTuple):
     """A key with a number and a source."""
 
-    owner: str
-    """Class that first has the key, and the key."""
-    kind: str
-    """Kind of its table, empty where there are none."""
-    row: tuple[str, ...]
-    """Key, default, unit, range and source."""
+    owner: str  # class that first has the key, and the key
+    kind: str  # kind of its table, empty where there are none
+    row: tuple[str, ...]  # key, default, unit, range and source
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:

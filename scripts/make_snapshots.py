@@ -38,8 +38,7 @@ class Tile(NamedTuple):
     """A picture of the gallery."""
 
     scenario: str
-    t: float
-    """Its time; one after the end shows the end [s]."""
+    t: float  # its time; one after the end shows the end [s]
     overrides: Mapping[str, Any] = MappingProxyType({})
 
 

@@ -71,8 +71,7 @@ class Mutant(NamedTuple):
 
     module: str
     tests: str
-    what: str
-    """The change in words."""
+    what: str  # the change in words
     source: str
     name: str = ""
 

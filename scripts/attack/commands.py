@@ -49,28 +49,11 @@ COMMANDS = [
 ]
 """Each command as it could be given, short; `ros2` and `validate` are not among them."""
 FLAGS = (
-    "--quiet",
-    "-q",
-    "--live",
-    "--vehicle",
-    "--merge",
-    "--fresh",
-    "--quick",
-    "--json",
-    "--kinds",
-    "--sweeps",
-    "--help",
-    "--x",
+    *("--quiet", "-q", "--live", "--vehicle", "--merge", "--fresh", "--quick", "--json", "--kinds", "--sweeps"),
+    *("--help", "--x"),
 )
 PLACES = (
-    "out/é b",
-    "out/[bold]",
-    "run/signals.parquet",
-    "null",
-    "null/x",
-    "/dev/full/x",
-    "small.toml/x",
-    "x" * 5000,
+    *("out/é b", "out/[bold]", "run/signals.parquet", "null", "null/x", "/dev/full/x", "small.toml/x", "x" * 5000),
     "",
 )
 """Folders for `--out` that are none, or are inside those that a command may write into."""
@@ -90,13 +73,15 @@ NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "strang
 NEEDED |= {"folders": tuple(MADE), "shards": ("sweep",)}
 """Kinds that a class of inputs needs."""
 READ = {
-    "run": ["report run", "export run --mcap", "identify run", "replay run --out out"],
+    "run": [
+        *("report run", "export run --mcap", "identify run", "replay run --out out"),
+        "run run/scenario.toml --no-rrd --out out",
+    ],
     "compare": ["report compare"],
     "sweep": ["report sweep", "importance sweep", "sweep --merge sweep --out out", SWEEP_ON],
     "limit": ["report limit"],
 }
 """Commands that read such a folder, or go on in it."""
-READ["run"].append("run run/scenario.toml --no-rrd --out out")
 
 
 @cache
@@ -172,18 +157,17 @@ def border(chance: random.Random) -> str:
 
 EXTRAS = {
     "compare": [
-        "--variant <!--<script>:path.radius_m=9",
-        "--variant ../x:path.radius_m=9",
-        "--seeds 3",
-        "--max-runs 1",
+        *("--variant <!--<script>:path.radius_m=9", "--variant ../x:path.radius_m=9", "--seeds 3", "--max-runs 1"),
+        *("--seeds 99999999", "--guidance lqr,stanley"),
     ],
     "sweep": ["--fresh", "--shard 2/3", "--shard 1/1", "--merge", "--max-runs 1", "--fresh --shard 1/2"],
-    "limit": ["--tolerance 1e-300", "--confidence 0.5", "--reliability 1e-9", "--range 1:1e308", "--max-seeds 2"],
+    "limit": [
+        *("--tolerance 1e-300", "--confidence 0.5", "--reliability 1e-9", "--range 1:1e308", "--max-seeds 2"),
+        *("--range=-1e308:1e308", "--guidance lqr,stanley"),
+    ],
     "tune": ["--seeds 200000", "--budget 8 --seeds 99999", "--budget 999999", "--guidance nope", "--jobs 1000000"],
 }
 """What is added to the studies."""
-EXTRAS["compare"] += ["--seeds 99999999", "--guidance lqr,stanley"]
-EXTRAS["limit"] += ["--range=-1e308:1e308", "--guidance lqr,stanley"]
 
 
 def studies(chance: random.Random) -> str:
@@ -213,10 +197,12 @@ def parquet(chance: random.Random) -> str:
     return call(chance.choice([*READ["run"][:4], "identify run --vehicle --out out"]).split())
 
 
-NAMES = [name for name in SET if name != "signals.parquet"] + [RECORDING, "plan.json", "sweep.toml", "base.toml"]
-NAMES += ["sweep.parquet", "way.csv", "report.html", "comparison.json", "limit.json", "limit.png", "tuning.json"]
-NAMES += ["curves.parquet", "replay.json", "vehicle.json", "notes.txt", ".notes.txt.1a2b3c4d.part", "lateral.png"]
-NAMES += ["bicycle-pd", "run.mcap"]
+RESULTS = f"""
+    {RECORDING} plan.json sweep.toml base.toml sweep.parquet way.csv report.html comparison.json limit.json
+    limit.png tuning.json curves.parquet replay.json vehicle.json notes.txt .notes.txt.1a2b3c4d.part lateral.png
+    bicycle-pd run.mcap
+"""
+NAMES = [*(name for name in SET if name != "signals.parquet"), *RESULTS.split()]
 INNER = ["rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png"]
 """Names of files that a stranger may have where results go."""
 LINKS = ("runs", "runs/00000001", "runs/a", "rows", "rows/00000", "rows/00000/00000001.json", "plan.json", "base.toml")

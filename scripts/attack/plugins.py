@@ -32,22 +32,12 @@ class Mine({base}):
 '''
 ODD = {
     "above": (
-        "1 / 0",
-        "raise SystemExit(3)",
-        "import nothing_of_this_name",
-        "def (",
-        "\x00",
-        "raise KeyboardInterrupt",
+        *("1 / 0", "raise SystemExit(3)", "import nothing_of_this_name", "def (", "\x00", "raise KeyboardInterrupt"),
     ),
     "kind": tuple(f'kind: Literal["{kind}"] = "{kind}"' for kind in ("lqr", "kinematic", "", "é", "a b")),
     "key": (
-        *(
-            "gain: float = 1.0",
-            "gain: float = 'x'",
-            "gain: object = object()",
-            "seed_: int",
-            "kp: float = float('nan')",
-        ),
+        *("gain: float = 1.0", "gain: float = 'x'", "gain: object = object()", "seed_: int"),
+        "kp: float = float('nan')",
     ),
     "init": ("raise ValueError('no')", "return (1, 2)", "return lambda: 0"),
     "below": (
@@ -70,13 +60,10 @@ class Family(NamedTuple):
 
     module: str
     base: str
-    method: str
-    """Its one method, with arguments."""
-    key: str
-    """Key that chooses the kind in a scenario."""
+    method: str  # its one method, with arguments
+    key: str  # key that chooses the kind in a scenario
     answers: tuple[str, ...] = ()
-    more: str = ""
-    """What else the class gives."""
+    more: str = ""  # what else the class gives
 
 
 COMMANDS = (
@@ -105,12 +92,8 @@ FAMILIES = (
     Family("paths.base", "ReferencePath", "at(self, t)", "path.kind=mine", REFERENCES, NUMBERS.format(n="1.0")),
     Family("paths.base", "ReferencePath", "at(self, t)", "path.kind=mine", REFERENCES, NUMBERS.format(n="None")),
     Family(
-        "tyres.base",
-        "TyreBase",
-        "coefficients(self, tractor)",
-        "plant.tyre.kind=mine",
-        (),
-        "structure = lambda s: None",
+        *("tyres.base", "TyreBase", "coefficients(self, tractor)", "plant.tyre.kind=mine", ()),
+        more="structure = lambda s: None",
     ),
 )
 RIGHT_LAW = PLUGIN.format(**LAWS._asdict() | RIGHT, answer="return state, Command(0.1, 1.0)")

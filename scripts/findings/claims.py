@@ -135,10 +135,8 @@ class Judged(NamedTuple):
 
     claim: str
     verdict: str
-    network: str
-    """What the paper's network does, on the bicycle and on MuJoCo."""
-    null: str
-    """What the models that it has to beat do."""
+    network: str  # what the paper's network does, on the bicycle and on MuJoCo
+    null: str  # what the models that it has to beat do
 
 
 def claims_table(rows: Sequence[Row]) -> str:

@@ -28,15 +28,11 @@ class Panel(NamedTuple):
 
     xlabel: str
     ylabel: str
-    xs: Sequence[Any]
-    """Values of the abscissa; names stand beside each other, numbers are joined by lines."""
+    xs: Sequence[Any]  # values of the abscissa; names stand beside each other, numbers are joined by lines
     laws: Sequence[str]
-    curve: Callable[[str, str, Any], Estimate]
-    """The estimate of a plant and a law at a value of the abscissa."""
-    look: Mapping[str, Any] = {}
-    """Further properties of the axes."""
-    line: float | None = None
-    """Where a dashed line is drawn."""
+    curve: Callable[[str, str, Any], Estimate]  # the estimate of a plant and a law at a value of the abscissa
+    look: Mapping[str, Any] = {}  # further properties of the axes
+    line: float | None = None  # where a dashed line is drawn
     plants: Sequence[str] = PLANTS
 
 

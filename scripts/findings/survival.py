@@ -52,17 +52,14 @@ class Hardship(NamedTuple):
     name: str
     unit: str
     key: str
-    start: float
-    """Value that every law should survive."""
-    stop: float
-    """Worst value tried."""
+    start: float  # value that every law should survive
+    stop: float  # worst value tried
     tolerance: float
     overrides: dict[str, Any]
     sound: dict[str, Any]
     """What removes it; where the key is still there, the counterpart is a search along it, else some runs."""
     duration_s: float = 75.0
-    offset: float = 0.0
-    """What is taken from the key's value for the table, in its unit."""
+    offset: float = 0.0  # what is taken from the key's value for the table, in its unit
 
 
 LOSS_S, LOSS = 15.0, {"kind": "gnss_loss", "start_s": 15.0, "end_s": 20.0}

@@ -42,10 +42,8 @@ JOBS = [(tyre, steer) for tyre in TYRES for steer in STEERS_DEG]
 class SteadyBend(NamedTuple):
     """Steady state in a bend."""
 
-    yaw_rate: float
-    """Yaw rate [rad/s]."""
-    sideslip: float
-    """Angle from the heading to the velocity of the CG, left positive [rad]."""
+    yaw_rate: float  # yaw rate [rad/s]
+    sideslip: float  # angle from the heading to the velocity of the CG, left positive [rad]
 
 
 def validity(study: Study) -> Blocks:

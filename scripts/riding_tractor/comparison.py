@@ -16,15 +16,18 @@ from riding_tractor.logs import CALIBRATION, HELD_OUT, Repository, pursuit_log
 from riding_tractor.prediction import (
     BICYCLE,
     CARCASS,
+    MACHINE,
     NO_SLIP,
     Model,
+    Motor,
     Numbers,
     calibration,
     explained,
+    motor,
     recordings,
     replayed,
+    twin,
 )
-from riding_tractor.twin import MACHINE, Motor, motor, twin
 
 SEEDS = range(1, 5)
 """Seeds of the closed loop, each with ground of its own."""

@@ -9,8 +9,7 @@ import numpy as np
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.pieces import spells
-from riding_tractor.closed_loop import Loop
-from riding_tractor.firmware import Board, steady_offset
+from riding_tractor.closed_loop import Board, Loop, steady_offset
 from riding_tractor.logs import COVERAGE, MISSION, Repository, field_log
 
 STRAIGHT_M = 3.0
@@ -30,18 +29,14 @@ LEAST_ROWS = 30
 class Track(NamedTuple):
     """The run on an even grid of time, shape (n,) each, and its mission."""
 
-    t: Array
-    """Time since the first row [s]."""
-    x: Array
-    """East of the mission's first waypoint [m]."""
+    t: Array  # time since the first row [s]
+    x: Array  # east of the mission's first waypoint [m]
     y: Array
-    yaw: Array
-    """From east, counter-clockwise, unwrapped [rad]."""
+    yaw: Array  # from east, counter-clockwise, unwrapped [rad]
     pot: Array
     speed: Array
     auto: Array
-    mission: Array
-    """East, north, heading [rad], look-ahead [m] and speed [m/s] of the waypoints, shape (m, 5)."""
+    mission: Array  # east, north, heading [rad], look-ahead [m] and speed [m/s] of the waypoints, shape (m, 5)
 
 
 def track(repository: Repository) -> Track:
@@ -68,12 +63,9 @@ def track(repository: Repository) -> Track:
 class Straight(NamedTuple):
     """A straight pass of the coverage run."""
 
-    t: float
-    """Its middle [s]."""
-    pot: float
-    """Reading of the potentiometer while it drives straight on [counts]."""
-    left: float
-    """Median offset from the mission, left of the vehicle [m]."""
+    t: float  # its middle [s]
+    pot: float  # reading of the potentiometer while it drives straight on [counts]
+    left: float  # median offset from the mission, left of the vehicle [m]
     westwards: bool
 
     def expected(self, heading_error: float) -> float:
@@ -128,8 +120,7 @@ class Turn(NamedTuple):
     """A keyhole turn of the mission."""
 
     name: str
-    first: int
-    """Index of its first waypoint."""
+    first: int  # index of its first waypoint
     last: int
 
 
@@ -144,10 +135,8 @@ class TurnDriven(NamedTuple):
     planned: Array
     recorded: Array
     simulated: Array
-    span: tuple[float, float]
-    """Begin and end in the log [s]."""
-    centre: float
-    """Reading straight ahead at that time [counts]."""
+    span: tuple[float, float]  # begin and end in the log [s]
+    centre: float  # reading straight ahead at that time [counts]
 
     @property
     def off_plan(self) -> tuple[float, float]:

@@ -23,14 +23,10 @@ class Spell(NamedTuple):
     """A stretch of a log."""
 
     log: str
-    start: float
-    """Time since the log's first row [s]."""
-    lasts: float
-    """Duration [s]."""
-    fixed: float
-    """Share of the time in which the log says that the carrier phase is fixed [-]."""
-    valid: float
-    """Share of the time in which it says that the heading is valid [-]."""
+    start: float  # time since the log's first row [s]
+    lasts: float  # duration [s]
+    fixed: float  # share of the time in which the log says that the carrier phase is fixed [-]
+    valid: float  # share of the time in which it says that the heading is valid [-]
 
 
 def stretches(name: str, log: FieldLog, mask: np.ndarray, least: float = 0.0) -> list[Spell]:
@@ -55,10 +51,8 @@ class Stop(NamedTuple):
 
     log: str
     reason: str
-    speed: float
-    """Speed when it began [m/s]."""
-    way: float
-    """Way until it rested [m]."""
+    speed: float  # speed when it began [m/s]
+    way: float  # way until it rested [m]
 
 
 def stops(repository: Repository) -> list[Stop]:

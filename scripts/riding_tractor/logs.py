@@ -57,8 +57,7 @@ class Run(NamedTuple):
     name: str
     field: str
     pursuit: str = ""
-    speed: float = 0.5
-    """Speed that the mission asks for [m/s]."""
+    speed: float = 0.5  # speed that the mission asks for [m/s]
 
 
 def _straight(name: str, field: int, pursuit: int, speed: float = 0.5) -> Run:
@@ -99,30 +98,20 @@ STANDING = tuple(
 class FieldLog(NamedTuple):
     """Columns of the field logger, shape (n,) each; NaN where nothing new has come."""
 
-    t: Array
-    """Time since 1970 [s]."""
-    pot: Array
-    """Steering potentiometer, larger to the left [counts]."""
-    pwm: Array
-    """Drive of the steering motor, left positive [counts of 255]."""
+    t: Array  # time since 1970 [s]
+    pot: Array  # steering potentiometer, larger to the left [counts]
+    pwm: Array  # drive of the steering motor, left positive [counts of 255]
     latitude: Array
     longitude: Array
-    quality: Array
-    """As in GGA."""
-    heading: Array
-    """From two antennas, clockwise from north; NaN where it is not valid [deg]."""
-    valid: Array
-    """1 where the logger calls the heading valid, else 0."""
-    carrier: Array
-    """1 where the logger says "fixed", else 0."""
-    speed: Array
-    """Unsigned [m/s]."""
-    auto: Array
-    """1 while the guidance drives, else 0."""
+    quality: Array  # as in GGA
+    heading: Array  # from two antennas, clockwise from north; NaN where it is not valid [deg]
+    valid: Array  # 1 where the logger calls the heading valid, else 0
+    carrier: Array  # 1 where the logger says "fixed", else 0
+    speed: Array  # unsigned [m/s]
+    auto: Array  # 1 while the guidance drives, else 0
     receiver: Array
     """1 where any column of the position's receiver has changed, its speed and age of corrections among them."""
-    antennas: Array
-    """1 where the heading has changed."""
+    antennas: Array  # 1 where the heading has changed
 
     @property
     def table(self) -> pa.Table:
@@ -164,27 +153,18 @@ def field_log(repository: Repository, run: Run) -> FieldLog:
 class PursuitLog(NamedTuple):
     """Columns of the guidance, shape (n,) each."""
 
-    t: Array
-    """Time since 1970 [s]."""
-    x: Array
-    """Position, east of the mission's origin [m]."""
+    t: Array  # time since 1970 [s]
+    x: Array  # position, east of the mission's origin [m]
     y: Array
-    index: Array
-    """Index of the waypoint that it steers for."""
-    total: int
-    """Number of waypoints."""
+    index: Array  # index of the waypoint that it steers for
+    total: int  # number of waypoints
     target_x: Array
     target_y: Array
-    heading: Array
-    """Clockwise from north [deg]."""
-    aside: Array
-    """Lateral distance of the waypoint, left positive [m]."""
-    wanted: Array
-    """Steering angle, left positive [deg]."""
-    driving: Array
-    """1 where it drives, 0 where it waits."""
-    reason: Sequence[str]
-    """Why it waits."""
+    heading: Array  # clockwise from north [deg]
+    aside: Array  # lateral distance of the waypoint, left positive [m]
+    wanted: Array  # steering angle, left positive [deg]
+    driving: Array  # 1 where it drives, 0 where it waits
+    reason: Sequence[str]  # why it waits
 
 
 def pursuit_log(repository: Repository, run: Run) -> PursuitLog:

@@ -30,19 +30,13 @@ EVEN_S, STEP_S = 0.05, 0.5
 class Steering(NamedTuple):
     """Steering of the tractor, as its bus tells it."""
 
-    over_1_s: float
-    """Largest rate of the wheels sustained over a second [deg/s]."""
-    over_half_s: float
-    """Largest rate over half a second [deg/s]."""
-    lock: float
-    """Largest wheel angle [deg]."""
-    left_per_turn: float
-    """Wheel angle for a turn of the steering wheel while turning left [deg]."""
+    over_1_s: float  # largest rate of the wheels sustained over a second [deg/s]
+    over_half_s: float  # largest rate over half a second [deg/s]
+    lock: float  # largest wheel angle [deg]
+    left_per_turn: float  # wheel angle for a turn of the steering wheel while turning left [deg]
     right_per_turn: float
-    explained: float
-    """Share of the variance of the wheels' rate that the steering wheel's explains [-]."""
-    lag: float
-    """Time by which the wheels follow [s]."""
+    explained: float  # share of the variance of the wheels' rate that the steering wheel's explains [-]
+    lag: float  # time by which the wheels follow [s]
 
 
 def measured(repository: Repository, folder: Path) -> Steering:

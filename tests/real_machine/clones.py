@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from math import cos, degrees, radians, sin, tan
 
 import numpy as np
-from riding_tractor.firmware import WHEELBASE_M, Board, Pursuit
+from riding_tractor.closed_loop import WHEELBASE_M, Board, Pursuit
 from riding_tractor.logs import Repository
 
 LATITUDE, LONGITUDE = 40.4856, -80.3324

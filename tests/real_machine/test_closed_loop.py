@@ -4,10 +4,9 @@ from math import radians
 
 import numpy as np
 import pytest
-from riding_tractor.closed_loop import Loop
-from riding_tractor.firmware import LOOKAHEAD_M, WHEELBASE_M, Board, calibrated, steady_offset
+from riding_tractor.closed_loop import LOOKAHEAD_M, WHEELBASE_M, Board, Loop, calibrated, steady_offset
 from riding_tractor.gnss import BEGIN_S, FAILURES
-from riding_tractor.twin import Motor, twin
+from riding_tractor.prediction import Motor, twin
 
 MOTOR, SCALE = Motor(dead_band=71.0, rate=0.58), 0.15
 LEVEL = {"kind": "flat"}

@@ -5,7 +5,7 @@ from math import degrees, radians
 import numpy as np
 import pytest
 from clones import STRAIGHT, Drive, line
-from riding_tractor.firmware import CENTRE, LARGEST, LEFT, RIGHT, Board, Pursuit, calibrated, steady_offset
+from riding_tractor.closed_loop import CENTRE, LARGEST, LEFT, RIGHT, Board, Pursuit, calibrated, steady_offset
 
 
 def test_the_board_maps_full_lock_to_the_stops():
