@@ -30,7 +30,7 @@ from agrobot_mj.cli.output import error_printer, print_hints, say
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 if TYPE_CHECKING:
-    from agrobot_mj.studies.limit import Found, Tried
+    from agrobot_mj.studies.limit import Tried
 
 
 def sweep(
@@ -140,7 +140,7 @@ def limit(
             *(scenario, question, kinds, folder, jobs, partial(_tell, key, quiet)),
             *(lambda ends: said.extend(print_hints(ends, quiet)), sound, error_printer()),
         )
-    lines = [line for each in found for line in _answers(each)]
+    lines = [each.statement + (f"\n  {each.beside.statement}" if each.beside else "") for each in found]
     about = {"folder": str(folder), "hints": said}
     return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))
 
@@ -150,11 +150,6 @@ def _tell(key: str, quiet: bool, law: str, tried: "Tried") -> None:
     ends = f" ({tried.ends})" if tried.unexpected else ""
     if not quiet:
         say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
-
-
-def _answers(found: "Found") -> list[str]:
-    """The answer for a law, below it that of its counterpart."""
-    return [found.statement, *([f"  {found.beside.statement}"] if found.beside else [])]
 
 
 def _ends(text: str) -> tuple[float, float]:

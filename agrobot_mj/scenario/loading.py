@@ -30,7 +30,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
         absolute_paths(data, folder)
         places = FilePath.cwd(), folder
         apply_overrides(data, {key: absolute_value(key, value, *places) for key, value in (overrides or {}).items()})
-        data.setdefault("name", _name_of(path))
+        data.setdefault("name", UNPRINTABLE.sub("_", path.stem)[:200])
         return resolve(data, path.name)
     except RecursionError:
         raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
@@ -52,11 +52,6 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise ScenarioError(f"{path}: no such file")
     raise ScenarioError(f"unknown {noun} {str(source)!r}{suggestion(str(source), list(shipped))} ({known})")
-
-
-def _name_of(path: FilePath) -> str:
-    """A scenario's name after its file, without what cannot be printed."""
-    return UNPRINTABLE.sub("_", path.stem)[:200]
 
 
 def _find(source: str | FilePath) -> FilePath:

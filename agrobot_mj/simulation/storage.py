@@ -208,12 +208,8 @@ def _naming(path: Path) -> Iterator[None]:
     except (ConnectionError, TimeoutError):  # of what the block talks to
         raise
     except OSError as error:
-        raise OSError(error.errno, _reason(error), str(path)) from error
-
-
-def _reason(error: OSError) -> str:
-    """Words of the system for an error, also for those that a library has put into words of its own."""
-    return os.strerror(error.errno) if error.errno else str(error)
+        words = os.strerror(error.errno) if error.errno else str(error)  # a library may have put it into its own
+        raise OSError(error.errno, words, str(path)) from error
 
 
 def _json(content: Any) -> Writer:

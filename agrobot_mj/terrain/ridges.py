@@ -51,12 +51,8 @@ class Ridges(Generated):
         """Heights about the mean level."""
         direction = radians(self.furrow_direction_deg)
         right = sin(direction) * x[None, :] - cos(direction) * y[:, None]
-        d = np.abs(_wrapped((right - self.offset_m) / self.spacing_m))
+        turns = (right - self.offset_m) / self.spacing_m
+        d = np.abs(turns - np.round(turns))
         if self.profile == "flat":
             d = np.clip((d - LEVEL_SHARE / 2) / (1 - 2 * LEVEL_SHARE), 0.0, 0.5)
         return self.depth_m / 2 * np.cos(2 * np.pi * d)
-
-
-def _wrapped(turns: Array) -> Array:
-    """Value wrapped to the range from -0.5 to 0.5."""
-    return turns - np.round(turns)
