@@ -23,7 +23,7 @@ from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
 from agrobot_mj.studies.pages.report import ranking
-from agrobot_mj.studies.pages.sweep import Group, RerunCommand, curves, heat_map, toml_value
+from agrobot_mj.studies.pages.sweep import Group, RerunCommand, box, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
@@ -53,7 +53,7 @@ CHECKS = [
 LIMIT = {
     "key": "path.radius_m", "until": "xte_rms > 1", "scenario": "circle", "version": "1", "confidence": 0.8,
     "laws": [{"law": "lqr", "statement": "a < b", "interval": [1, 2], "tried": [
-        {"value": 1.0, "runs": 7, "failed": 0, "low": 0.8, "high": 1.0, "outcomes": {"completed": 7}}]}],
+        {"value": 17.8125, "runs": 7, "failed": 0, "low": 0.8, "high": 1.0, "outcomes": {"completed": 7}}]}],
 }  # fmt: skip
 
 
@@ -107,6 +107,10 @@ def test_a_report_is_one_file_without_empty_charts(folders, kind):
 def test_users_texts_are_escaped(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
     assert "a &lt; b" in page_of(folders["limit"])
+
+
+def test_values_tried_are_as_in_the_answer(folders):
+    assert "<td>17.8125</td>" in page_of(folders["limit"])
 
 
 def test_no_name_can_close_or_open_a_script(tmp_path):
@@ -248,6 +252,24 @@ def test_laws_without_a_success_have_a_rate_and_no_box():
     left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
     assert len(left.lines) > len(right.lines) == 0
+
+
+def test_a_page_and_its_figure_for_print_have_the_same_quartiles():
+    """Eight values, at which plotly.js and numpy would differ."""
+    rows = [{"expected": True, "outcome": "completed", "xte_rms": k**2 / 100} for k in range(8)]
+    drawn, lines = box(Group("lqr", rows), "#000000"), ranking([Group("lqr", rows)]).axes[1].lines
+    assert (drawn["q1"], drawn["median"], drawn["q3"]) == ([3.25], [12.5], [27.75])
+    assert [list(line.get_xdata()) for line in lines[1:3]] == [
+        [*drawn["q1"], *drawn["lowerfence"]],
+        [*drawn["q3"], *drawn["upperfence"]],
+    ]
+
+
+def test_columns_without_content_are_left_out():
+    page = Document("", [])
+    page.table(("law", "runs", "failed"), [("lqr", 2, ""), ("pd", 0, "")])
+    page.table(("law", "failed"), [("lqr", ""), ("pd", "1 stuck")])
+    assert [re.findall("<th[^>]*>([^<]*)", table) for table in page.parts[-2:]] == [["law", "runs"], ["law", "failed"]]
 
 
 def test_a_thinned_curve_keeps_spikes_and_gaps():

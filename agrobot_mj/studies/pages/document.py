@@ -22,8 +22,8 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True}
 """Axis of names, the first on top, as wide as they are."""
-INK, GRID, SHADE = "#1b1b1b", "#e5e5e5", "#dddddd"
-"""Colours of text, of grid lines and of shaded parts of charts."""
+INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
+"""Colours of text, of grid lines, of shaded parts of charts and of their tools."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE}
 """What takes the place of colours of charts on a dark page."""
 STYLE = """
@@ -106,10 +106,11 @@ class Document:
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """A table; columns of numbers are aligned to the right."""
-        body = "".join(f"<tr>{''.join(_cell('td', value) for value in row)}</tr>" for row in rows)
-        top = "".join(_cell("th", name) for name in head)
-        self.parts.append(f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>')
+        """A table without the columns in which nothing stands; columns of numbers are aligned to the right."""
+        columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
+        lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
+        inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
+        self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
         """Preformatted text, folded."""
@@ -147,15 +148,16 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
-    """Layout of a chart with these axis titles; room for a legend below."""
+    """Layout of a chart with these axis titles; room for a legend below, and for the tools of plotly.js above."""
     clear = "rgba(0,0,0,0)"
     axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
     for key, value in more.items():
         own[key] = {**own[key], **value} if key in own else value
     legend = {"orientation": "h", "y": -0.28, "yanchor": "top", "x": 0}
-    common = {"margin": {"l": 55, "r": 10, "t": 10, "b": 50}, "legend": legend, "hovermode": "closest"}
+    common = {"margin": {"l": 55, "r": 10, "t": 30, "b": 50}, "legend": legend, "hovermode": "closest"}
     common |= {"plot_bgcolor": clear, "paper_bgcolor": clear}
+    common["modebar"] = {"bgcolor": clear, "color": SOFT, "activecolor": INK}
     return {**common, "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK}, **own}
 
 

@@ -139,7 +139,7 @@ def run_page(folder: Path) -> Document:
     scenario, signals = tomllib.loads(text), read_signals(folder)
     title = scenario.get("title") or scenario.get("name") or folder.name
     page = Document(title, facts(scenario, f"outcome: {metrics['outcome']}"))
-    page.section("Where it went", "Scroll or pinch to zoom, drag to pan, double-click to see everything again.")
+    page.section("Where it went", "Drag to zoom, double-click to see everything again.")
     estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
     error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
     page.grid([map_of({"tractor": signals, "estimate": estimate}), ("Lateral error", error)])

@@ -78,7 +78,7 @@ def limit_page(folder: Path) -> Document:
     page.section("Every value tried")
     head = ("law", found["key"], "runs", "failed", "outcomes")
     rows = [
-        (law["law"], t["value"], t["runs"], t["failed"], _counts(t["outcomes"]))
+        (law["law"], f"{t['value']:g}", t["runs"], t["failed"], _counts(t["outcomes"]))
         for law in found["laws"]
         for t in law["tried"]
     ]

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
+from matplotlib.cbook import boxplot_stats
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
@@ -161,16 +162,21 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
             "Without duration_s every run drives its path to the end."
         )
     page.section("Ranking", text)
-    boxes = [
-        {"type": "box", "x": g.values.tolist(), "y": [g.name] * len(g.values), "orientation": "h", "name": g.name,
-         "marker": {"color": COLOURS[k % len(COLOURS)], "size": 3}, "showlegend": False}
-        for k, g in enumerate(groups)
-        if len(g.values)
-    ]  # fmt: skip
+    boxes = [box(group, COLOURS[k % len(COLOURS)]) for k, group in enumerate(groups) if len(group.values)]
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES), "failed")
     page.table(head, [_ranked(group) for group in groups])
     if boxes:
         page.grid([("Error of the successful runs", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)})])
+
+
+def box(group: Group, colour: str) -> Chart:
+    """Box of a group's errors, with the quartiles of the figure for print: plotly.js would reckon them otherwise."""
+    (found,) = boxplot_stats(group.values)
+    names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
+    drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
+    common = {"type": "box", "orientation": "h", "name": group.name, "showlegend": False}
+    points = {"x": [group.values.tolist()], "y": [group.name], "boxpoints": "outliers", "pointpos": 0}
+    return common | drawn | points | {"marker": {"color": colour, "size": 3}}
 
 
 def _ranked(group: Group) -> tuple[object, ...]:
