@@ -244,7 +244,7 @@ def risk(
 
     question = RiskQuestion(until, particles, repeats, score, least)
     with interruptible():
-        found = search(scenario, question, folder, jobs, tell, error_printer())
+        found = search(scenario, question, folder, jobs, tell, error_printer(), quiet)
     return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'risk.json'}")
 
 

@@ -186,11 +186,11 @@ class FalsifySearch:
         if not sure.fails:
             return self._answer(NOT_FOUND, sure, by_key, ())
         best = self._bisected(sure)
-        around = self.drive(self._around(best), CONFIRMED, told=False)
+        around = self.drive(self._around(best), CONFIRMED, noted=False)
         return self._answer("falsified", best, by_key, tuple(around))
 
-    def drive(self, places: Sequence[Place], seeds: int, told: bool = True) -> list[Combination]:
-        """Drive combinations; those of the search are noted and told."""
+    def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
+        """Drive combinations, and tell each; those of the search are noted."""
         base, name, rises = base_text(self.scenario), self.scenario.name, Rises(Closeness(self.q.until, self.q.score))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -200,10 +200,9 @@ class FalsifySearch:
         ]
         results = iter(self.do(tasks))
         found = [self._tried(each, [next(results) for _ in range(seeds)]) for each in values]
-        if told:
-            self.tried += found
-            for each in found:
-                self.done(each)
+        self.tried += found if noted else []
+        for each in found:
+            self.done(each)
         return found
 
     def _tried(self, values: dict[str, float], results: Sequence[Done]) -> Combination:
@@ -248,7 +247,7 @@ class FalsifySearch:
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
         """The mildest that fails under more seeds, too; the last one tried if none does."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
-            (sure,) = self.drive([tried.distances], CONFIRMED, told=False)
+            (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
                 break
         return sure
@@ -258,7 +257,7 @@ class FalsifySearch:
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            (tried,) = self.drive([tuple(middle * d for d in best.distances)], CONFIRMED, told=False)
+            (tried,) = self.drive([tuple(middle * d for d in best.distances)], CONFIRMED, noted=False)
             low, high = (low, middle) if tried.fails else (middle, high)
             mildest = tried if tried.fails else mildest
         return mildest

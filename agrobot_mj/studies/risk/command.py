@@ -2,8 +2,9 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from math import floor, log10
+from itertools import count
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -14,12 +15,13 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.closeness import Closeness, check_closeness
 from agrobot_mj.studies.courses import courses, courses_figure
-from agrobot_mj.studies.engine import Task, base_text, resuming
+from agrobot_mj.studies.engine import Done, Task, base_text, resuming
 from agrobot_mj.studies.limit.question import condition_of
-from agrobot_mj.studies.risk.population import Population, Run, populations
+from agrobot_mj.studies.risk.population import AHEAD_S, Population, Run, populations
 from agrobot_mj.studies.risk.splitting import CONFIDENCE, RiskEstimate, RiskQuestion, Split, estimate
 from agrobot_mj.studies.style import STYLE, save
 
@@ -52,23 +54,32 @@ def risk(
     jobs: int | None = None,
     done: Callable[[Population], object] = lambda population: None,
     failed: Callable[[str], object] = lambda text: None,
+    quiet: bool = True,
 ) -> Risk:
     """Find the probability that a run fails, and write the answer under `folder`, which keeps the rows of its runs.
 
-    `done` hears of each splitting, `failed` of the errors that runs raise. Raises `ScenarioError`.
+    `done` hears of each splitting, `failed` of the errors that runs raise; rounds show their progress unless `quiet`.
+    Raises `ScenarioError`.
     """
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
     check_closeness(closeness, scenario)
     with resuming(folder, FILES, jobs, failed) as do:
-        found = answer(scenario, question, populations(scenario, question, condition, do, done))
+        rounds = count(1)
+
+        def drive(tasks: Sequence[Task]) -> list[Done]:
+            title = f"{scenario.name}, round {next(rounds)}: {len(tasks)} runs"
+            with tally(title, len(tasks), quiet=quiet) as advance:
+                return do(tasks, done=lambda expected, there: advance(there=there))
+
+        found = answer(scenario, question, populations(scenario, question, condition, drive, done))
         base = base_text(scenario)
         shown = [found.ordinary, *([found.failure] if found.failure else [])]
         tasks = [Task(0, base, scenario.name, {"seed": run.seed}, branches=run.branches) for run in shown]
         driven = courses(tasks, closeness, do, FAILURE)
         write_json(folder / "risk.json", content(scenario, question, found))
-        save_figure(found.splits, driven, folder / "risk.png")
+        save_figure(found.splits, driven, question.score, folder / "risk.png")
     return found
 
 
@@ -117,22 +128,25 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
     }
 
 
-def save_figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], file: Path) -> None:
-    """Draw and save; thin lines are the splittings, the thick one their mean."""
+def save_figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None, file: Path) -> None:
+    """Draw and save; thin lines are the splittings, the thick one their mean, the dashed one the share that fails.
+
+    Runs are split by where they are going, or by a `score`: their levels are not the closeness of the other panel, and
+    one above 0 has not failed.
+    """
     with mpl.rc_context(STYLE):
-        drawn, chances, close = courses_figure(courses, ("a run", "a failure"))
+        drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
         levels, mean = _mean(splits)
         for split in splits:
             chances.step(levels, _chances(split, levels), where="post", color=BLUE, linewidth=0.4)
         chances.step(levels, mean, where="post", color=BLACK)
-        chances.axvline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
         least = min((weight for split in splits for _, weight in split.trace if weight), default=0.1)
-        chances.set(yscale="log", ylim=(0.7 * least, 1.4))
-        chances.set(xlabel="closeness to the condition [-]", ylabel="chance of a run to come closer [-]")
-        for power in range(1, 1 + floor(-log10(min(mean, default=1.0)))):
-            level = levels[np.argmax(mean <= 10.0**-power)]
-            close.axhline(level, color=BLUE, linewidth=0.4)
-            close.text(0.0, level, f"1 in {10**power:,}", color=BLUE, fontsize=6, va="bottom")
+        if fail := fmean(split.probability for split in splits):
+            chances.axhline(fail, color=BLACK, linewidth=0.6, linestyle="--")
+            chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
+            least = min(least, fail)
+        label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
+        chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="chance of a run to come closer [-]")
         save(drawn, file)
 
 

@@ -43,10 +43,10 @@ def plant(error, noise=0.0, unlucky=0.0):
     return do
 
 
-def search(error, keys=(A, B), noise=0.0, unlucky=0.0, **more):
+def search(error, keys=(A, B), noise=0.0, unlucky=0.0, done=lambda tried: None, **more):
     varied = tuple(Varied.ranged(key, *RANGES[key]) for key in keys)
     question = FalsifyQuestion(varied, UNTIL, **{"seeds": 1, "budget": 120, **more})
-    return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise, unlucky), lambda tried: None).run()
+    return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise, unlucky), done).run()
 
 
 def planted(a, b, c=0.0):
@@ -88,6 +88,15 @@ def test_what_is_about_the_answer_shows_its_edge():
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
     assert [tried.fails for tried in (less_a, more_a, less_b, more_b)] == [False, True, False, True]
     assert all(tried.runs == CONFIRMED for tried in (nearer, far, less_b))
+
+
+def test_each_combination_is_told_the_confirming_ones_too():
+    """These are as many runs as the search, and would pass in silence."""
+    told = []
+    found = search(planted, done=told.append)
+    assert [tried for tried in told if tried.runs == 1] == list(found.tried)
+    assert told[-len(found.around) :] == list(found.around)
+    assert found.mildest in told
 
 
 def test_noise_is_judged_by_most_of_the_runs():
