@@ -10,6 +10,7 @@ from test_splitting import NORMAL, WHOLE
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.randomness import branch, stream
+from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.closeness import Closeness, Rises
@@ -17,7 +18,7 @@ from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.engine.tasks import Done, failure
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import condition_of
-from agrobot_mj.studies.risk import RiskQuestion
+from agrobot_mj.studies.risk import RiskQuestion, figure
 from agrobot_mj.studies.risk.command import answer
 from agrobot_mj.studies.risk.population import AHEAD_S, populations
 from agrobot_mj.studies.risk.splitting import Split, estimate
@@ -158,6 +159,29 @@ def test_a_risk_from_the_command_line_resumes_and_keeps_a_failure_that_can_be_dr
     assert {path for path in rows if path.stat().st_mtime_ns != rows[path]} == {
         path for path in rows if path.stem == "failure"
     }
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
+    """The first drives all particles, which may take minutes."""
+    monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
+    words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
+    _, said, error = call(*words, "--repeats", "2", "--jobs", "1", *(["--quiet"] if quiet else []))
+    assert ("straight_line, round 1: 4 runs: 4 done" in error) is not quiet
+    assert "round" not in said
+
+
+@pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
+def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(tmp_path, monkeypatch, score, label):
+    """Levels look ahead, or are those of a score: above 0 a run has not failed."""
+    drawn = []
+    monkeypatch.setattr(figure, "save", lambda figure, file: drawn.append(figure))
+    figure.save_figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score, tmp_path / "risk.png")
+    chances = next(axes for axes in drawn[0].axes if axes.get_xlabel() == label)
+    assert [text.get_text() for text in chances.texts] == ["fail: 0.0001"]
+    assert [list(line.get_ydata()) for line in chances.lines][-1] == [1e-4, 1e-4]
+    assert chances.get_ylim()[0] < 1e-4
+    assert not any(axes.texts for axes in drawn[0].axes if axes is not chances)
 
 
 def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
