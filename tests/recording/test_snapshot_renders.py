@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording.transport import snapshot, viewer
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
@@ -88,7 +89,7 @@ def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
     assert alone.name == "tractor_3.5.png"
     assert view.shape[1] > 600
     assert near(view[:20], (0xB9, 0xCD, 0xDB)) > 0.9, "sky up to the edge, no bar"
-    with pytest.raises(SnapshotError, match="no tab Engine; there are Drive, Control"):
+    with pytest.raises(ScenarioError, match="no tab Engine; there are Drive, Control"):
         snapshots(eight.path, [1.0], tmp_path / "none", ["Engine"])
     assert not (tmp_path / "none").exists()
 

@@ -18,6 +18,7 @@ import numpy as np
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
@@ -62,7 +63,7 @@ def snapshots(
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
     each time on instead. `size` is that of the pictures, width and height [pixels].
 
-    Raises `SnapshotError` if the viewer cannot draw, cannot open the file, or has no such tab.
+    Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab.
     """
     drawn: dict[Path, None] = {}
     with whole(file) as readable:
@@ -95,7 +96,7 @@ def _draw(
     every = named | views  # a view that is maximised hides the tabs that come after it
     known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
-        raise SnapshotError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
+        raise ScenarioError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
     shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
     draw, suffix = (_animation, "gif") if animated else (_picture, "png")
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
