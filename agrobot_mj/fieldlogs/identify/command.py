@@ -66,7 +66,8 @@ def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
     t = scenario.tractor
     lines.append(
         f"Taken as known: {t.mass_kg:g} kg, {t.yaw_inertia_kg_m2:g} kg m2, wheelbase {t.wheelbase_m:g} m, "
-        f"{100 * t.front_load_fraction:g} % in front; {found.geometry}; {found.windows} windows of 5 s."
+        f"{100 * t.front_load_fraction:g} % in front, and the scale of the wheel angle, which `agrobot-mj calibrate` "
+        f"checks; {found.geometry}; {found.windows} windows of 5 s."
     )
     return "\n".join(lines)
 

@@ -66,6 +66,7 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
     assert result.explained > 0.98
     assert result.residual_deg_s < result.kinematic_deg_s
     assert "No backlash is seen" in table(result, BICYCLE)
+    assert "and the scale of the wheel angle, which `agrobot-mj calibrate` checks; " in table(result, BICYCLE)
 
 
 def test_slow_driving_identifies_no_stiffness():
