@@ -105,6 +105,8 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
+CHORD_S, SLIPPED = 2.0, 1.5
+"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
 """Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
 
@@ -178,6 +180,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     """Calibration of pieces whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
     t = scenario.tractor
+    _check_speed(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
     angles = tuple(rough.angle(piece) for piece in cut.kept)
     data = prepare(angles, Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False))
@@ -190,6 +193,22 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     return Calibration(
         _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
     )
+
+
+def _check_speed(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where the speeds and the positions of a log differ by more than slip: in their units."""
+    way = said = 0.0
+    for piece in recordings:
+        if piece.position is not None and len(piece.position.t):
+            t = np.arange(piece.position.t[0], piece.position.t[-1], CHORD_S)
+            places = [np.interp(t, piece.position.t, each) for each in piece.position.value.T]
+            way += float(np.hypot(*np.diff(places)).sum())
+            said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
+    if said and not 1 / SLIPPED < way / said < SLIPPED:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
+            "[speed] and the columns of [position] in the map"
+        )
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:

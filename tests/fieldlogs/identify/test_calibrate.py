@@ -4,6 +4,7 @@ from math import radians
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from machines import log_of
@@ -82,6 +83,15 @@ def test_logs_that_cannot_tell_are_refused(log, change, told):
         table = table.set_column(table.column_names.index(name), name, pa.array(np.full(len(table), value)))
     with pytest.raises(FieldLogError, match=told):
         calibrate([table], None, BICYCLE)
+
+
+@pytest.mark.parametrize("unit", [3.6, 0.447])
+def test_a_speed_in_another_unit_is_refused(log, unit):
+    """The fit would put it into scale and centre, and call both told by the log."""
+    place = log.signals.column_names.index("speed_hat")
+    wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))
+    with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit of"):
+        calibrate([wrong], None, BICYCLE)
 
 
 def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
