@@ -37,8 +37,8 @@ def keys_page() -> str:
     """Every key of a scenario file, one section per table and kind."""
     head = (
         "# Keys of a scenario\n\nEvery key of a scenario file, by table; `agrobot-mj explain KEY` says the same on the "
-        "command line. Numbers, their ranges and sources in one place: [models.md](models.md); how a file reads: "
-        "[scenarios.md](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
+        "command line. Numbers, their ranges and sources in one place: [models](models.md); how a file reads: "
+        "[scenarios](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
     )
     return "\n".join([head, *_sections("", places(Scenario(), []), set())])
 
@@ -113,7 +113,7 @@ def api_page() -> str:
     lines += ["## The front\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
     lines.append("Messages between the stages, and the classes that a member of a family derives from:")
-    lines.append("[plugins.md](plugins.md) and [extending.md](extending.md) walk through them.\n")
+    lines.append("[plugins](plugins.md) and [extending](extending.md) walk through them.\n")
     return "\n".join([*lines, *(_documented(name, name) for name in BASES)])
 
 
