@@ -56,16 +56,17 @@ def summary(log: Log) -> str:
 
 
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
-"""Metrics in the table of a comparison."""
+"""Metrics in the table of a comparison, as far as a run has them."""
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
-    heads = ("run", "colour", "outcome", *(f"{name} [{_unit(name)}]" for name in COMPARED))
+    shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
+    heads = ("run", "colour", "outcome", *(f"{name} [{_unit(name)}]" for name in shown))
     rows = [
         (
             *(name, f"#{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')}", log.outcome),
-            *(_cell(log.metrics[metric]) for metric in COMPARED),
+            *(_cell(log.metrics[metric]) for metric in shown),
         )
         for name, colour, log in runs
     ]

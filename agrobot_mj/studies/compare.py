@@ -171,8 +171,9 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Whether a column is shown: the plant and the controller always, others where they differ."""
-    return name in ("plant", "controller") or len({row.get(name) for row in rows}) > 1
+    """Whether a column is shown: the plant always, the controller where there is one, others where they differ."""
+    values = {row.get(name) for row in rows}
+    return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 
 
 def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:

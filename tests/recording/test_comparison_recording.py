@@ -4,7 +4,7 @@ from recorded import Recorded
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.metrics.crosstrack import cross_track
-from agrobot_mj.recording import write_comparison
+from agrobot_mj.recording import info, write_comparison
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +102,12 @@ def test_the_ground_is_drawn_once_and_the_text_names_colours(compared):
     assert "| bicycle-pd | #e69f00 orange | completed |" in info
     for log in logs.values():
         assert f"{log.metrics['xte_rms']:.4g}" in info
+
+
+def test_the_text_has_the_metrics_that_a_run_has(compared):
+    """A law without a yaw controller has no error of the yaw rate."""
+    _, logs = compared
+    log = run(load_scenario("circle", {"plant.kind": "bicycle", "guidance.kind": "stanley", "duration_s": 2}))
+    assert "yaw_rate_error_rms" not in info.compared(log.scenario, [("stanley", 0xFF, log)])
+    both = info.compared(log.scenario, [("stanley", 0xFF, log), ("pd", 0xFF, logs["bicycle-pd"])])
+    assert "yaw_rate_error_rms" in both

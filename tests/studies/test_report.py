@@ -193,6 +193,12 @@ def test_missing_values_are_dashes() -> None:
     assert "nn 1" not in cells(table([row("mujoco", "pd", 0.5) | {"nn_share": [0.0, 0.0]}]))[0]
 
 
+def test_a_controller_has_a_column_where_there_is_one() -> None:
+    law = row("mujoco", "pd", 0.5) | {"controller": None, "guidance": "lqr"}
+    assert "controller" not in cells(table([law, law | {"guidance": "stanley"}]))[0]
+    assert "controller" in cells(table([law, row("mujoco", "pd", 0.5) | {"guidance": "kinematic"}]))[0]
+
+
 def test_the_legend_explains_the_numbers_that_are_shown() -> None:
     text = table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)])
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
