@@ -63,7 +63,8 @@ def test_route_and_track_find_the_same_offset_of_a_wandering_drive():
         s = place.s
         found.append(place.offset)
     assert found == pytest.approx(track(path, t, x, y).offset, abs=1e-9)
-    around = [np.array([path.at(u)[:2] for u in np.linspace(now - 4.0, now + 4.0, 2001)]) for now in t]
+    every = np.array([path.at(u)[:2] for u in np.linspace(t[0] - 4.0, t[-1] + 4.0, 125 * (len(t) - 1) + 2001).tolist()])
+    around = [every[125 * k : 125 * k + 2001] for k in range(len(t))]
     brute = [np.hypot(*(near - here).T).min() for near, here in zip(around, np.column_stack((x, y)), strict=True)]
     assert np.abs(found) == pytest.approx(brute, abs=1e-3)
 

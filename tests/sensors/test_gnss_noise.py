@@ -1,5 +1,6 @@
 """Colour of the receiver's noise against theory: autocovariance and Allan deviation of sums of processes."""
 
+from functools import cache
 from math import exp, sqrt
 
 import numpy as np
@@ -16,6 +17,7 @@ REAL = Gnss(
     **{"multipath_sigma_m": 0.006, "multipath_time_s": 4.0, "drift_sigma_m": 0.01, "drift_time_s": 30.0},
 )
 """As a real receiver, but with correlation times that a short test can see."""
+LONGEST_LAG_S = 4.0
 
 
 def truth(t=0.0):
@@ -38,6 +40,18 @@ def errors(gnss, ticks, seed=5, quality=Quality.FIX):
     return np.array(found) - AT
 
 
+@cache
+def long_errors():
+    """Errors of one long run of `REAL`."""
+    return errors(REAL, 40_000)
+
+
+@cache
+def errors_of_runs():
+    """Errors of `REAL` over LONGEST_LAG_S, from the stationary distribution, shape (1200, ticks, 3) [m]."""
+    return np.array([errors(REAL, round(LONGEST_LAG_S / DT) + 1, seed) for seed in range(1200)])
+
+
 def variance_of_sum(gnss, lag_s):
     """Autocovariance of an axis at a lag [m2]: that of independent processes adds up."""
     white = gnss.sigma_m**2 if lag_s == 0 else 0.0
@@ -55,22 +69,21 @@ def test_the_default_noise_is_the_papers():
     assert (Gnss().multipath_sigma_m, Gnss().drift_sigma_m, Gnss().canopy) == (0.0, 0.0, ())
 
 
-@pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, 4.0])
+@pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, LONGEST_LAG_S])
 def test_the_autocovariance_is_the_sum_of_the_parts(lag_s):
     """Mean over runs from the stationary distribution, so that no time average hides the slow part."""
-    runs, lag = 1200, round(lag_s / DT)
-    pairs = np.array([errors(REAL, lag + 1, seed)[[0, -1]] for seed in range(runs)])
+    pairs = errors_of_runs()[:, [0, round(lag_s / DT)]]
     for axis, scale in enumerate((1.0, 1.0, REAL.height_ratio**2)):
         first, last = pairs[:, 0, axis], pairs[:, 1, axis]
         expected, total = scale * variance_of_sum(REAL, lag_s), scale * variance_of_sum(REAL, 0.0)
-        spread = sqrt((total**2 + expected**2) / runs)  # of a mean of products of two Gaussians
+        spread = sqrt((total**2 + expected**2) / len(pairs))  # of a mean of products of two Gaussians
         assert np.mean(first * last) == pytest.approx(expected, abs=4 * spread)
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.5, 2.0, 10.0])
 def test_the_allan_deviation_is_the_sum_of_the_parts(tau_s):
     """A stationary series with autocovariance C has second differences of variance 6 C(0) - 8 C(tau) + 2 C(2 tau)."""
-    error, ticks = errors(REAL, 40_000), round(tau_s / DT)
+    error, ticks = long_errors(), round(tau_s / DT)
     second = 6 * variance_of_sum(REAL, 0) - 8 * variance_of_sum(REAL, tau_s) + 2 * variance_of_sum(REAL, 2 * tau_s)
     expected = sqrt(second / 2) / tau_s
     independent = 40_000 * DT / (2 * tau_s) if tau_s > 0.5 else 4000
