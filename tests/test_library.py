@@ -37,7 +37,7 @@ def test_begins_well_or_ends_as_expected(name):
     check(run(scenario))
 
 
-@pytest.mark.parametrize("name", ["headland_k_turn", "reverse_into_row"])
+@pytest.mark.parametrize("name", ["reverse_into_row", pytest.param("headland_k_turn", marks=pytest.mark.slow)])
 def test_it_stops_at_the_cusps_and_drives_on(name):
     """Where the command falls faster than the tractor, which is no overspeed."""
     check(run(load_scenario(name)))

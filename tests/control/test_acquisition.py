@@ -18,6 +18,8 @@ STARTS = [
     (0.5, 90.0, 3.0),
 ]
 """Offset to the left [m], heading from the line [deg], speed [m/s]."""
+SOUGHT = [pytest.param(start) for start in ((0.6, 9.0, 1.2), (0.6, 9.0, 3.0), (1.5, 0.0, 2.0))]
+TURNED = [pytest.param(start) for start in ((0.8, -35.0, 3.3), (2.0, 45.0, 2.0))]
 LAWS = ["lqr", "stanley", "pure_pursuit"]
 
 
@@ -39,8 +41,7 @@ def test_acquires_a_line_overshoots_it_only_little_and_holds_it(law, start):
     assert found["overshoot_m"] <= (0.15 if steep else 0.10)
 
 
-@pytest.mark.parametrize("start", [(0.6, 9.0, 1.2), (0.6, 9.0, 3.0), (1.5, 0.0, 2.0)])
-@pytest.mark.parametrize("law", ["lqr", "stanley"])
+@pytest.mark.parametrize(("start", "law"), by_turns(SOUGHT, LAWS[:2]))
 def test_integrals_rest_while_the_heading_is_sought(law, start):
     """Until then the supervisor drives straight on, and what the law asks for is not done."""
     found = way(law, start, {"supervisor.enabled": True, "plant.kind": "mujoco", "physics": "fast", "seed": 7})
@@ -48,8 +49,7 @@ def test_integrals_rest_while_the_heading_is_sought(law, start):
     assert found["overshoot_m"] < 0.06
 
 
-@pytest.mark.parametrize("start", [(0.8, -35.0, 3.3), (2.0, 45.0, 2.0)])
-@pytest.mark.parametrize("law", ["lqr", "stanley"])
+@pytest.mark.parametrize(("start", "law"), by_turns(TURNED, LAWS[:2]))
 def test_a_row_crop_tractor_acquires_a_line(law, start):
     found = way(law, start, {"machine": "row_crop", "plant.kind": "mujoco", "physics": "fast"})
     assert found["acquired_s"] < 12.0

@@ -180,7 +180,13 @@ def test_without_a_map_it_is_the_inner_law() -> None:
     assert first == pytest.approx(SETTLED_M, abs=1.0), "the way onto the path is not learnt from"
 
 
-@pytest.mark.parametrize("law", [Ilc(inner=Lqr(integral_m_s=None)), Ilc()], ids=["without integral", "LQR"])
+@pytest.mark.parametrize(
+    "law",
+    [
+        pytest.param(Ilc(inner=Lqr(integral_m_s=None)), id="without integral", marks=pytest.mark.slow),
+        pytest.param(Ilc(), id="LQR"),
+    ],
+)
 def test_a_steering_bias_moves_into_the_map(law: Ilc) -> None:
     d = drive(law, FigureEight(radius_m=6.0, straight_m=12.0, run_in_m=6.0, turns=6), 380.0, bias=radians(2.0))
     names = [column.name for column in law.columns]

@@ -45,7 +45,7 @@ def test_the_lagged_output_moves_at_the_learning_rate() -> None:
     assert moved.f @ state.trace - state.f @ state.trace == pytest.approx(0.3 * e * DT)
 
 
-@pytest.mark.parametrize("uncertainty", [0.0, 0.3])
+@pytest.mark.parametrize("uncertainty", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_converges_to_a_known_feed_forward_through_a_lag(uncertainty: float) -> None:
     """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
     network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)

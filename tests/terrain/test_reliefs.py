@@ -141,6 +141,8 @@ STEEP = {profile: Ridges(depth_m=0.2, half_size_m=30.0, profile=profile) for pro
 """Furrows with flanks of 40 degrees, too narrow for the wheels: about what the grip can climb."""
 TYRES = sorted((pytest.param(tyre, id=tyre.kind) for tyre in force_tyres()), key=lambda tyre: tyre.id != "linear")
 PROFILES_AND_TYRES = [pytest.param(p, *tyre.values, id=f"{p}-{tyre.id}") for p, tyre in product(STEEP, TYRES)]
+SPEEDS_AND_STARTS = [pytest.param(speed, x) for speed, x in ((1.5, 0.0), (5.0, 0.1), (1.5, 0.1), (5.0, 0.0))]
+"""Pedal [m/s], and where the tractor starts across them [m]."""
 STARTS = (0.0, 0.05, 0.1, 0.15, -0.05, -0.1, -0.15)
 """Where the tractor starts across them [m]: how it fares in steep furrows is chaotic, so a median is judged."""
 
@@ -196,12 +198,11 @@ def energy_beyond_the_engines_work(plant, truth, speed, seconds):
     return surplus
 
 
-@pytest.mark.parametrize(("profile", "tyre", "speed"), by_turns(PROFILES_AND_TYRES, [1.5, 5.0]))
-def test_the_ground_does_no_work(tyre, profile, speed):
+@pytest.mark.parametrize(("profile", "tyre", "speed", "x"), by_turns(PROFILES_AND_TYRES, SPEEDS_AND_STARTS))
+def test_the_ground_does_no_work(tyre, profile, speed, x):
     """However wildly the tractor jumps at full pedal, all the energy comes from its engine: tyres only take it."""
-    for x in (0.0, 0.1):
-        plant, truth = mujoco_plant(tyre, STEEP[profile], start=ORIGIN._replace(x=x), tick_s=DT)
-        assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
+    plant, truth = mujoco_plant(tyre, STEEP[profile], start=ORIGIN._replace(x=x), tick_s=DT)
+    assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
 
 
 def test_ground_that_does_work_is_noticed():
