@@ -18,9 +18,17 @@ DISTRIBUTIVE = re.compile(r"\b(one|nodes|rows?|panels?|curves?|PNG|samples|cycle
 ARCHAIC = re.compile(r"\b(befalls?|ails?|ailing|heeds?|heeded|lest|whence|thereof|hither|anew)\b", re.IGNORECASE)
 
 
+def statements(node):
+    """Every statement below `node`; expressions, most of a tree, have none in them."""
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
+            yield inner
+            yield from statements(inner)
+
+
 def docstrings(tree):
     """Line and text of every docstring: of modules, classes and functions, and below attributes and constants."""
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             yield node.lineno, node.value.value
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from processes import program
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -235,15 +236,7 @@ print(json.dumps(found))
 def test_the_law_drives_every_path(tmp_path, length, runs):
     """As it stands on the page, from rest, with no fault that would push it off the start; whole, on both plants."""
     (tmp_path / "carrot.py").write_text(PYTHON["agrobot_mj/control/carrot.py"], encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
-    done = subprocess.run(
-        [sys.executable, "-c", DRIVE, length],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = program(tmp_path, DRIVE, length)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert len(found) == runs

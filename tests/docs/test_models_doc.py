@@ -1,5 +1,6 @@
 """docs/models.md has every estimate of the code with its value, and each says its range or where it comes from."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,12 @@ from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.schema import Scenario
 
 TEXT = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
-NUMBERS = [number for table in numbers_in(TEXT).values() for number in table]
+
+
+@cache
+def numbers():
+    """Numbers of all tables of the page."""
+    return [number for table in numbers_in(TEXT).values() for number in table]
 
 
 def home(model: type[Any], key: str) -> str:
@@ -36,9 +42,9 @@ def test_the_tables_equal_the_codes():
 
 
 def test_every_estimate_has_a_row():
-    missing = estimates(Scenario) - {number.owner for number in NUMBERS}
+    missing = estimates(Scenario) - {number.owner for number in numbers()}
     assert not missing, "mark a table on the page, as `<!-- numbers of [table] kind -->`, and run `make reference`"
 
 
 def test_every_row_gives_a_range_or_a_source():
-    assert [number.row[0] for number in NUMBERS if not number.row[3].strip(" .")] == []
+    assert [number.row[0] for number in numbers() if not number.row[3].strip(" .")] == []
