@@ -25,7 +25,6 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy.linalg import expm, solve_discrete_are
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import STEEP, Beside, Integrating
@@ -156,6 +155,8 @@ def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[fl
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
     """Gains at the speed `u` [m/s], the last one on the integral, and P_qx / P_qq, shapes (4 + n,) and (3 + n,)."""
+    from scipy.linalg import solve_discrete_are  # here, since it takes a tenth of a second of every start
+
     a, wheelbase = _slip(law, machine, u)
     n = round(law.steering_delay_s / TICK_S)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
@@ -181,6 +182,8 @@ def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array
 
     `turn` is gamma / delta [1/s].
     """
+    from scipy.linalg import expm
+
     continuous = np.zeros((5, 5))  # e_y, e_psi, delta, integral, command held over the tick
     continuous[0, 1:3] = u, a * turn
     continuous[1, 2] = turn
