@@ -12,13 +12,15 @@ from pydantic import Field
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.circle import Circle
+from agrobot_mj.paths.contour import Contour
 from agrobot_mj.paths.figure_eight import FigureEight
 from agrobot_mj.paths.lane_change import LaneChange
 from agrobot_mj.paths.line import Line
 from agrobot_mj.paths.manoeuvre import Manoeuvre
-from agrobot_mj.paths.parallel import Contour, Parallel, Swaths
+from agrobot_mj.paths.parallel import Parallel
 from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.sinusoid import Sinusoid
+from agrobot_mj.paths.swaths import Swaths
 from agrobot_mj.paths.waypoints import Waypoints
 
 Path = Annotated[

@@ -7,15 +7,11 @@ n = width of the turn / swath rounded up, in blocks of 2 n + 1.
 The field ends where the passes end: turns lie outside. After the last pass the tractor leaves the field straight on.
 `passes_s` gives the times between which each pass counts: the first `run_in_m` metres, in which the tractor swings in,
 do not.
-
-`swaths` cover a rectangular field: the first pass is the AB line from (start_x_m, start_y_m) along `heading_deg`, the
-others lie on the side of the `first_turn`, and the field reaches half a swath beyond the outer passes. `contour`
-follows the contour lines of a plane slope, `swath_m` apart on the map, one higher after each turn.
 """
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import ceil, pi, radians
+from math import ceil
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -124,34 +120,3 @@ def skipping(count: int, across: int) -> Iterator[int]:
             half = -(-size // 2)
             yield from (first + k // 2 + half * (k % 2) for k in range(size))
         first += size
-
-
-class Contour(Parallel):
-    """Parallel passes across a slope, from the lowest upwards."""
-
-    kind: Literal["contour"] = "contour"
-    uphill_deg: float = 90.0
-    """Direction of steepest ascent from east, counter-clockwise [deg]."""
-    first_uphill: Literal["left", "right"] = "left"
-    """Side of the first leg on which the hill rises."""
-
-    @property
-    def lie(self) -> tuple[float, float]:
-        """Direction of the first pass [rad] and the side on which the others lie: 1 left, -1 right."""
-        side = 1.0 if self.first_uphill == "left" else -1.0
-        return radians(self.uphill_deg) - side * pi / 2, side
-
-
-class Swaths(Parallel):
-    """Parallel passes along a heading."""
-
-    kind: Literal["swaths"] = "swaths"
-    heading_deg: float = 0.0
-    """Direction of the first pass from east, counter-clockwise [deg]."""
-    first_turn: Literal["left", "right"] = "left"
-    """Side of the first pass on which the field lies."""
-
-    @property
-    def lie(self) -> tuple[float, float]:
-        """Direction of the first pass [rad] and the side on which the others lie: 1 left, -1 right."""
-        return radians(self.heading_deg), 1.0 if self.first_turn == "left" else -1.0
