@@ -34,12 +34,12 @@ class PurePursuit(Following):
     sized: ClassVar = {"lookahead_m": {"length": 1}}
 
     kind: Literal["pure_pursuit"] = "pure_pursuit"
-    lookahead_s: NonNegative = 0.28
+    lookahead_s: NonNegative = 0.27
     """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""
-    lookahead_m: Positive = 1.9
+    lookahead_m: Positive = 1.8
     """Part of the look-ahead distance that does not grow with the speed, from `BRISK_M_S` on [m]. Estimate (0.6-2.4),
     searched; below 1 it weaves on a worn valve."""
-    prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.57
+    prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
     """Time ahead at which the arc begins [s]. Estimate: searched; delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Largest angle at which it heads for a path far away [deg]. Estimate (20-50): from steeper ones it swings over."""

@@ -1,6 +1,6 @@
-"""The cascade with curvature feed-forward: which turns it asks for, and in reverse."""
+"""The laws in cascade: which turns they ask for, and in reverse."""
 
-from math import radians, sin, sqrt
+from math import cos, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -18,15 +18,31 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
     return Situation(t, estimate, r, SampledRoute(path), MACHINE, 0.0)
 
 
+@pytest.mark.parametrize("law", [Feedforward(), Kinematic(scheduled_above_m_s=1.5)])
 @pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
-def test_asks_for_turns_that_the_wheels_can_end(speed: float) -> None:
+def test_asks_for_turns_that_the_wheels_can_end(law: Kinematic | Feedforward, speed: float) -> None:
     """Wheels that take a second from lock to straight ahead lose the yaw rate g within g^2 L / (2 u rate)."""
     for degrees in (0.5, 5.0, 20.0, 60.0):
         error = radians(degrees)
-        _, asked = Feedforward().setpoints(situation(Bend(speed), error, speed))
+        _, asked = law.setpoints(situation(Bend(speed), error, speed))
         printed = speed * sin(error) / MACHINE.cg_to_rear_axle
         could_end = sqrt(2 * speed * sin(error) * MACHINE.steer_limit / MACHINE.wheelbase_m)
         assert asked == pytest.approx(-min(printed, could_end), rel=1e-6)
+        _, literal = Kinematic().setpoints(situation(Bend(speed), error, speed))
+        assert literal == pytest.approx(-printed, rel=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "share"), [(0.6, 1.0), (1.5, 1.0), (6.0, 2.0)])
+def test_tuned_laws_close_an_error_faster_at_speed(speed: float, share: float) -> None:
+    """Far south of a path 0.3 rad from east the tanh is 1: the saturation itself, seen from the heading."""
+    beside = situation(Bend(speed), speed=speed)
+    aside = beside._replace(estimate=beside.estimate._replace(y=beside.estimate.y - 100.0))
+
+    def sideways(law: Kinematic) -> float:
+        return law.references(aside.estimate, aside.reference, MACHINE.cg_to_rear_axle)[1] * MACHINE.cg_to_rear_axle
+
+    assert sideways(Kinematic()) == pytest.approx(0.6 * cos(0.3))
+    assert sideways(Kinematic(scheduled_above_m_s=1.5)) == pytest.approx(0.6 * cos(0.3) * share)
 
 
 def test_on_an_arc_it_asks_for_the_turn_of_the_arc_at_its_own_speed() -> None:

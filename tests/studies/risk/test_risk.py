@@ -18,7 +18,7 @@ from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.engine.tasks import Done, failure
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.limit.question import condition_of
-from agrobot_mj.studies.risk import RiskQuestion, figure
+from agrobot_mj.studies.risk import RiskQuestion, command
 from agrobot_mj.studies.risk.command import answer
 from agrobot_mj.studies.risk.population import AHEAD_S, populations
 from agrobot_mj.studies.risk.splitting import Split, estimate
@@ -175,8 +175,8 @@ def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
 def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(tmp_path, monkeypatch, score, label):
     """Levels look ahead, or are those of a score: above 0 a run has not failed."""
     drawn = []
-    monkeypatch.setattr(figure, "save", lambda figure, file: drawn.append(figure))
-    figure.save_figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score, tmp_path / "risk.png")
+    monkeypatch.setattr(command, "save", lambda figure, file: drawn.append(figure))
+    command.save_figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score, tmp_path / "risk.png")
     chances = next(axes for axes in drawn[0].axes if axes.get_xlabel() == label)
     assert [text.get_text() for text in chances.texts] == ["fail: 0.0001"]
     assert [list(line.get_ydata()) for line in chances.lines][-1] == [1e-4, 1e-4]
