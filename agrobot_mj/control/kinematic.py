@@ -12,7 +12,7 @@ ahead without turning its heading, and rest without an offset beside an arc or o
 integrates.
 """
 
-from math import cos, hypot, sin, sqrt, tanh
+from math import atan2, cos, hypot, sin, sqrt, tanh
 from typing import ClassVar, Literal
 
 from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Situation, YawController
@@ -20,6 +20,7 @@ from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.control.following import TURNING_S
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork
+from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
@@ -52,6 +53,8 @@ class CascadeLaw(GuidanceLaw):
         k_s, k_e, l_r, psi = self.saturation(reference), self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))
         vy = reference.vy + k_s * tanh(k_e * (reference.y - estimate.y))
+        if self.ends_turns:
+            vx, vy = _onward(vx, vy, reference)
         u_ref = cos(psi) * vx + sin(psi) * vy
         gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
         return u_ref, gamma_ref
@@ -100,6 +103,14 @@ class Kinematic(CascadeLaw):
         """
         above = self.scheduled_above_m_s
         return self.saturation_m_s * (sqrt(max(hypot(reference.vx, reference.vy) / above, 1.0)) if above else 1.0)
+
+
+def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
+    """The velocity without what leads back along the path [m/s]: a tractor ahead of its reference waits for it."""
+    stands = not (reference.vx or reference.vy)
+    course = reference.yaw if stands else atan2(reference.vy, reference.vx)
+    onward, aside = to_heading(course, vx, vy)
+    return from_heading(course, max(onward, 0.0), aside)
 
 
 def _ended(yaw_rate: float, situation: Situation) -> float:

@@ -69,3 +69,19 @@ def test_pi_with_feedforward_acquires_a_line_from_a_turn_and_fast(start):
     found = way("feedforward", start, {"controller.kind": "pi", "plant.kind": "mujoco"})
     assert found["acquired_s"] is not None
     assert found["overshoot_m"] < 0.4
+
+
+@pytest.mark.parametrize("controller", ["pd", "pd_t2fnn"])
+def test_a_slow_law_in_cascade_is_not_stopped_for_being_early(controller):
+    """The search for the heading takes the tractor 1.5 m ahead of its reference, for which the law then waits."""
+    path = {"kind": "figure_eight", "radius_m": 9, "straight_m": 18, "run_in_m": 8, "speed_m_s": 0.4}
+    more = {
+        "sensors.imu.enabled": True,
+        "controller.kind": controller,
+        "physics": "fast",
+        "duration_s": 12.0,
+        "seed": 103,
+    }
+    log = run(load_scenario("straight_line", {**SENSORS, "path": path, **more}))
+    assert log.outcome == "completed"
+    assert log.metrics["xte_abs_max"] < 0.1

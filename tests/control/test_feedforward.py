@@ -53,6 +53,16 @@ def test_on_an_arc_it_asks_for_the_turn_of_the_arc_at_its_own_speed() -> None:
         assert asked == pytest.approx(0.1 * speed, rel=0.01)
 
 
+def test_a_tractor_ahead_of_its_reference_waits_for_it() -> None:
+    """As after the search for its heading, when it is metres ahead of a slow reference."""
+    on_path = situation(Bend(0.4), speed=0.4)
+    x, y, yaw = on_path.estimate.x, on_path.estimate.y, on_path.reference.yaw
+    ahead = on_path._replace(estimate=on_path.estimate._replace(x=x + 1.5 * cos(yaw), y=y + 1.5 * sin(yaw)))
+    for law in (Feedforward(gain_per_m=1.4), Kinematic(gain_per_m=1.4, scheduled_above_m_s=1.5)):
+        assert law.setpoints(ahead)[0] == pytest.approx(0.0, abs=0.01)
+    assert Kinematic(gain_per_m=1.4).setpoints(ahead)[0] < -0.1
+
+
 @pytest.mark.parametrize("law", [Kinematic(), Feedforward()])
 def test_in_reverse_the_steering_turns_the_other_way(law: Kinematic | Feedforward) -> None:
     cascade = law.using(Pd(kp=0.4))
