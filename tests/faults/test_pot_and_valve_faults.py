@@ -102,7 +102,7 @@ def test_without_any_flow_the_wheels_stay_where_they_are():
 
 def test_a_growing_dead_band_makes_the_steering_hunt_more():
     wear = {"kind": "valve_wear", "gain_share": 1.0, "dead_band_v": 2.0, "start_s": 10, "ramp_s": 40}
-    log = driven(wear, name="straight_line", seconds=60.0)
+    log = driven(wear, name="straight_line", seconds=60.0, gains="paper")  # others answer the noise of the fixes
     error, t = np.degrees(log.column("steer_ref") - log.column("steer")), log.column("t")
     sound, worn = error[(t > 5) & (t < 10)], error[t > 50]
     assert worn.std() > 1.5 * sound.std()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.bench.manoeuvres.antenna_lean import SlopeState, offset
+from agrobot_mj.bench.manoeuvres.antenna_lean import GAINS, SlopeState, offset
 from agrobot_mj.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.resources import machine_files
@@ -30,6 +30,7 @@ DRIVE_S, SETTLED_S = 120.0, 40.0
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
+    **GAINS["pd_t2fnn"],  # with the tuned ones of the compact tractor large machines swing their wheels
     "duration_s": DRIVE_S,
     "path.length_m": 200.0,
     "sensors.gnss.sigma_m": 0.0,
