@@ -65,7 +65,7 @@ class CascadeLaw(GuidanceLaw):
 
     @property
     def ends_turns(self) -> bool:
-        """Whether the law asks only for turns that the steering can end."""
+        """Whether the law asks only for turns that the steering can end, and waits instead of driving back."""
         return self.scheduled_above_m_s is not None
 
     def setpoints(self, situation: Situation) -> tuple[float, float]:

@@ -1,5 +1,9 @@
 """PID and the low-level loops: speed to pedal to voltage, steering angle to voltage; and the brake.
 
+Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and the pedal goes forward. The
+structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the
+gains are estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
+
 The brake is applied where standstill is asked for, by a law with a speed of exactly zero, by the supervisor's stop with
 a pedal in neutral. The hydrostat brings the tractor to rest by then; the brake holds it there, and stops one that the
 hydrostat does not hold. It is released as soon as the tractor is asked to drive.

@@ -1,7 +1,8 @@
 """Machines that ship, along a side slope
 
 Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` under the law of that
-scenario, with GNSS free of noise. It stands still at the start. Once it is under way, its rear wheels slip by the angle
+scenario, with the gains of the section on the whole loop and GNSS free of noise. It stands still at the start. Once it
+is under way, its rear wheels slip by the angle
 that holds their share of m g sin(theta), by the theory of the section on the side slope with the machine's own sizes
 and tyres; and it drives beside its line by what the lean of its antenna and the held steering do to the loop, in the
 closed form of the section on the whole loop, from the roll, crab and steering angle of the run.
