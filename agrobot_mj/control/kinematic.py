@@ -25,6 +25,8 @@ from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
+ANSWERED_S = 0.3
+"""Time in which the steering answers [s]: a heading error is closed no sooner. Estimate: delay and lag."""
 REVERSING_M_S = 0.1
 """Estimated speed backwards beyond which the yaw rate answers the steering with the other sign [m/s]. Estimate."""
 
@@ -39,9 +41,9 @@ class CascadeLaw(GuidanceLaw):
     lateral_acceleration_m_s2: Positive = 2.0
     """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
     scheduled_above_m_s: Positive | None = None
-    """Speed beyond which the yaw controller's gains fall as its inverse square, since the reference answers the heading
-    by u / l_r, and the yaw rate the steering by u / L [m/s]; 1.5 with tuned gains. When null they never do, and the law
-    asks for any turn, as in the paper. Estimate (1.2-2)."""
+    """Speed beyond which the yaw controller's gains fall as its inverse, since the yaw rate answers the steering by
+    u / L [m/s]; 1.5 with tuned gains. When null they never do, and the law asks for any turn, as in the paper.
+    Estimate (1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
@@ -79,7 +81,7 @@ class CascadeLaw(GuidanceLaw):
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
         if above is not None:
-            scale *= (above / max(abs(u), above)) ** 2
+            scale *= above / max(abs(u), above)
         return -scale if u < -REVERSING_M_S else scale
 
     def feedforward(self, situation: Situation) -> float:
@@ -114,14 +116,15 @@ def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
 
 
 def _ended(yaw_rate: float, situation: Situation) -> float:
-    """The yaw-rate reference [rad/s], or as much of it as the steering can end in time.
+    """The yaw-rate reference [rad/s], or as much of it as the steering can follow and end in time.
 
     A tractor slower than its reference turns as much slower. A heading error e asks for a yaw rate u e / l_r beside
-    that of the path; wheels that turn back at the rate r end it in time if it is at most sqrt(2 u r e / L), the root
-    of (2 r l_r / L) times what is asked for.
+    that of the path, as if it closed in l_r / u; it is given `ANSWERED_S` at least. Wheels that turn back at the rate r
+    end a turn in time if it is at most sqrt(2 u r e / L).
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u
     beside = yaw_rate * min(abs(u) / max(hypot(r.vx, r.vy), SLOWEST_M_S), 1.0) - turn
     most = sqrt(2.0 * m.steer_limit / TURNING_S * m.cg_to_rear_axle / m.wheelbase_m * abs(beside))
+    beside *= min(m.cg_to_rear_axle / max(abs(u) * ANSWERED_S, SLOWEST_M_S), 1.0)
     return turn + clip(beside, -most, most)
