@@ -11,6 +11,7 @@ from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Out, Quiet, Recorded, results_folder, seconds
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import absence
 
 MAGIC = (b"RRF2", b"RRF0", b"RRIO")
 """First bytes of a recording."""
@@ -65,7 +66,7 @@ def _has_display() -> bool:
 def _check_recording(file: Path) -> None:
     """Raise `ScenarioError` unless `file` is a recording."""
     if not file.is_file():
-        raise ScenarioError(f"{file}: no such file")
+        raise ScenarioError(f"{file}: {absence(file)}")
     with file.open("rb") as stream:
         magic = stream.read(4)
     if magic not in MAGIC:

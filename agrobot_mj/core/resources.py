@@ -79,6 +79,14 @@ def stamp(name: str) -> Stamp | None:
     return str(path), status.st_mtime_ns, status.st_size
 
 
+def absence(path: Path) -> str:
+    """What to say of a path that is no regular file: a device or a pipe would be read for ever."""
+    try:
+        return "is not a regular file; name one" if path.exists() else "no such file"
+    except OSError:  # as of `is_file`
+        return "no such file"
+
+
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     """The path of a regular file with one of these endings (any, when none is given) and of sensible size.
 

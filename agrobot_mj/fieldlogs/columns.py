@@ -17,6 +17,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 
@@ -65,9 +66,7 @@ def column_names(source: Source) -> list[str]:
     if isinstance(source, pa.Table):
         return list(source.column_names)
     if not source.is_file():
-        raise FieldLogError(
-            f"{source}: {'is a folder' if source.is_dir() else 'no such file'}; name a .parquet or .csv"
-        )
+        raise FieldLogError(f"{source}: {'is a folder' if source.is_dir() else absence(source)}; name a .parquet or .csv")
     if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)

@@ -6,7 +6,7 @@ from typing import Any
 
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.resources import scenario_files
+from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
 from agrobot_mj.scenario.plugins import load_plugins
@@ -49,8 +49,8 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
         return path
     if str(source) in shipped:
         return shipped[str(source)]
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise ScenarioError(f"{path}: no such file")
+    if path.suffix == ".toml" or len(path.parts) > 1 or path.exists():
+        raise ScenarioError(f"{path}: {absence(path)}")
     raise ScenarioError(f"unknown {noun} {str(source)!r}{suggestion(str(source), list(shipped))} ({known})")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
-from agrobot_mj.core.resources import machine_files, stamp
+from agrobot_mj.core.resources import absence, machine_files, stamp
 from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import absolute_paths, names_file, read_toml
 
@@ -31,7 +31,7 @@ def machine_file(name: str) -> tuple[Path, int, int] | None:
         known = ", ".join(shipped)
         raise ScenarioError(f"machine: unknown {shortened(name)!r}{suggestion(name, list(shipped))} (known: {known})")
     if (content := stamp(str(path))) is None or not path.is_file():
-        raise ScenarioError(f"machine: {shortened(str(path))}: no such file")
+        raise ScenarioError(f"machine: {shortened(str(path))}: {absence(path)}")
     return path, *content[1:]
 
 

@@ -15,7 +15,7 @@ from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.messages import explain
-from agrobot_mj.core.resources import SCENARIOS, is_file, library_file
+from agrobot_mj.core.resources import SCENARIOS, absence, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere, places
 from agrobot_mj.plants.mujoco.own_files import own_files
@@ -28,7 +28,7 @@ FILE_KEYS = ("file", "machine", "mjcf")
 def read_toml(path: Path) -> dict[str, Any]:
     """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ScenarioError(f"{path}: is not a regular file; name one")  # a pipe is read until somebody writes
+        raise ScenarioError(f"{path}: {absence(path)}")  # a pipe is read until somebody writes
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8

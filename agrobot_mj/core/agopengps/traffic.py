@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import TICK_S
 
 MOST = 2_000_000
@@ -65,7 +66,7 @@ class Traffic:
 def read_traffic(path: Path) -> list[Datagram]:
     """The datagrams of a `link.parquet`, turns counted from its first. Raises `ScenarioError`."""
     if not path.is_file():
-        raise ScenarioError(f"{path}: no such file; --replay wants the link.parquet of an earlier run")
+        raise ScenarioError(f"{path}: {absence(path)}; --replay wants the link.parquet of an earlier run")
     try:
         table = pq.read_table(path.absolute(), columns=SCHEMA.names).cast(SCHEMA)
     except (pa.ArrowException, OSError, ValueError) as error:

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from agrobot_mj.core.contracts import one_line
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import absence
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names
 from agrobot_mj.fieldlogs.maps import UNKNOWN, LogMap, known_map, lacking, si_tables
 from agrobot_mj.fieldlogs.readers.agopenweb import AgOpenWebRecorder
@@ -69,7 +70,7 @@ def _head(path: Path) -> Head:
     if path.is_dir():
         return Head(path, b"")
     if not path.is_file():
-        raise FieldLogError(f"{path}: no such file")
+        raise FieldLogError(f"{path}: {absence(path)}")
     try:
         with path.open("rb") as stream:
             return Head(path, stream.read(HEAD_BYTES))
