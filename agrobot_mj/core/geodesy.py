@@ -10,16 +10,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.signals import Array
 
 
-class Origin(NamedTuple):
-    """Geographic position of x = y = 0."""
-
+class _Place(NamedTuple):
     latitude: float
     """North positive [deg]."""
     longitude: float
     """East positive [deg]."""
+
+
+class Origin(_Place):
+    """Geographic position of x = y = 0. Raises TypeError for what is no number."""
+
+    __slots__ = ()
+
+    def __new__(cls, latitude: float, longitude: float) -> "Origin":
+        for name, value in (("latitude", latitude), ("longitude", longitude)):
+            check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
+        return super().__new__(cls, latitude, longitude)
 
 
 def metres_per_latitude(latitude: float) -> float:

@@ -109,6 +109,12 @@ def test_local_coordinates_round_trip(latitude, longitude, east, north):
     assert to_local(origin, *to_geodetic(origin, east, north)) == pytest.approx((east, north), abs=1e-6)
 
 
+@pytest.mark.parametrize(("place", "name"), [(("a", 11), "latitude"), ((48, None), "longitude")])
+def test_an_origin_of_no_numbers_names_the_argument(place, name):
+    with pytest.raises(TypeError, match=f"{name}: must be a number, got"):
+        Origin(*place)
+
+
 def test_the_local_plane_matches_the_ellipsoid():
     origin = Origin(50.877, 4.699)
     latitude, longitude = to_geodetic(origin, 500.0, 500.0)
