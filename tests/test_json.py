@@ -151,7 +151,7 @@ def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
     sheet = [Measured("mass", 13912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
     monkeypatch.setattr(datasheet, "data_sheet", lambda name: iter(sheet))
     found, err = asked("machine", "row_crop")
-    assert found["sheet"][0] == {"name": "mass", "value": 13912.123456, "unit": "kg"}
+    assert found["sheet"][0] == {"name": "mass", "value": 13912.1, "unit": "kg"}
     assert found["sheet"][1]["value"] is None
     assert documented("machine") == set(found) - COMMON
     assert err == call("machine", "row_crop")[1]  # as it is measured

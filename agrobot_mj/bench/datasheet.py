@@ -53,8 +53,8 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """The line as plain data; a value that there is not is None."""
-        return {**self._asdict(), "value": self.value if isfinite(self.value) else None}
+        """The line as plain data, to six significant digits; a value that there is not is None."""
+        return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
