@@ -8,6 +8,7 @@ import sys
 import time
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +30,12 @@ def test_the_frames_of_an_animation_share_colours_that_suit_the_first_of_them():
     frames = [Image.new("RGB", (8, 4), colour) for colour in ["red"] * 30 + ["green"] * 10]
     drawn = frames[0].quantize(palette=snapshot.common_palette(frames)).convert("RGB")
     assert drawn.getpixel((0, 0))[0] > 240
+
+
+@pytest.mark.parametrize(("t", "end", "first", "last"), [(3, 25.4, 3, 12.9), (60, 25.4, 15.4, 25.3), (60, 2, 0, 1.9)])
+def test_an_animation_moves_up_to_the_end_of_the_run(t, end, first, last):
+    times = snapshot.frame_times(t, end)
+    assert (times[0], times[-1]) == pytest.approx((first, last))
 
 
 @pytest.fixture(scope="module", params=[TABS[:2], pytest.param(TABS, marks=pytest.mark.slow)], ids=len)
@@ -134,6 +141,10 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
 
         def set_blueprint(self, layout, scope):
             """As the viewer's."""
+
+        def get_state(self):
+            line = SimpleNamespace(name="sim_time", end=25_400_000_000)
+            return SimpleNamespace(recordings=[SimpleNamespace(timelines=[line])])
 
     layout = {"root": {"ContainerBlueprint": {"active_tab": ""}}}
     clients, drawn = [], []

@@ -19,6 +19,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
@@ -61,7 +62,7 @@ def snapshots(
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
-    each time on instead. `size` is that of the pictures, width and height [pixels].
+    each time on instead, of the last 10 s where fewer are left. `size` is that of the pictures, width and height [pixels].
 
     Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab.
     """
@@ -123,12 +124,24 @@ def _picture(viewer: ViewerClient, t: float, view: str | None) -> bytes:
 
 def _animation(viewer: ViewerClient, t: float, view: str | None) -> bytes:
     """What the viewer shows from a time on, as GIF."""
-    times = t + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
-    frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times.tolist())]
+    times = frame_times(t, _end(viewer)).tolist()
+    frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times)]
     for frame in frames:
         frame.thumbnail(ANIMATED_SIZE)
     palette = common_palette(frames)
     return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
+
+
+def frame_times(t: float, end: float) -> Array:
+    """Times of the frames of an animation from `t` on [s]; of the last ones before `end` where there are too few."""
+    times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
+    return times[: max(np.searchsorted(times, end), 1)]
+
+
+def _end(viewer: ViewerClient) -> float:
+    """The last time of the recording [s]."""
+    lines = [line for recording in viewer.get_state().recordings for line in recording.timelines]
+    return max((line.end / 1e9 for line in lines if line.name == TIMELINE and line.end is not None), default=0.0)
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
