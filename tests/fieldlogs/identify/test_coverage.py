@@ -44,7 +44,8 @@ def test_hidden_parameters_are_found():
 
 
 @pytest.mark.slow
-def test_truth_is_inside_the_interval_in_nine_of_ten():
-    inside = np.sum([np.abs(deviations(seed)[: len(NAMES)]) < 1 for seed in range(10)], axis=0)
+def test_truth_is_inside_the_interval_in_ninety_of_a_hundred():
+    """Of 95 % intervals as many hold with a chance of 99 %; of ten machines one in eleven would have but eight."""
+    inside = np.sum([np.abs(deviations(seed)[: len(NAMES)]) < 1 for seed in range(100)], axis=0)
     print(dict(zip(NAMES, inside.tolist(), strict=True)))
-    assert inside.min() >= 9
+    assert inside.min() >= 90
