@@ -79,8 +79,8 @@ class Nmpc(Following):
     """Noise of the estimated heading [deg]. Estimate: the EKF's."""
     heading_walk_deg_rt_s: NonNegative = 0.3
     """How fast b may change [deg/sqrt(s)]. Estimate (0.1-1): the EKF's bias comes with each arc."""
-    curvature_walk_m_rt_s: NonNegative = 0.0015
-    """How fast d may change [1/(m sqrt(s))]. Estimate (0.001-0.002): at 0.004 it chases the lag of the steering, and
+    curvature_walk_m_rt_s: NonNegative = 0.0008
+    """How fast d may change [1/(m sqrt(s))]. Estimate (0.0005-0.002): faster, it chases the lag of the steering and
     weaves at 4 m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Largest |d| [1/m]. Estimate: 12 deg of steering."""

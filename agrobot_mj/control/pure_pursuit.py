@@ -7,18 +7,19 @@ the speed; in reverse it lies behind, and the same equation holds. Source: [Coul
 Seen not from where R is but from where it will be when the steering has answered, `prediction_s` later at the present
 yaw rate: the steering's delay and lag would else make it weave at speed.
 
-Works on any path, forward and in reverse, without tuning beyond the distance. There is no integral: a side slope or a
-steering error leaves an offset, and corners of the curvature are cut by about the square of the distance over eight
-radii. With a distance too short for the lag that the prediction leaves, the tractor weaves.
+Works on any path, forward and in reverse, without tuning beyond the distance: corners of the curvature are cut by
+about the square of the distance over eight radii, and with a distance too short for the lag that the prediction leaves
+the tractor weaves. A side slope, a steering error or a valve's dead band would leave an offset; beside the path, and
+forward, an integral of the cross-track error over the way takes it away, as that of the AgOpenGPS family does.
 """
 
 from math import atan, copysign, cos, radians, sin, sqrt, tan
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from agrobot_mj.control.base import SLOWEST_M_S, Situation
-from agrobot_mj.control.following import Beside, Following, sideslip
+from agrobot_mj.control.following import LARGEST_BIAS, STEEP, Beside, Integrating, sideslip
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -28,7 +29,18 @@ BRISK_M_S = 1.2
 Estimate, that of the paper."""
 
 
-class PurePursuit(Following):
+BESIDE_M = 0.1
+"""Cross-track error above which the tractor is on the way to the path: the integral rests [m]. Estimate."""
+
+
+class PursuitState(NamedTuple):
+    """Memory of `PurePursuit`."""
+
+    integral: float = 0.0
+    """Angle beside that of the arc [rad]."""
+
+
+class PurePursuit(Integrating):
     """Pure pursuit at the rear axle."""
 
     sized: ClassVar = {"lookahead_m": {"length": 1}}
@@ -43,19 +55,42 @@ class PurePursuit(Following):
     """Time ahead at which the arc begins [s]. Estimate: searched; delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Largest angle at which it heads for a path far away [deg]. Estimate (20-50): from steeper ones it swings over."""
-    tunable: ClassVar = {"lookahead_s": (0.2, 3.0), "lookahead_m": (0.2, 3.0), "prediction_s": (0.0, 1.0)}
+    integral_per_m2: NonNegative = 0.01
+    """Steering angle per cross-track error and way beside the path, forward [rad/m2]; 0: none. Estimate (0-0.05)."""
+    tunable: ClassVar = {
+        "lookahead_s": (0.2, 3.0),
+        "lookahead_m": (0.2, 3.0),
+        "prediction_s": (0.0, 1.0),
+        "integral_per_m2": (0.001, 0.05),
+    }
     """Ranges in which the gains are sought."""
 
-    def steering(self, memory: None, beside: Beside, situation: Situation, dt: float) -> tuple[None, float]:
-        """The arc to the goal."""
+    def memory(self) -> PursuitState:
+        """No offset known."""
+        return PursuitState()
+
+    def steering(
+        self, memory: PursuitState, beside: Beside, situation: Situation, dt: float
+    ) -> tuple[PursuitState, float]:
+        """The arc to the goal, and the integral."""
+        arc, e = self._arc(beside, situation), situation.estimate
+        if beside.direction < 0:
+            return memory, arc
+        if e.aligned and abs(beside.cross_track) < BESIDE_M and abs(beside.heading) < STEEP:
+            angle = memory.integral - self.integral_per_m2 * beside.cross_track * e.speed * dt
+            memory = PursuitState(clip(angle, -LARGEST_BIAS, LARGEST_BIAS))
+        return memory, arc + memory.integral
+
+    def _arc(self, beside: Beside, situation: Situation) -> float:
+        """Steering angle of the arc to the goal [rad]."""
         e, L = situation.estimate, situation.machine.wheelbase_m
         way, turn = e.speed * self.prediction_s, e.yaw_rate * self.prediction_s
         dx, dy = from_heading(e.yaw + turn / 2, way, 0.0)
         x, y = self._goal(beside, abs(way), situation)
         ahead, left = to_heading(e.yaw + turn, x - e.rear_x - dx, y - e.rear_y - dy)
         if ahead * beside.direction < 0.0:  # the goal is where it comes from: turn as tightly as it goes
-            return None, copysign(beside.limit, left)
-        return None, atan(L * 2 * left / (ahead**2 + left**2))
+            return copysign(beside.limit, left)
+        return atan(L * 2 * left / (ahead**2 + left**2))
 
     def _goal(self, beside: Beside, way: float, situation: Situation) -> tuple[float, float]:
         """Goal of the rear axle [m], from `way` [m] on: on its path, or, far from it, beside that on the way there.
