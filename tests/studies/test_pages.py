@@ -22,7 +22,7 @@ from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
-from agrobot_mj.studies.pages.report import ranking
+from agrobot_mj.studies.pages.report import over_parameters, ranking
 from agrobot_mj.studies.pages.sweep import Group, RerunCommand, box, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
@@ -283,6 +283,21 @@ def test_a_thinned_curve_keeps_spikes_and_gaps():
     assert np.all(np.diff(x) > 0)
     assert (x[0], x[-1]) == (t[0], t[-1])
     assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
+
+
+def test_a_line_over_what_is_drawn_goes_through_classes_of_runs():
+    """Single runs at a drawn value differ by all else, too: a line through each would be a zigzag."""
+    rows = [
+        {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}
+        for k in range(11)
+    ]
+    axes = over_parameters([Group("all", rows)], ["v", "w"], ["v"]).axes[0]
+    points, line = axes.lines
+    assert len(points.get_xdata()) == 11
+    assert line.get_xdata() == pytest.approx([2.5, 8.0])
+    assert len(over_parameters([Group("all", rows)], ["v", "w"]).axes[0].lines[1].get_xdata()) == 11
+    chart = curves([Group("all", rows[:4])], "v", lambda row: "", drawn=True)
+    assert [len(trace["x"]) for trace in chart["data"]] == [4, 1]
 
 
 def test_zero_errors_are_drawn_at_zero_and_failed_runs_on_top():

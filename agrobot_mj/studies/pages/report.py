@@ -1,7 +1,7 @@
 """`report.html` for a folder of results, and figures as files for print; pages of a validation and of limits."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve, sweep_page
 from agrobot_mj.studies.results_io import reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
 
@@ -108,9 +109,10 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
     groups, numeric = grouped(read_rows(folder))
+    drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
-        drawn = [save(ranking(groups), folder / "ranking.png")]
-        return [*drawn, save(over_parameters(groups, numeric), folder / "curves.png")] if numeric else drawn
+        saved = [save(ranking(groups), folder / "ranking.png")]
+        return [*saved, save(over_parameters(groups, numeric, drawn), folder / "curves.png")] if numeric else saved
 
 
 def ranking(groups: list[Group]) -> Figure:
@@ -130,8 +132,8 @@ def ranking(groups: list[Group]) -> Figure:
     return figure
 
 
-def over_parameters(groups: list[Group], numeric: list[str]) -> Figure:
-    """Error of the successful runs and its median over each parameter that is a number."""
+def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
+    """Error of the successful runs and its median over each parameter that is a number; some are `drawn`."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -142,7 +144,7 @@ def over_parameters(groups: list[Group], numeric: list[str]) -> Figure:
             x, colour = [row[parameter] for row in good], COLOURS[k % len(COLOURS)]
             axes.plot(x, group.values, ".", color=colour, markersize=3, label=group.name)
             if good:
-                curve = median_curve(group, parameter, colour)
+                curve = median_curve(group, parameter, colour, parameter in drawn)
                 axes.plot(curve["x"], curve["y"], color=colour, linewidth=1)
         axes.set(xlabel=parameter, ylabel=LABEL)
     for axes in grid[len(numeric) :]:

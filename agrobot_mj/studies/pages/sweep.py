@@ -36,6 +36,8 @@ SUCCESS = 0.8
 """Success rate at the boundary that maps draw [-]."""
 MOST_VALUES = 40
 """Number of different values up to which a parameter becomes an axis."""
+CLASS = 5
+"""Least number of runs of a class: of fewer a median is that of chance. Estimate."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Largest number of maps and of curves, and number of worst runs shown."""
 MOST_PIECES = 50
@@ -246,10 +248,11 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
         return
     text = "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses on top: failed ones."
     page.section("Over one parameter", text + " Click a point for its command.")
-    page.grid([(p, curves(groups, p, again)) for p in numeric[:MOST_CURVES]])
+    drawn = again.plan.file.draws
+    page.grid([(p, curves(groups, p, again, p in drawn)) for p in numeric[:MOST_CURVES]])
 
 
-def curves(groups: Sequence[Group], parameter: str, again: RerunCommand) -> Chart:
+def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
     """The metric over one parameter, a curve and points for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
@@ -267,7 +270,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand) -> Char
              "hovertemplate": f"{parameter} %{{x}}<br>%{{y:.3g}} cm<extra>%{{fullData.name}}</extra>"}
         )  # fmt: skip
         if len(group.values):
-            data.append(median_curve(group, parameter, colour))
+            data.append(median_curve(group, parameter, colour, drawn))
     return {"data": data, "layout": layout(parameter, LABEL)}
 
 
@@ -279,13 +282,18 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
     return [end(stretch, key=_badness) for stretch in stretches for end in (min, max)]
 
 
-def median_curve(group: Group, parameter: str, colour: str) -> Chart:
-    """Median and 10 to 90 % of the successful runs at each value, or in six classes of as many runs."""
+def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
+    """Median and 10 to 90 % of the successful runs at each value, or in up to six classes of as many runs.
+
+    What is drawn differs from run to run: a line through single runs would be one through all else that differs.
+    """
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
-    if len({row[parameter] for row in rows}) <= MOST_VALUES / 2:
+    values = len({row[parameter] for row in rows})
+    if values <= MOST_VALUES / 2 and not (drawn and 2 * values > len(rows)):
         classes = [[r for r in rows if r[parameter] == value] for value in dict.fromkeys(r[parameter] for r in rows)]
     else:
-        classes = [list(part) for part in np.array_split(np.array(rows, dtype=object), 6)]
+        count = max(1, min(6, len(rows) // CLASS))
+        classes = [list(part) for part in np.array_split(np.array(rows, dtype=object), count)]
     places = [float(np.mean([r[parameter] for r in part])) for part in classes]
     found = [np.percentile(centimetres(part), (10, 50, 90)).tolist() for part in classes]
     middle, bars = (
