@@ -1,11 +1,13 @@
 """The pool of worker processes."""
 
 import signal
+import sys
 from concurrent.futures import Future
 from types import SimpleNamespace
 
 import pytest
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine import pool
 
 
@@ -32,3 +34,11 @@ def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
     with pytest.raises(KeyboardInterrupt):
         list(pool.stream(SimpleNamespace(submit=submit), print, iter("ab"), 2))
     assert told == ["a"]
+
+
+def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
+    """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>")
+    with pool.Pool(2) as workers, pytest.raises(ScenarioError, match="no worker process can start: .* __name__"):
+        list(workers.spread(abs, [-1, -2], died=lambda work: 0))

@@ -13,11 +13,16 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import TypeVar
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
 """Pieces of work handed out per worker: one running, one waiting, so that no worker idles and memory stays bounded."""
+UNSTARTED = (
+    "no worker process can start: each imports the main program again, and that fails; save the program as a file with "
+    'its work below `if __name__ == "__main__":`, or ask for one job'
+)
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
@@ -51,7 +56,8 @@ class Pool:
         """Each piece of work with its result, in the order in which they end.
 
         A worker that dies takes the others with it: the pieces under way are then done again, each alone. What kills
-        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`.
+        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`. Raises `ScenarioError`
+        where no worker can start.
         """
         if self.workers <= 1:
             yield from ((work, function(work)) for work in todo)
@@ -72,12 +78,14 @@ class Pool:
             suspects = []
 
     def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
-        """The result of work done in a process of its own."""
+        """The result of work done in a process of its own. Raises `ScenarioError` where that cannot even start."""
         executor = _executor(1, self._scratch.name)
         try:
             with held_back():
-                future = executor.submit(function, work)
-            return future.result()
+                started = executor.submit(os.getpid)
+            if isinstance(started.exception(), BrokenProcessPool):
+                raise ScenarioError(UNSTARTED)
+            return executor.submit(function, work).result()
         except BrokenProcessPool:
             if died is None:
                 raise

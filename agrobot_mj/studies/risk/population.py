@@ -4,12 +4,14 @@ from collections.abc import Callable, Generator, Sequence
 from math import inf
 from typing import NamedTuple
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.branching import EVERY, Branch
 from agrobot_mj.studies.closeness import Closeness, Rises
 from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+from agrobot_mj.studies.engine.tasks import ERROR
 from agrobot_mj.studies.limit.condition import Condition
 from agrobot_mj.studies.risk.splitting import RiskQuestion, Split, Wanted, split
 
@@ -85,13 +87,20 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """All splittings of a question, each done; they go on together, so that many runs are driven at a time."""
+    """All splittings of a question, each done; they go on together, so that many runs are driven at a time.
+
+    Raises `ScenarioError` where every run of the beginning raises an error: that is no risk of the tractor's.
+    """
     base, rises = base_text(scenario), Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:
         due = [one for each in going for one in each.due]
         tasks = [Task(0, base, scenario.name, {"seed": seed}, "table", rises, branches) for seed, branches in due]
-        driven = iter([_run(*one, result, condition) for one, result in zip(due, do(tasks), strict=True)])
+        results = do(tasks)
+        errors = [result.numbers["error"] for result in results if result.numbers["outcome"] == ERROR]
+        if len(errors) == len(results) and not found[0].runs:
+            raise ScenarioError(f"{scenario.name}: every run raised an error, which is no risk; mend it: {errors[0]}")
+        driven = iter([_run(*one, result, condition) for one, result in zip(due, results, strict=True)])
         for each in going:
             each.take([next(driven) for _ in each.due])
             if each.split:
@@ -104,6 +113,7 @@ def _run(seed: int, branches: tuple[Branch, ...], result: Done, condition: Condi
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
     found = dict(flat(numbers))
     missing = [name for name in condition.compared if found.get(name) is None]
-    ended = "" if condition.names_outcome or numbers["expected"] else numbers["outcome"]
+    told = numbers["expected"] or (condition.names_outcome and numbers["outcome"] != ERROR)
+    ended = "" if told else numbers["outcome"]
     flaw = ended or ", ".join(f"without {name}" for name in missing)
     return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(found), flaw)

@@ -1,6 +1,7 @@
 """Risks: of walks whose probability is known, told to the study as runs are; and of runs of the bicycle."""
 
 import json
+import re
 from math import sqrt
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from test_splitting import NORMAL, WHOLE
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import branch, stream
 from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.branching import Branch
@@ -111,11 +113,28 @@ def test_the_search_ends_below_the_least_probability():
     assert 0 < found.estimate.high < 1e-3
 
 
-def test_runs_that_raise_count_as_failed():
-    question = RiskQuestion("xte_abs_max > 1", particles=5, repeats=2)
-    condition = Condition(question.until, ["xte_abs_max"])
-    found = populations(SCENARIO, question, condition, lambda tasks: [failure("E: x") for _ in tasks], lambda p: None)
-    assert [each.split.probability for each in found] == [1.0, 1.0]
+def raising(until, runs):
+    """A risk whose first `runs` of five raise an error, and whose others do not fail."""
+    question = RiskQuestion(until, particles=5, repeats=2)
+    good = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": 0.5, "rises": [[1, 0.5]]}
+
+    def do(tasks):
+        return [failure("E: x") if k % 5 < runs else Done({**good, "ticks": 20}, {}) for k, _ in enumerate(tasks)]
+
+    found = populations(SCENARIO, question, Condition(until, ["xte_abs_max"]), do, lambda p: None)
+    return answer(SCENARIO, question, found)
+
+
+@pytest.mark.parametrize("until", ["xte_abs_max > 1", "outcome == rolled_over"])
+def test_runs_that_raise_count_as_failed_and_are_told(until):
+    found = raising(until, 2)
+    assert found.estimate.probability > 0.3
+    assert re.search(r"; of these \d+ error", found.statement)
+
+
+def test_where_every_run_raises_there_is_no_answer():
+    with pytest.raises(ScenarioError, match="every run raised an error, which is no risk; mend it: E: x"):
+        raising("xte_abs_max > 1", 5)
 
 
 def test_the_interval_is_students_of_the_logarithm():
