@@ -304,11 +304,11 @@ def _derived(
         return _slope(heading), "heading"
     if position is None:
         return None, "none"
-    found = _curving(position, speed)
+    found = course_rate(position, speed)
     return found, "course" if found is not None else "none"
 
 
-def _curving(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
+def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
     """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None

@@ -90,7 +90,9 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     told = given.model_fields_set
     if c.positive != given.positive:
         rather = f", not to the {given.positive}" if "positive" in told else ""
-        yield f"The readings grow to the {c.positive}{rather}."
+        mirrored = c.pieces.kept[0].yaw_rate_source == "course"
+        unless = ", unless [position] has east for north: with a gyro or a heading that shows" if mirrored else ""
+        yield f"The readings grow to the {c.positive}{rather}{unless}."
     if scale.excludes(given.scale):
         rather = f", not {given.scale:g}" if "scale" in told else ""
         yield f"One{_unit(c).rstrip('s')} turns the wheels by {scale.text} {given.unit}{rather}."

@@ -12,6 +12,7 @@ from stranger import STEP_S, behind_play, drive, hidden, inputs
 
 from agrobot_mj.fieldlogs.calibrate import calibrate, sentences
 from agrobot_mj.fieldlogs.columns import FieldLogError
+from agrobot_mj.fieldlogs.maps import built_in
 from agrobot_mj.scenario.loading import load_scenario
 
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
@@ -92,6 +93,27 @@ def test_a_speed_in_another_unit_is_refused(log, unit):
     wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))
     with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit of"):
         calibrate([wrong], None, BICYCLE)
+
+
+def exchanged(table):
+    """The log with its positions' columns named the wrong way round."""
+    names = {"gnss_x": "gnss_y", "gnss_y": "gnss_x"}
+    return table.rename_columns([names.get(name, name) for name in table.column_names])
+
+
+def test_east_for_north_is_refused_where_a_gyro_shows_it(log):
+    told = r"its positions turn right where its gyro turns left; are the columns of \[position\] exchanged"
+    with pytest.raises(FieldLogError, match=told):
+        calibrate([exchanged(log.signals)], None, BICYCLE)
+
+
+def test_east_for_north_is_a_doubt_where_it_looks_like_steering_to_the_other_side(log):
+    blind = built_in(log.signals.column_names, "log").model_copy(update={"yaw_rate": None, "heading": None})
+    for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
+        found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
+        assert found.positive == side
+        doubts = [line for line in sentences(found, BICYCLE.tractor) if "unless [position] has east for north" in line]
+        assert len(doubts) == (side == "right")
 
 
 def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
