@@ -63,9 +63,9 @@ def test_own_law(tmp_path, full):
     assert texts == [f"{value:.2f}" for errors in maps.values() for row in errors for value in row]
     assert maps["two_gains"] != maps["lqr"]
     if full:
-        for errors in maps.values():
-            assert errors[0][0] < 0.15
-            assert errors[-1][-1] > 1.5 * errors[0][0]
+        for law, bar in {"two_gains": 0.25, "lqr": 0.1}.items():  # two gains know of no delay between command and wheel
+            assert maps[law][0][0] < bar
+            assert maps[law][-1][-1] > 1.5 * maps[law][0][0]
     assert (tmp_path / "figure.png").is_file()
 
 
