@@ -38,7 +38,7 @@ def snapshot(
     tabs: Annotated[
         list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab, or view in 3D; repeatable.")
     ] = None,
-    gif: Annotated[bool, typer.Option("--gif", help="Animate the 10 s from each time on, or the last 10, instead.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on (or the last) instead.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:

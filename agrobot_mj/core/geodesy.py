@@ -22,11 +22,12 @@ class _Place(NamedTuple):
 
 
 class Origin(_Place):
-    """Geographic position of x = y = 0. Raises TypeError for what is no number."""
+    """Geographic position of x = y = 0."""
 
     __slots__ = ()
 
     def __new__(cls, latitude: float, longitude: float) -> "Origin":
+        """Raise TypeError, naming the argument, for what is no number."""
         for name, value in (("latitude", latitude), ("longitude", longitude)):
             check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
         return super().__new__(cls, latitude, longitude)

@@ -66,7 +66,8 @@ def column_names(source: Source) -> list[str]:
     if isinstance(source, pa.Table):
         return list(source.column_names)
     if not source.is_file():
-        raise FieldLogError(f"{source}: {'is a folder' if source.is_dir() else absence(source)}; name a .parquet or .csv")
+        what = "is a folder" if source.is_dir() else absence(source)
+        raise FieldLogError(f"{source}: {what}; name a .parquet or .csv")
     if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)

@@ -40,5 +40,5 @@ def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
     """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>")
-    with pool.Pool(2) as workers, pytest.raises(ScenarioError, match="no worker process can start: .* __name__"):
+    with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start: .* __name__"):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))

@@ -62,7 +62,8 @@ def snapshots(
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
-    each time on instead, of the last 10 s where fewer are left. `size` is that of the pictures, width and height [pixels].
+    each time on instead, of the last 10 s where fewer are left. `size` is that of the pictures, width and height
+    [pixels].
 
     Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab.
     """

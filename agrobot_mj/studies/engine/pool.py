@@ -56,8 +56,8 @@ class Pool:
         """Each piece of work with its result, in the order in which they end.
 
         A worker that dies takes the others with it: the pieces under way are then done again, each alone. What kills
-        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`. Raises `ScenarioError`
-        where no worker can start.
+        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`. Raises
+        `ScenarioError` where no worker can start.
         """
         if self.workers <= 1:
             yield from ((work, function(work)) for work in todo)
