@@ -9,8 +9,8 @@ yaw rate: the steering's delay and lag would else make it weave at speed.
 
 Works on any path, forward and in reverse, without tuning beyond the distance: corners of the curvature are cut by
 about the square of the distance over eight radii, and with a distance too short for the lag that the prediction leaves
-the tractor weaves. A side slope, a steering error or a valve's dead band would leave an offset; beside the path, and
-forward, an integral of the cross-track error over the way takes it away, as that of the AgOpenGPS family does.
+the tractor weaves. A side slope, a steering error or a valve's dead band would leave an offset: forward, and not at
+a steep angle, an integral of the cross-track error over the way takes it away, as that of the AgOpenGPS family does.
 """
 
 from math import atan, copysign, cos, radians, sin, sqrt, tan
@@ -30,7 +30,7 @@ Estimate, that of the paper."""
 
 
 BESIDE_M = 0.1
-"""Cross-track error above which the tractor is on the way to the path: the integral rests [m]. Estimate."""
+"""Largest cross-track error that the integral takes for one that rests, not for the way to the path [m]. Estimate."""
 
 
 class PursuitState(NamedTuple):
@@ -76,8 +76,9 @@ class PurePursuit(Integrating):
         arc, e = self._arc(beside, situation), situation.estimate
         if beside.direction < 0:
             return memory, arc
-        if e.aligned and abs(beside.cross_track) < BESIDE_M and abs(beside.heading) < STEEP:
-            angle = memory.integral - self.integral_per_m2 * beside.cross_track * e.speed * dt
+        if e.aligned and abs(beside.heading) < STEEP:
+            near = clip(beside.cross_track, -BESIDE_M, BESIDE_M)
+            angle = memory.integral - self.integral_per_m2 * near * e.speed * dt
             memory = PursuitState(clip(angle, -LARGEST_BIAS, LARGEST_BIAS))
         return memory, arc + memory.integral
 
