@@ -64,12 +64,12 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
-    offset_m: Positive = 0.26
+    offset_m: Positive = 0.23
     """Cross-track error that costs 1 [m]. Estimate (0.05-0.5), searched."""
-    heading_deg: Positive = 6.1
+    heading_deg: Positive = 5.2
     """Course error that costs 1 [deg], if more than `offset_m` over two thirds of the way in the horizon. Estimate
     (1-10), searched."""
-    rate_deg_s: Positive = 42.0
+    rate_deg_s: Positive = 37.0
     """Steering rate that costs 1 [deg/s]. Estimate (5-25 by hand), searched."""
     steer_rate_deg_s: Positive = 25.0
     """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""

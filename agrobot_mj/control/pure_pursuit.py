@@ -46,7 +46,7 @@ class PurePursuit(Integrating):
     sized: ClassVar = {"lookahead_m": {"length": 1}}
 
     kind: Literal["pure_pursuit"] = "pure_pursuit"
-    lookahead_s: NonNegative = 0.27
+    lookahead_s: NonNegative = 0.21
     """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""
     lookahead_m: Positive = 1.8
     """Part of the look-ahead distance that does not grow with the speed, from `BRISK_M_S` on [m]. Estimate (0.6-2.4),
@@ -55,8 +55,9 @@ class PurePursuit(Integrating):
     """Time ahead at which the arc begins [s]. Estimate: searched; delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Largest angle at which it heads for a path far away [deg]. Estimate (20-50): from steeper ones it swings over."""
-    integral_per_m2: NonNegative = 0.01
-    """Steering angle per cross-track error and way beside the path, forward [rad/m2]; 0: none. Estimate (0-0.05)."""
+    integral_per_m2: NonNegative = 0.012
+    """Steering angle per cross-track error and way beside the path, forward [rad/m2]; 0: none. Estimate (0-0.05),
+    searched."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),
         "lookahead_m": (0.2, 3.0),
