@@ -38,7 +38,7 @@ def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
 
 def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
     """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
-    monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None, raising=False)
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
     with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start: .* __name__"):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
