@@ -6,13 +6,13 @@ of its own family, `[controller]`; other laws need none. Both keep their state o
 `update(state, ...) -> (State, output)`. Further signals go into the log as `columns`, with values from `report`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import atan, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference
+from agrobot_mj.core.signals import Array, Column, Command, Estimate, PathPoint, Reference
 from agrobot_mj.machine.tractor import TractorParameters
 
 SLOWEST_M_S = 0.3
@@ -35,6 +35,10 @@ class Route(Protocol):
 
     def ahead(self, s: float) -> PathPoint:
         """The path at the distance `s` [m] from its start, `offset` 0; straight on beyond its ends."""
+        ...
+
+    def curvatures(self, ways: Sequence[float]) -> Array:
+        """Curvatures of the path at the distances `ways` [m] from its start, as `ahead` has them, shape (n,) [1/m]."""
         ...
 
     def leg(self, t: float) -> tuple[float, float]:

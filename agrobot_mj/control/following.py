@@ -256,8 +256,8 @@ def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float],
     The mean of the curvature behind (in reverse: ahead), weighted by exp(-distance / length).
     """
     low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # before its start the path is straight
-    ways = (clip(s - direction * lag * length, low, high) for lag in LAGS)
-    curvature = sum(route.ahead(way).curvature for way in ways) / len(LAGS)
+    ways = [clip(s - direction * lag * length, low, high) for lag in LAGS]
+    curvature = sum(route.curvatures(ways).tolist()) / len(LAGS)
     return asin(clip(length * curvature, -0.95, 0.95))
 
 

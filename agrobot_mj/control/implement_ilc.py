@@ -24,7 +24,7 @@ from agrobot_mj.control.learning import PlaceLearner
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.learned import Learned
-from agrobot_mj.core.signals import Column, Command, PathPoint, Reference
+from agrobot_mj.core.signals import Array, Column, Command, PathPoint, Reference
 from agrobot_mj.core.spec import Positive
 
 SPREAD_M = 1.0
@@ -62,6 +62,10 @@ class Moved(NamedTuple):
     def ahead(self, s: float) -> PathPoint:
         """The line beside the path's distance `s` [m]."""
         return self._moved(self.route.ahead(s))
+
+    def curvatures(self, ways: Sequence[float]) -> Array:
+        """Those of the line beside the path's distances `ways` [m]."""
+        return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
 
     def leg(self, t: float) -> tuple[float, float]:
         """As the path."""

@@ -108,8 +108,8 @@ class Nmpc(Following):
     def _plan(self, memory: NmpcState, mean: Array, beside: Beside, situation: Situation, delta: float) -> Array:
         """The rates of the command that cost least, shape (STEPS,) [rad/s]."""
         m, solver = situation.machine, _solver()
-        ways = [beside.place.s + abs(beside.speed) * STEP_S * (k + 0.5) for k in range(STEPS)]
-        curvatures = [situation.route.ahead(min(way, beside.leg[1])).curvature for way in ways]
+        ways = [min(beside.place.s + abs(beside.speed) * STEP_S * (k + 0.5), beside.leg[1]) for k in range(STEPS)]
+        curvatures = situation.route.curvatures(ways).tolist()
         u, theta = abs(beside.speed), radians(self.approach_deg)
         way, r = u * HORIZON_S, situation.reference
         pace = max(u, hypot(r.vx, r.vy))  # a tractor that waits will be faster

@@ -8,6 +8,7 @@ its time. Sampling only adds to what is known: no question changes a later answe
 """
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
@@ -166,6 +167,13 @@ class SampledRoute:
         k = max(int(np.searchsorted(self.distances, s + 1e-12, "right")) - 1, 0)
         sample = self.sample(k)
         return _along(sample, s - sample.s, 0.0, k == 0)
+
+    def curvatures(self, ways: Sequence[float]) -> Array:
+        """Curvatures at the distances `ways` from its start [m], left positive, shape (n,) [1/m]; 0 before it."""
+        self._grow(beyond=max(ways) + STEP_M)
+        s = np.array(ways)
+        k = np.maximum(np.searchsorted(self.distances, s + 1e-12, "right") - 1, 0)
+        return np.where(s < 0.0, 0.0, self._samples[k, CURVATURE])
 
     def _beside(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
         """The nearest point from sample `k` on; beyond STEP_M from it only at an end of the window."""

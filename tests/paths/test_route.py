@@ -36,6 +36,12 @@ def test_places_on_a_circle_are_analytic():
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
+def test_curvatures_are_those_of_the_places_ahead(kind):
+    ways = [-3.0, -1e-9, 0.0, 0.04, 0.05, 7.77, 31.0, 400.0]
+    assert SampledRoute(kind()).curvatures(ways).tolist() == [SampledRoute(kind()).ahead(s).curvature for s in ways]
+
+
+@pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
 def test_following_the_reference_finds_its_time(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0

@@ -98,7 +98,7 @@ def curvature_ahead(distance: float) -> Observed:
         "1/m",
         1.0,
         f"curvature of the path {distance:g} m ahead of its nearest point, left positive",
-        lambda m: m.sim.path.ahead(m.beside.s + distance).curvature,
+        lambda m: float(m.sim.path.curvatures((m.beside.s + distance,))[0]),
     )
 
 
