@@ -9,7 +9,7 @@ from scripted import scripted
 
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Quality, Truth, worse
 from agrobot_mj.faults import GnssFloat, GnssLatency
-from agrobot_mj.faults.gnss import GnssDgps, GnssFrozen
+from agrobot_mj.faults.gnss import GnssDgps, GnssDrift, GnssFrozen, GnssJump
 from agrobot_mj.sensors import Gnss
 
 PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
@@ -47,6 +47,7 @@ def test_a_float_offset_jumps_at_its_rate_and_with_its_sigma():
     solutions = offsets[np.append(at, len(offsets) - 1)]
     assert solutions.std(axis=0) == pytest.approx(0.2, rel=5 / sqrt(2 * n))
     assert np.abs(solutions.mean(axis=0)).max() < 5 * 0.2 / sqrt(n)
+    assert abs(np.corrcoef(solutions.T)[0, 1]) < 5 / sqrt(n), "east and north are independent"
     steps = np.diff(solutions, axis=0)
     assert steps.std(axis=0) == pytest.approx(sqrt(2) * 0.2, rel=8 / sqrt(2 * n)), "between independent solutions"
 
@@ -108,6 +109,18 @@ def test_fix_and_float_errors_are_independent_and_always_evolve():
     assert abs(np.corrcoef(np.transpose(first))[0, 1]) < 5 / sqrt(1000)
     whole, mixed = delivered(gnss, 90 * floats), delivered(gnss, 30 * floats + 30 * [NOMINAL] + 30 * floats)
     assert mixed[60:] == whole[60:]
+
+
+# --- offsets that are told ------------------------------------------------------------------------------------------
+
+
+def test_jump_and_drift_shift_the_position_on_top_of_each_other():
+    faults = GnssJump(east_m=0.3, north_m=-2.0), GnssDrift(east_m_s=0.1, north_m_s=0.4, start_s=1.0)
+    told = scripted(faults, 41)
+    assert told[0].gnss_offset == (0.3, -2.0)
+    drifted = 41 * TICK_S - 1.0  # at the end of the tick
+    assert told[40].gnss_offset == pytest.approx((0.3 + 0.1 * drifted, -2.0 + 0.4 * drifted))
+    assert told[40].gnss_quality == NOMINAL.gnss_quality
 
 
 # --- without corrections ------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics import RunView, metrics, progress_of
+from agrobot_mj.metrics.progress import LATE_S
 from agrobot_mj.paths import Circle, FigureEight, LaneChange, Line, Manoeuvre, Swaths
 from agrobot_mj.paths.manoeuvre import StraightPiece
 
@@ -92,6 +93,18 @@ def test_standing_at_the_end_of_a_short_path_gets_no_delay_allowance():
     driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
     assert progress_of(view(path, driving)).enough
     assert not progress_of(view(path, stopped)).enough
+
+
+def test_a_tractor_that_never_set_out_gets_no_delay_allowance():
+    path = Line(length_m=10.0, speed_m_s=1.0, ramp_s=0.0)
+    end = LATE_S + 0.06
+    assert not progress_of(view(path, np.zeros((len(ticks(path, end)), 2)), end)).enough
+
+
+def test_the_first_and_the_last_piece_count():
+    path = Line(length_m=3.0, speed_m_s=1.0, ramp_s=0.0)
+    found = progress_of(view(path, places(path, ticks(path, 3.5)), 3.5))
+    assert found.driven == pytest.approx(found.length) == pytest.approx(3.0, abs=0.06)
 
 
 def test_a_lag_of_seventeen_metres_costs_seventeen_metres():

@@ -35,6 +35,11 @@ def test_the_way_is_that_since_the_fault():
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["way"] == pytest.approx(1.2 * 100 * TICK_S)
 
 
+def test_the_speed_at_the_end_is_the_last_one_without_its_sign():
+    slowing = np.linspace(-1.2, -0.3, 400)
+    assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["speed_end"] == pytest.approx(0.3)
+
+
 def test_reports_nothing_without_a_fault_or_a_supervisor():
     assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()

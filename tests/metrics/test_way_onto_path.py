@@ -49,5 +49,9 @@ def test_the_line_is_held_until_the_end_or_long_enough():
     assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)
 
 
+def test_within_the_band_from_the_start_it_is_reached_at_once():
+    assert found(0.04, np.full(len(T), 0.04))["acquired_s"] == 0.0
+
+
 def test_a_tractor_that_starts_on_its_path_has_nothing_to_acquire():
     assert found(0.0, np.zeros(len(T))) is None

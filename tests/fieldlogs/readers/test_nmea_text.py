@@ -104,3 +104,15 @@ def test_a_reading_of_inf_counts_as_missing(tmp_path):
     (tmp_path / "log").write_text("\n".join([checked(BOARD), checked("$GPHDT,inf,T"), checked("$GPVTG,90,T,,M,nan,N")]))
     assert "course" in open_log(tmp_path / "log").source.column_names
     assert open_log(tmp_path / "log").source["heading"].to_pylist() == [pytest.approx(pi / 2 - pi / 2, abs=1e-9)]
+
+
+def test_a_recommended_minimum_has_speed_and_course(tmp_path):
+    lines = [
+        checked(f"$GPRMC,1200{k:02d}.00,{'V' if k == 9 else 'A'},5052.620,N,00441.940,E,7.5,123.5,231126,,,A")
+        for k in range(20)
+    ]
+    (tmp_path / "log").write_text("\r\n".join(lines))
+    rows = open_log(tmp_path / "log").source.to_pylist()
+    assert (rows[3]["speed"], rows[3]["course"]) == pytest.approx((7.5 * 1852 / 3600, radians(90.0 - 123.5)))
+    assert (rows[3]["latitude"], rows[3]["longitude"]) == pytest.approx((50.0 + 52.62 / 60, 4.0 + 41.94 / 60))
+    assert all(row["t"] != 9.0 or row["speed"] is None or np.isnan(row["speed"]) for row in rows)
