@@ -47,6 +47,12 @@ def test_acts_only_within_its_window(kind):
     assert max(changed) < 800
 
 
+def test_a_bias_grows_evenly_over_its_ramp_and_stays():
+    table = {"kind": "steering_pot_bias", "bias_deg": 4.0, "ramp_s": 10, "start_s": 20}
+    grown = [day.steering_pot.offset for day in conditions(table)]
+    assert [grown[k] for k in (399, 400, 500, 600, 1199)] == pytest.approx(np.radians([0.0, 0.0, 2.0, 4.0, 4.0]))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_effects_depend_only_on_the_seed(kind):
     table = {"kind": kind, "start_s": 5}
