@@ -9,7 +9,7 @@ course stands for it, which turns over where the tractor changes direction.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from math import degrees, inf
+from math import degrees, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.signal import find_peaks
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Mask
-from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording, TimeSeries
+from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording, TimeSeries, course_rate
 
 SIGNED = -0.1
 """Speed below which a recorded speed has a sign [m/s]. Estimate: beyond the noise of a standing receiver."""
@@ -106,6 +106,10 @@ LOST_S = 2.0
 """Time without a position from which on it is lost [s]; three times the spacing for slower receivers."""
 SHORTEST_S = 5.0
 """Shortest piece [s]: a window of the fit, half a window of the replay."""
+CHORD_S, SLIPPED = 2.0, 1.5
+"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
+MIRRORED = -0.5
+"""Correlation of two yaw rates below which one of them is mirrored [-]. Estimate: sensors that agree give 0.9."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 
@@ -148,6 +152,51 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     if not kept:
         raise FieldLogError("; ".join(notes) + "; take a log that drives for longer")
     return Pieces(tuple(kept), tuple(notes))
+
+
+def check_columns(kept: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where columns contradict each other: speeds in another unit, east for north."""
+    _check_speed(kept)
+    _check_turning(kept)
+
+
+def _check_speed(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where the speeds and the positions of a log differ by more than slip: in their units."""
+    way = said = 0.0
+    for piece in recordings:
+        if piece.position is not None and len(piece.position.t):
+            t = np.arange(piece.position.t[0], piece.position.t[-1], CHORD_S)
+            places = [np.interp(t, piece.position.t, each) for each in piece.position.value.T]
+            way += float(np.hypot(*np.diff(places)).sum())
+            said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
+    if said and not 1 / SLIPPED < way / said < SLIPPED:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
+            "[speed] and the columns of [position] in the map"
+        )
+
+
+def _check_turning(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading: one is mirrored."""
+    pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
+    if not pairs:
+        return
+    course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
+    if (course * rate).sum() < MIRRORED * sqrt((course**2).sum() * (rate**2).sum()):
+        source = recordings[0].yaw_rate_source
+        key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "
+            f"[position] exchanged, east for north? If not, change {key} in the map"
+        )
+
+
+def _turning_twice(piece: FieldRecording) -> Array | None:
+    """Rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the other."""
+    if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
+        return None
+    course = course_rate(piece.position, piece.speed)
+    return None if course is None else np.stack([course.value, np.interp(course.t, *piece.yaw_rate)])
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:

@@ -6,7 +6,7 @@ import pytest
 
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import LogMap
-from agrobot_mj.fieldlogs.pieces import pieces, split
+from agrobot_mj.fieldlogs.pieces import check_columns, pieces, split
 from agrobot_mj.fieldlogs.recording import read_recording
 
 MAP = {
@@ -112,3 +112,15 @@ def test_a_part_with_few_values_of_a_heading_has_none(values):
     assert part.heading is None
     assert part.position is not None
     assert read(columns, log_map).between(5.0, 10.5).heading is not None
+
+
+def test_a_speed_in_another_unit_than_the_positions_is_refused():
+    _, columns, log_map = shunt()
+    with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit"):
+        check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
+
+
+def test_east_for_north_is_refused_where_the_heading_shows_it():
+    _, columns, log_map = shunt()
+    with pytest.raises(FieldLogError, match=r"positions turn right where its heading turns left; are the columns of"):
+        check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)

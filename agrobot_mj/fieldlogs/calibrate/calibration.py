@@ -23,8 +23,8 @@ from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.fieldlogs.pieces import Pieces, pieces
-from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, course_rate, read_recording
+from agrobot_mj.fieldlogs.pieces import Pieces, check_columns, pieces
+from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
@@ -105,8 +105,6 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
-CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
 """Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
 
@@ -180,9 +178,8 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     """Calibration of pieces whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
     t = scenario.tractor
-    _check_speed(cut.kept)
+    check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
-    _check_turning(cut.kept)
     angles = tuple(rough.angle(piece) for piece in cut.kept)
     data = prepare(angles, Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False))
     if data.windows < LEAST_WINDOWS:
@@ -194,45 +191,6 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     return Calibration(
         _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
     )
-
-
-def _check_speed(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where the speeds and the positions of a log differ by more than slip: in their units."""
-    way = said = 0.0
-    for piece in recordings:
-        if piece.position is not None and len(piece.position.t):
-            t = np.arange(piece.position.t[0], piece.position.t[-1], CHORD_S)
-            places = [np.interp(t, piece.position.t, each) for each in piece.position.value.T]
-            way += float(np.hypot(*np.diff(places)).sum())
-            said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
-    if said and not 1 / SLIPPED < way / said < SLIPPED:
-        raise FieldLogError(
-            f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
-            "[speed] and the columns of [position] in the map"
-        )
-
-
-def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading: one is mirrored."""
-    pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
-    if not pairs:
-        return
-    course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
-    if (course * rate).sum() < -LEAST_EXPLAINED * sqrt((course**2).sum() * (rate**2).sum()):
-        source = recordings[0].yaw_rate_source
-        key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
-        raise FieldLogError(
-            f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "
-            f"[position] exchanged, east for north? If not, change {key} in the map"
-        )
-
-
-def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the other."""
-    if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
-        return None
-    course = course_rate(piece.position, piece.speed)
-    return None if course is None else np.stack([course.value, np.interp(course.t, *piece.yaw_rate)])
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from agrobot_mj.fieldlogs.identify.model import Chassis2, understeer_gradient
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, half_width
 from agrobot_mj.fieldlogs.identify.windows import Channels, VehicleData, predictions, prepare
 from agrobot_mj.fieldlogs.maps import LogMap
-from agrobot_mj.fieldlogs.pieces import pieces, split
+from agrobot_mj.fieldlogs.pieces import check_columns, pieces, split
 from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Bicycle
@@ -98,6 +98,7 @@ def identify_vehicle(
     if without := [each.name for each in read if each.steer is None]:
         raise FieldLogError(f"{without[0]}: its map has no [steer]; a vehicle is identified from the wheel angle")
     cut = pieces(read, start_s, end_s)
+    check_columns(cut.kept)
     chassis = chassis_of(scenario)
     first, second = split(cut.kept, share)
     data, rest = _checked(first, chassis), prepare(second, chassis)
