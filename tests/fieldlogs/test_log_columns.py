@@ -9,6 +9,7 @@ from agrobot_mj.fieldlogs import columns as fieldlog
 from agrobot_mj.fieldlogs.columns import FieldLogError, check_time, column_names, read_columns
 
 T = 0.05 * np.arange(100)
+PER_S = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}
 
 
 @pytest.fixture
@@ -29,12 +30,15 @@ def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
         gaps=pa.array([None, np.inf, *T[2:]]),
         words=pa.array([1.5, 2.5] * 50).dictionary_encode(),
         clock=pa.array((1e9 * T + 1.8e18).astype("int64"), pa.timestamp("ns")),
+        **{unit: pa.array((T * per_s).astype("int64"), pa.duration(unit)) for unit, per_s in PER_S.items()},
     )
     found = read_columns(file, column_names(file))
     assert all(values.dtype == np.float64 and values.shape == (100,) for values in found.values())
     assert np.isnan(found["gaps"][:2]).all()
     assert found["words"][1] == 2.5
     assert np.diff(found["clock"]) == pytest.approx(np.diff(T), abs=1e-6)
+    for unit, per_s in PER_S.items():
+        assert found[unit] == pytest.approx(np.floor(T * per_s) / per_s, abs=1e-12)
 
 
 @pytest.mark.parametrize(

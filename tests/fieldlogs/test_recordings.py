@@ -45,6 +45,13 @@ def test_the_course_of_positions_gives_the_yaw_rate(rate_hz):
     assert found.yaw_rate.t[0] <= T[0] + COURSE_S
 
 
+def test_a_slow_course_counts_whole():
+    slow = 0.4 / SPEED
+    columns = {"x": slow * ARC[:, 0], "y": slow * ARC[:, 1], "speed": np.full(len(T), 0.4)}
+    found = read(columns, **POSITION)
+    assert found.yaw_rate.value[40:-40] == pytest.approx(YAW_RATE, rel=0.005)
+
+
 def test_a_course_is_smoothed_over_its_own_time():
     """A cubic over 2 s at 20 Hz takes noise out of a second derivative."""
     noise = 0.002 * np.random.default_rng(1).standard_normal((len(T), 2))

@@ -40,6 +40,11 @@ def test_the_speed_at_the_end_is_the_last_one_without_its_sign():
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["speed_end"] == pytest.approx(0.3)
 
 
+def test_without_a_position_after_the_fault_the_offset_is_not_negative():
+    lost = np.where(np.arange(400) < 100, 0.0, np.nan)
+    assert Safety().evaluate(RunView(Made(y=lost)))["safety"]["offset_max"] == 0.0
+
+
 def test_reports_nothing_without_a_fault_or_a_supervisor():
     assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()

@@ -138,7 +138,15 @@ def test_hostile_descriptions_are_refused_in_words(folder, content, told):
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\xff" * 1000, RECORDS[0][:-3], RECORDS[0][:21] + b"\xff" + RECORDS[0][22:], record(0, [(4, 1)])]
+    "data",
+    [
+        b"",
+        b"\xff" * 1000,
+        RECORDS[0][:-3],
+        RECORDS[0][:21] + b"\xff" + RECORDS[0][22:],
+        record(0, [(4, 1)]),
+        b"".join(record(k) for k in range(50_401, 50_461)),  # after 24:00
+    ],
 )
 def test_records_that_cannot_be_are_not_believed(folder, data):
     (folder / "TLG00001.BIN").write_bytes(data)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agrobot_mj.studies.risk.splitting import split
+from agrobot_mj.studies.risk.splitting import Split, estimate, split
 
 
 class Walk(NamedTuple):
@@ -111,3 +111,11 @@ def test_it_has_no_bias_however_few_the_paths(process, n, worst):
     mean, error = means(process, n, worst, 1000)
     assert error < 0.15 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
+
+
+def test_where_no_run_was_split_the_error_is_that_of_a_share():
+    found = estimate([Split(failed / 50, 1.0, failed, (), 50) for failed in (20, 25, 15, 20)], 50)
+    assert found.probability == pytest.approx(0.4)
+    assert found.error == pytest.approx(sqrt(0.4 * 0.6 / 200))
+    assert found.low == pytest.approx(0.4 - 1.96 * found.error, abs=0.005)
+    assert found.high == pytest.approx(0.4 + 1.96 * found.error, abs=0.005)
