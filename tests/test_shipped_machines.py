@@ -242,8 +242,12 @@ def test_the_theory_of_the_side_slope_is_that_of_statics(machine):
 
 
 def agrees(machine):
-    measured = {line.name: line.value for line in data_sheet(machine)}
-    assert measured == pytest.approx(ClosedForms(machine).sheet(), rel=0.05)
+    measured, sheet = {line.name: line.value for line in data_sheet(machine)}, ClosedForms(machine).sheet()
+    assert measured == pytest.approx(sheet, rel=0.05)
+    for name in ("mass", "front axle load", "rear axle load"):
+        assert measured[name] == pytest.approx(sheet[name], rel=1e-6)
+    for name in ("steering rate, right", "steering rate, left", "top speed"):
+        assert measured[name] == pytest.approx(sheet[name], rel=5e-3)
 
 
 def test_a_data_sheet_agrees_with_closed_forms():
