@@ -111,7 +111,7 @@ def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
     """Draw `tabs` of the recording `file` at time `t` [s], all if none is named, as pictures that begin with `name`."""
     written = snapshots(file, [t], file.parent / name, tabs)
     for picture in written:
-        tab = picture.stem.partition("_")[0]
+        tab = picture.stem.rpartition("_")[0]
         with Image.open(picture) as whole:
             save(whole, WIDTH, IMAGES / "recordings" / f"{name}_{tab}.jpg")
             if (name, tab) == COVER:

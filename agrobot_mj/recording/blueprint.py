@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from agrobot_mj.core.geometry import from_heading
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.axes import Frame, most_steps, pixels, readable, time_end
-from agrobot_mj.recording.plots.catalogue import Plot
+from agrobot_mj.recording.plots.catalogue import DRIVE, Plot
 from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
@@ -25,8 +25,6 @@ SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
-DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""Prefixes of the paths of the plots beside the scene."""
 TABS = {
     "Control": ("yaw_rate/", "control/", "steering/", "speed/"),
     "Tyres": ("tyres/",),
@@ -47,8 +45,8 @@ VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
-COLUMNS = 3
-"""Plots side by side on a tab."""
+COLUMNS, MOST_PLOTS = 3, 12
+"""Plots side by side on a tab, and the most on one: lower ones would be flat. What is over goes on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
 """Heights of a lane, of the rest of the pane of states, and of that pane at most, over that of the tab [-]."""
 NAMES = "world/names"
@@ -82,17 +80,22 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
     def framed(starts: tuple[str, ...]) -> list[tuple[Plot, Frame]]:
         return [(plot, shown.frames.get(plot.path, Frame())) for plot in _of(shown.plots, starts)]
 
-    def tab(name: str) -> rrb.Vertical:
+    def tabs(name: str) -> list[rrb.Vertical]:
         starts = (*TABS[name], *COMPANIONS.get(name, ()))
         plots, maps = framed(starts), [one for one in shown.maps if one.entity.startswith(starts)]
-        share = 1 / -(-(len(plots) + len(maps)) // COLUMNS)
-        views = [plot_view(plot, end_s, frame, share) for plot, frame in plots]
-        return tiled([*views, *(_map(one) for one in maps)], name)
+        content = [*plots, *maps]
+        parts = np.array_split(np.arange(len(content)), -(-len(content) // MOST_PLOTS))
+        names = [name, *(f"{name} {number}" for number in range(2, len(parts) + 1))]
+        return [tiled(views([content[k] for k in part]), each) for each, part in zip(names, parts, strict=True)]
+
+    def views(content: Sequence[tuple[Plot, Frame] | Map]) -> list[rrb.View]:
+        share = 1 / -(-len(content) // COLUMNS)
+        return [_map(one) if isinstance(one, Map) else plot_view(one[0], end_s, one[1], share) for one in content]
 
     return layout(
         scenes(places, yaw, shown.size, shown.followed),
         _beside(framed(DRIVE), shown, end_s),
-        *(tab(name) for name, starts in TABS.items() if _of(shown.plots, starts)),
+        *(tab for name, starts in TABS.items() if _of(shown.plots, starts) for tab in tabs(name)),
     )
 
 

@@ -8,9 +8,9 @@ from recorded import Recorded, replay
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import Column
 from agrobot_mj.recording import Recording, recorder, write_comparison
-from agrobot_mj.recording.blueprint import COMPANIONS, DRIVE, FOLLOWED, TABS, blueprint
+from agrobot_mj.recording.blueprint import COMPANIONS, FOLLOWED, MOST_PLOTS, TABS, Shown, blueprint
 from agrobot_mj.recording.info import running, summary
-from agrobot_mj.recording.plots.catalogue import COMPARED, PLOTS, reported_plots
+from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, reported_plots
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
 
@@ -202,6 +202,16 @@ def test_a_tab_exists_if_any_of_its_plots_does(monkeypatch, tmp_path, keys, pres
     tabs = {tab.name for tab in layouts[-1].root_container.contents}
     assert tabs >= {"Drive", "Info"} | present
     assert not tabs & absent
+
+
+def test_many_plots_are_spread_over_tabs_on_which_none_is_flat():
+    plots = reported_plots([Column(f"own_{k}", "m", "a signal; null without a tool") for k in range(29)], ())
+    layout = blueprint(Shown(plots), np.zeros((2, 3)), 0.0, 10.0)
+    more = {tab.name: tab for tab in layout.root_container.contents if tab.name.startswith("More")}
+    shown = {name: [view.name for row in tab.contents for view in row.contents] for name, tab in more.items()}
+    assert list(shown) == ["More", "More 2", "More 3"]
+    assert all(len(views) <= MOST_PLOTS for views in shown.values())
+    assert [name for views in shown.values() for name in views] == ["A signal [m]"] * 29
 
 
 def test_the_text_names_the_law_and_the_links_metrics(tmp_path):

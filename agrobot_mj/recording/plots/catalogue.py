@@ -137,6 +137,8 @@ PLOTS = (
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
 """Every plot of a run but those of the network, in the order of the tabs."""
+DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
+"""Prefixes of the paths of the plots beside the scene."""
 
 DIFFERENCE = "difference"
 """What a comparison shows of each run but the first, whose name ends the title: its error less that of the first."""
@@ -175,7 +177,9 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
 
 
 def _title(column: Column) -> str:
-    return column.description[:1].upper() + column.description[1:]
+    """The description as a title, without when there is no value: then there is no plot."""
+    text = column.description.partition("; null")[0]
+    return text[:1].upper() + text[1:]
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
