@@ -186,7 +186,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
     lines = tuple(Series(run.name, plot.series[0].column, run.colour) for run in having)
     title = f"{plot.title} {runs[0].name}" if plot.path == DIFFERENCE else plot.title
     shown = plot._replace(series=lines, title=title)
-    return [(shown, frame(t, numbers, shown)._replace(mean_s=None if means is None else MEAN_S))]
+    return [(shown, frame(t, numbers, shown, beside=True)._replace(mean_s=None if means is None else MEAN_S))]
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:

@@ -51,7 +51,8 @@ class Recording:
         self.motion = BodyMotion(rows, scene, ground, scenario, self.reference)
         elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES))
         more = (*network_plots(rows.columns), *reported_plots(rows.table, elsewhere))
-        self.signals, self.firing = Signals(rows, more), Firing(rows)
+        without = ("tau_n",) if scenario.controller.kind == "pd" else ()  # zero: there is no network
+        self.signals, self.firing = Signals(rows, more, without), Firing(rows)
         self.states = States(rows, scenario.fault)
         self.recording = self.sink.flush()
         if not self.recording:

@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from rerun.blueprint import Corner2D
 
 from agrobot_mj.recording.plots.axes import (
+    BESIDE_PIXELS,
     EDGE,
     Range,
+    frame,
     free_corner,
     most_steps,
     pixels,
@@ -16,6 +18,7 @@ from agrobot_mj.recording.plots.axes import (
     time_end,
     value_range,
 )
+from agrobot_mj.recording.plots.catalogue import Plot, Series
 
 
 def numbers(low, high, most_steps):
@@ -78,3 +81,12 @@ def test_the_legend_stands_where_it_hides_least():
     both = np.column_stack([2 * along - 1, np.full(200, 0.9)])
     assert free_corner(along, both, values, (0.2, 0.3))[0] is Corner2D.RightBottom
     assert free_corner(along, np.full((200, 1), np.nan), values, (0.2, 0.3))[0] is Corner2D.RightTop
+
+
+def test_the_legend_of_a_wide_plot_beside_the_scene_takes_less_of_the_time():
+    t = np.linspace(0.0, 100.0, 200)
+    both = np.column_stack([np.sin(t), np.cos(t)])
+    plot = Plot("own", "Own", "m", (Series("total", "a", 0), Series("PD tau_c", "b", 0)))
+    beside, tab = (frame(t, both, plot, each).room for each in (True, False))
+    assert 0 < beside < tab
+    assert tab / beside == pytest.approx(BESIDE_PIXELS[0] / 420, abs=0.1)

@@ -246,6 +246,7 @@ def test_nothing_nonexistent_is_drawn(tmp_path):
         name for name in SHOWN.keys() | COMPUTED if not name.startswith(("tyres/", "network/"))
     } - {"steering/pressure", "speed/torque"}
     assert not any(entity.startswith("/network") for entity in recorded.entities())
+    assert names(recorded, "control/command") == ["total", "PD tau_c"]
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 

@@ -40,8 +40,8 @@ LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Share of its points that a legend may hide, and of the time axis that it may have for itself [-]. Estimates."""
-PLOT_PIXELS = 420.0, 180.0
-"""Width and height of a plot among nine on a tab."""
+PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 140.0)
+"""Width and height of a plot among nine on a tab, and of one of three beside the scene, within its axes."""
 
 
 class Range(NamedTuple):
@@ -66,24 +66,24 @@ class Frame(NamedTuple):
     """Length of the moving mean beside the signals, if there is one [s]."""
 
 
-def frame(t: Array, numbers: Array, plot: Plot) -> Frame:
-    """The frame of a plot of `numbers` (n, series) at times `t` (n,) [s]."""
+def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
+    """The frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; whether it is `beside` the scene."""
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
     if not plot.legend or len(plot.series) < 2:
         return Frame(values)
-    size, along = legend_size(plot.names), t / time_end(float(t[-1]))
+    size, along = legend_size(plot.names, BESIDE_PIXELS if beside else PLOT_PIXELS), t / time_end(float(t[-1]))
     corner, hidden = free_corner(along, numbers, values, size)
     if hidden > MOST_HIDDEN * np.isfinite(numbers).sum():
         return Frame(values, Corner2D.RightTop, min(size[0], MOST_ROOM))
     return Frame(values, corner)
 
 
-def legend_size(names: Sequence[str]) -> tuple[float, float]:
-    """Width and height of the legend of `names`, as shares of those of a plot."""
+def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
+    """Width and height of the legend of `names`, as shares of those `of` a plot [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
-    return (width + character * most) / PLOT_PIXELS[0], (height + line * len(names)) / PLOT_PIXELS[1]
+    return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:

@@ -5,7 +5,7 @@ A row where a series has no value is left out, so a signal that may be absent ha
 a solid block on the screen get their moving mean at the end of the run, bold over the pale signal: `plots/<path>/mean`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from rerun.components import ScalarBatch
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.recording.plots.axes import Frame, frame
-from agrobot_mj.recording.plots.catalogue import PLOTS, Plot, derived, shown_by
+from agrobot_mj.recording.plots.catalogue import DRIVE, PLOTS, Plot, derived, shown_by
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
 from agrobot_mj.simulation.log import Rows
 
@@ -51,8 +51,8 @@ class _Lines(NamedTuple):
 class Signals:
     """Sends the plots of a run, each with its style as soon as it has a value."""
 
-    def __init__(self, rows: Rows, more: Sequence[Plot] = ()) -> None:
-        """`more` plots come after those of every run."""
+    def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
+        """`more` plots come after those of every run; no plot has the columns `without` meaning in this run."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -61,7 +61,8 @@ class Signals:
                 np.array([known[series.column] for series in plot.series]),
                 np.array([plot.factor * series.sign for series in plot.series]),
             )
-            for plot in (*PLOTS, *more)
+            for each in (*PLOTS, *more)
+            if (plot := each._replace(series=tuple(s for s in each.series if s.column not in without))).series
             if shown_by(plot, known)
         ]
 
@@ -100,7 +101,9 @@ class Signals:
                 send_means(stream, plot, t, means)
             bounds = [series.column.startswith("bound_") for series in plot.series]
             numbers[np.outer(t < SETTLED_S, bounds)] = np.nan
-            found[plot.path] = frame(t, numbers, plot)._replace(mean_s=None if means is None else MEAN_S)
+            found[plot.path] = frame(t, numbers, plot, plot.path.startswith(DRIVE))._replace(
+                mean_s=None if means is None else MEAN_S
+            )
         return found
 
     def _table(self, first: int) -> Array:
