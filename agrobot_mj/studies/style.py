@@ -6,16 +6,18 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.core.palette import BLUE, BROWN, DARK_GREY, GREEN, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW
+from agrobot_mj.core.palette import BLUE, BROWN, GREEN, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
-SPARE_COLOURS = (PINK, SKY_BLUE, DARK_GREY, BROWN, YELLOW, ROYAL_BLUE)
-"""Colours of laws not named above, in order of appearance."""
+SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE)
+"""Colours of laws not named above, in order of appearance; no grey, beside a black reference."""
 NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
-NAMES |= {"pi": "PI", "lqr": "LQR", "open_loop": "open loop"}
-"""Names of the controllers in figures."""
+NAMES |= {"pi": "PI", "lqr": "LQR", "open_loop": "open loop", "stanley": "Stanley", "pure_pursuit": "pure pursuit"}
+NAMES |= {"eso": "observer (ESO)", "nmpc": "NMPC", "ilc": "ILC", "implement_ilc": "ILC of the implement"}
+NAMES |= {"learned_feedforward": "learned feedforward", "agopengps": "AgOpenGPS"}
+"""Names of the laws in figures."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
