@@ -129,7 +129,7 @@ def test_a_comparison_has_the_rows_of_its_file_and_table(asked, call):
     for row, line in zip(found["rows"], lines, strict=True):
         cells = dict(zip(heads, line, strict=True))
         assert (cells["controller"], cells["xte rms [m]"]) == (row["controller"], f"{row['xte_rms']:.3f}")
-        assert cells["lateral MSE [m2]"] == f"{row['lateral_mse']:.4f}"
+        assert cells["lateral MSE [m2]"] == f"{row['lateral_mse']:#.3g}"
     assert "nn 1" not in heads  # no law has a network, and no turn is complete
     told = [line.partition("  ")[0] for line in text.splitlines()[len(table) :]]
     assert told[:3] == ["lateral MSE [m2]", "/ pd", "xte rms [m]"]

@@ -146,7 +146,13 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     heads = (*names, "outcome", *MEANINGS)
-    filled = [k for k, column in enumerate(zip(*lines, strict=True)) if k <= len(names) or set(column) != {NONE}]
+    # The only turn of a path is the whole path, whose error stands before.
+    left_out = () if any(len(row.get("per_turn") or []) > 1 for row in rows) else ("turn 1",)
+    filled = [
+        k
+        for k, (head, *column) in enumerate(zip(heads, *lines, strict=True))
+        if k <= len(names) or (set(column) != {NONE} and head not in left_out)
+    ]
     shown = [[line[k] for k in filled] for line in (heads, *lines)]
     return markdown_table(shown[0], shown[1:], len(names) + 1, aligned=True)
 
@@ -187,15 +193,15 @@ def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
     whole = {turn["turn"]: turn for turn in turns if turn["complete"]}
     shares = {number: share for number, share in enumerate(row.get("nn_share", []), 1) if share and number in whole}
     return [
-        _text(mse, 4),
-        *(_text(whole[k]["lateral_mse"], 4) if k in whole else NONE for k in (1, 2)),
-        _text(mse / pd_mse if mse is not None and pd_mse else None, 2),
-        _text(error_of(row, "xte_rms"), 3),
-        *(_text(shares.get(k), 3) for k in (1, 2)),
+        _text(mse, "#.3g"),
+        *(_text(whole[k]["lateral_mse"], "#.3g") if k in whole else NONE for k in (1, 2)),
+        _text(mse / pd_mse if mse is not None and pd_mse else None, ".2f"),
+        _text(error_of(row, "xte_rms"), ".3f"),
+        *(_text(shares.get(k), ".3f") for k in (1, 2)),
     ]
 
 
-def _text(value: float | None, decimals: int) -> str:
+def _text(value: float | None, form: str) -> str:
     if value is None:
         return NONE
-    return f"{value:.{decimals}f}" if abs(value) < 1e4 else f"{value:.1e}"
+    return f"{value:{form}}" if abs(value) < 1e4 else f"{value:.1e}"

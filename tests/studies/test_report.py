@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import rcParams
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -108,6 +109,16 @@ def test_each_controller_keeps_its_colour() -> None:
     assert len({c.get_color() for c in curves(report.lateral_error(own))}) == 3
 
 
+def test_no_law_looks_like_the_reference_and_followers_have_proper_names() -> None:
+    laws = ("stanley", "lqr", "pure_pursuit", "nmpc", "eso", "mine", "yours")
+    figure = report.trajectory([ReportedRun("bicycle", name, RunLog(CIRCLE, 0.1, name)) for name in laws])
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names[3:8] == ["Stanley", "LQR", "pure pursuit", "NMPC", "observer (ESO)"]
+    colours = [to_rgb(str(line.get_color())) for line in figure.legends[0].get_lines()[3:]]
+    assert len(set(colours)) == len(laws)
+    assert all(np.ptp(colour) > 0.1 for colour in colours), "grey is close to the black reference"
+
+
 def test_left_of_the_path_is_positive() -> None:
     log = RunLog(CIRCLE, 0.1, "pd")
     (curve,) = curves(report.lateral_error([ReportedRun("bicycle", "pd", log)]))
@@ -178,19 +189,31 @@ def test_the_table_holds_the_numbers() -> None:
     text = table([row("bicycle", "pd", 0.5), row("bicycle", "pd_t2fnn", 0.2), row("mujoco", "pd", 0.4)])
     head, _, first, second, third = cells(text)
     assert head[:4] == ["plant", "controller", "outcome", "lateral MSE [m2]"]
-    assert first[3:] == ["0.5000", "0.5000", "1.5000", "1.00", "0.123", "0.250", "0.750"]
+    assert first[3:] == ["0.500", "0.500", "1.50", "1.00", "0.123", "0.250", "0.750"]
     assert second[:3] == ["bicycle", "pd_t2fnn", "completed"]
-    assert second[3:] == ["0.2000", "0.2000", "1.2000", "0.40", "0.123", "0.250", "0.750"]
+    assert second[3:] == ["0.200", "0.200", "1.20", "0.40", "0.123", "0.250", "0.750"]
     assert third[6] == "1.00"
 
 
 def test_missing_values_are_dashes() -> None:
     early = cells(table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)]))
     assert early[0][3:] == ["lateral MSE [m2]", "turn 1", "/ pd", "xte rms [m]", "nn 1"]  # others hold nothing
-    assert early[2][3:] == ["-", "0.0000", "-", "0.123", "0.250"]
+    assert early[2][3:] == ["-", "0.00", "-", "0.123", "0.250"]
     assert early[3][3:] == ["3.0e+07", "-", "1.00", "0.123", "-"]
     assert "/ pd" not in cells(table([row("mujoco", "pd_t2fnn", 0.5)]))[0]
     assert "nn 1" not in cells(table([row("mujoco", "pd", 0.5) | {"nn_share": [0.0, 0.0]}]))[0]
+
+
+def test_small_errors_have_digits() -> None:
+    assert cells(table([row("mujoco", "pd", 1.2345e-5)]))[2][3] == "1.23e-05"
+    assert cells(table([row("mujoco", "pd", 3.456e-4)]))[2][3] == "0.000346"
+
+
+def test_the_only_turn_of_a_path_repeats_no_number() -> None:
+    hedge = row("mujoco", "pd", 0.5)
+    hedge |= {"per_turn": hedge["per_turn"][:1], "nn_share": [0.25]}
+    assert cells(table([hedge]))[0][3:] == ["lateral MSE [m2]", "/ pd", "xte rms [m]", "nn 1"]
+    assert "turn 1" in cells(table([hedge, row("mujoco", "pd", 0.5)]))[0]
 
 
 def test_a_controller_has_a_column_where_there_is_one() -> None:
