@@ -26,6 +26,10 @@ METRICS: list[Metric] = [
     Safety(),
 ]
 """Every metric, in the order of metrics.json."""
+LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
+"""Units of the link's metrics whose names have none."""
+ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
+"""Units by the ending of a metric's name."""
 
 
 def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
@@ -43,4 +47,10 @@ def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None
     return found
 
 
-__all__ = ["METRICS", "LogLike", "Metric", "RunView", "errors", "metrics", "progress_of"]
+def unit_of(name: str) -> str:
+    """Unit of a metric, that of its column or in its name."""
+    known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
+    return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
+
+
+__all__ = ["METRICS", "LogLike", "Metric", "RunView", "errors", "metrics", "progress_of", "unit_of"]

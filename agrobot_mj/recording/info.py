@@ -9,14 +9,10 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import NAMES
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.version import __version__
-from agrobot_mj.metrics import METRICS
+from agrobot_mj.metrics import unit_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
-LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
-"""Units of the link's metrics whose names have none."""
-ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
-"""Units by the ending of a metric's name."""
 LINKS = ("link", "ros2")
 """Names of the metrics blocks of links."""
 
@@ -62,7 +58,7 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
-    heads = ("run", "colour", "outcome", *(f"{name} [{_unit(name)}]" for name in shown))
+    heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))
     rows = [
         (
             *(name, f"#{colour >> 8:06x} {NAMES.get(f'#{colour >> 8:06X}', '')}", log.outcome),
@@ -88,15 +84,9 @@ def _page(scenario: Scenario, result: str) -> str:
 def _metrics(metrics: dict[str, Any], title: str) -> str:
     """The numbers and words of a table, without what is nested in it."""
     rows = [
-        (name, _cell(value), _unit(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
+        (name, _cell(value), unit_of(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
     return f"## {title}\n\n{markdown_table(('metric', 'value', 'unit'), rows)}"
-
-
-def _unit(name: str) -> str:
-    """Unit of a metric, that of its column or in its name."""
-    known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
-    return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 
 
 def _turns(metrics: dict[str, Any]) -> str:
@@ -106,7 +96,7 @@ def _turns(metrics: dict[str, Any]) -> str:
         return ""
     names = [name for name in turns[0] if name not in ("turn", "complete")]
     heads = [f"turn {turn['turn']}{'' if turn['complete'] else ' (in part)'}" for turn in turns]
-    rows = [(name, *(_cell(turn[name]) for turn in turns), _unit(name)) for name in names]
+    rows = [(name, *(_cell(turn[name]) for turn in turns), unit_of(name)) for name in names]
     rows.append(("nn_share", *map(_cell, shares), "-"))
     return f"## Turn by turn\n\n{markdown_table(('metric', *heads, 'unit'), rows)}"
 

@@ -104,6 +104,12 @@ def test_a_report_is_one_file_without_empty_charts(folders, kind):
         assert chart["layout"]["xaxis"]["title"]["text"]
 
 
+def test_numbers_of_a_run_have_units(folders):
+    page = page_of(folders["run"])
+    assert re.search(r"<td>lateral_<wbr>mse</td><td[^>]*>[^<]*</td><td>m2</td>", page)
+    assert re.search(r"<td>yaw_<wbr>rate_<wbr>error_<wbr>rms</td><td[^>]*>[^<]*</td><td>rad/s</td>", page)
+
+
 def test_users_texts_are_escaped(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
     assert "a &lt; b" in page_of(folders["limit"])
@@ -160,6 +166,15 @@ def test_a_folder_without_results_is_reported(tmp_path):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
         write_report(tmp_path / "nowhere")
+    for file, said in (
+        ("falsify.json", r"falsify has no report.*falsify\.json and falsify\.png"),
+        ("tuning.json", r"tune has no report; its answer is in tuning\.json"),
+    ):
+        folder = tmp_path / file.partition(".")[0]
+        folder.mkdir()
+        (folder / file).touch()
+        with pytest.raises(ScenarioError, match=said):
+            write_report(folder)
     reserve(tmp_path, ["comparison.json"])
     (tmp_path / "comparison.json").write_text("[{}]")
     with pytest.raises(

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from agrobot_mj.core.palette import BLACK
 from agrobot_mj.core.signals import Array
+from agrobot_mj.metrics import unit_of
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 
@@ -147,7 +148,8 @@ def run_page(folder: Path) -> Document:
     page.grid([("Steering", _pair(signals, "steer", "steering angle [deg]", 180 / np.pi))])
     page.grid([("Speed", _pair(signals, "speed", "speed [m/s]", 1.0)), *_shares(signals)])
     page.section("Numbers")
-    page.table(("metric", "value"), [(k, v) for k, v in metrics.items() if not isinstance(v, list | dict)])
+    numbers = [(k, v, unit_of(k)) for k, v in metrics.items() if not isinstance(v, list | dict)]
+    page.table(("metric", "value", "unit"), numbers)
     page.code("scenario.toml", text)
     return page
 

@@ -165,6 +165,8 @@ PAGES: dict[str, Callable[[Path], Document]] = {
 
 FILES = ("report.html", "ranking.png", "curves.png")
 """Files of a report."""
+OTHERS = {name: (f"{name}.json", f"{name}.png") for name in ("risk", "falsify")} | {"tune": ("tuning.json",)}
+"""Files in which studies without a report have their answer, by verb."""
 
 
 def write_report(folder: Path) -> list[Path]:
@@ -172,6 +174,9 @@ def write_report(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     found = next((name for name in PAGES if (folder / name).is_file()), None)
+    for verb, names in OTHERS.items():
+        if found is None and (folder / names[0]).is_file():
+            raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
     if found is None:
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
     check_output(folder, FILES)
