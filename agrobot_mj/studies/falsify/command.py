@@ -103,4 +103,4 @@ def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
             axes.plot(*zip(*places, strict=True), marker, color=colour, markersize=3, label=label)
     axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label=_name(found))
     axes.set(xlabel=x, ylabel=more[0] if more else "closeness to the condition [-]")
-    axes.legend()
+    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=3)

@@ -9,7 +9,7 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine.tasks import Done
-from agrobot_mj.studies.falsify import FalsifyQuestion, Varied
+from agrobot_mj.studies.falsify import FalsifyQuestion, Varied, command
 from agrobot_mj.studies.falsify import search as search_module
 from agrobot_mj.studies.falsify.search import CONFIRMED, FalsifySearch
 from agrobot_mj.studies.limit.condition import Condition
@@ -80,6 +80,13 @@ def test_the_mildest_place_is_found_among_three_keys(error, place):
     found = search(error, (A, B, C), budget=250)
     assert found.mildest.distance == pytest.approx(hypot(*place), rel=0.04)
     assert found.mildest.fails
+
+
+def test_no_legend_lies_among_the_combinations():
+    found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
+    figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
+    assert all(axes.get_legend() is None for axes in figure.axes)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
 
 
 def test_what_is_about_the_answer_shows_its_edge():

@@ -12,7 +12,7 @@ import tomli_w
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
-from agrobot_mj.studies.sweep.importance.results import influence, noise_share
+from agrobot_mj.studies.sweep.importance.results import importance_figure, influence, noise_share
 from agrobot_mj.studies.sweep.importance.shares import FEWEST, Share, ranked, sobol_flaws
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
@@ -272,6 +272,8 @@ def test_a_screening_has_the_same_points_for_every_seed_and_reports_noise(plan, 
     assert found[0].unexplained > 0.5
     head = "| number | 1: rank | 1: share of the variance | 1: slope | 1: Spearman |"
     assert importance_table(found).startswith(head)
+    axes = importance_figure(found, "xte_rms").axes[0]
+    assert sorted(bar.get_y() + bar.get_height() / 2 for bar in axes.patches) == pytest.approx(axes.get_yticks())
 
 
 def test_noise_is_the_variance_between_seeds():

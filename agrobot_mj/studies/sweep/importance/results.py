@@ -89,7 +89,7 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
         for share in each.shares:
             y, colour = keys.index(share.key), LIGHT_GREY if each.flaws else BLUE
             ends = [[max(0.0, share.share - share.low)], [max(0.0, share.high - share.share)]]
-            axes.barh(y + 0.18, share.share, 0.36, xerr=ends, color=colour, error_kw=lines)
+            axes.barh(y if screening else y + 0.18, share.share, 0.36, xerr=ends, color=colour, error_kw=lines)
             if not screening:
                 axes.barh(y - 0.18, share.effect, 0.36, xerr=share.half, color=ORANGE, error_kw=lines)
         axes.set_yticks(range(len(keys)), [f"{key}  [{_rank(found[0], key)}]" for key in keys])
