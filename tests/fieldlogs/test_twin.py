@@ -1,6 +1,7 @@
 """A stranger's log becomes a twin in one command, and its intervals hold what was hidden."""
 
 import json
+import re
 import tomllib
 
 import pytest
@@ -77,6 +78,12 @@ def test_the_files_say_what_is_known_and_drive(one, call):
     page = (folder / "report.html").read_text()
     for text in ("What is known", "What is guessed", "The part that the fit has not seen", "Residual of the position"):
         assert text in page
+    known = page.partition("What is known")[2].partition("What is guessed")[0]
+    sensors, vehicle = known.split("The vehicle:")
+    cell = r"<td>{}</td>(<td[^>]*>[^<]*</td>){{3}}<td>{}</td><td>(yes|no)</td>"
+    for part, key, unit in ((sensors, "steer.scale", "deg per reading"), (vehicle, "backlash_deg", "deg")):
+        assert re.search(cell.format(key.replace("_", "_<wbr>"), unit), part)
+    assert "steer_<wbr>scale" not in known  # the fit's, over a rough line
     log_map = read_map(folder / "map.toml")
     assert log_map.steer.offset == pytest.approx(hidden(0).centre, abs=0.5)
     assert log_map.steer.positive == ("left" if hidden(0).scale > 0 else "right")

@@ -1,6 +1,6 @@
 """What `agrobot-mj twin` writes: machine, scenario with its way, map and numbers; and the page about them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from agrobot_mj.core.palette import BLUE, DARK_GREY, LIGHT_GREY, VERMILION
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.calibrate.words import map_lines, sentences
 from agrobot_mj.fieldlogs.identify.advice import advice
+from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.replay.residuals import position_errors
 from agrobot_mj.fieldlogs.replay.words import doubts
 from agrobot_mj.fieldlogs.twin.machine import guessed
 from agrobot_mj.fieldlogs.twin.twin import MACHINE, SCENARIO, WAY, Twin
+from agrobot_mj.metrics import unit_of
 from agrobot_mj.simulation.storage import atomic, write_json
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
@@ -35,7 +37,12 @@ def page(t: Twin) -> Document:
     found.grid([("Residual of the yaw rate", _rate_residuals(t)), ("Residual of the position", _position_residuals(t))])
     found.table(("held out", "value", "unit"), list(_numbers(t)))
     found.section("What is known", "From the part that was fitted, with intervals of 95 %.")
-    found.table(("quantity", "value", "from", "to", "told by the log"), list(_known(t)))
+    heads = ("quantity", "value", "from", "to", "unit", "told by the log")
+    parts: dict[str, Mapping[str, FoundQuantity | Interval]]
+    parts = {"The sensors, by the keys of map.toml:": t.calibration.found, "The vehicle:": t.beyond_map}
+    for title, part in parts.items():
+        found.text(title)
+        found.table(heads, list(_known(t, part)))
     found.section("What is guessed", f"Keys of machine {t.scenario.machine} that the log does not tell.")
     found.table(("key", "value"), guessed(t.scenario, t.keys))
     for name, text in {"map.toml": map_lines(t.calibration), **t.texts}.items():
@@ -62,10 +69,13 @@ def short(t: Twin) -> list[str]:
     ]
 
 
-def _known(t: Twin) -> Iterator[tuple[object, ...]]:
-    for key, each in t.found.items():
+def _known(t: Twin, part: Mapping[str, FoundQuantity | Interval]) -> Iterator[tuple[object, ...]]:
+    m = t.calibration.log_map
+    units = {**UNITS, "steer.scale": f"{t.calibration.steer.unit} per reading"}
+    units |= {"heading.offset": m.heading.unit} if m.heading else {}
+    for key, each in part.items():
         ends = (None if x is None else float(f"{x:.4g}") for x in each[:3])
-        yield key, *ends, "yes" if each.identified else "no"
+        yield key, *ends, units.get(key) or unit_of(key), "yes" if each.identified else "no"
 
 
 def _numbers(t: Twin) -> Iterator[tuple[str, float | None, str]]:
@@ -131,6 +141,9 @@ def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Char
     return line(x, y, name, colour)
 
 
+UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
+UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
+"""Units of quantities that `unit_of` does not tell."""
 REPORT = "report.html"
 FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml", "twin.json")
 """What a twin leaves."""

@@ -87,6 +87,8 @@ SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
 """Distances that the way of the scenario may keep from the recorded one [m]: the first that the machine can steer."""
 LEVEL_M = 450.0
 """Reach of a way beyond which the level ground of the scenario must be larger than it is [m]."""
+OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
+"""Quantities of the fit that the map has in its own units, as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 """Names of the files that say what was found."""
 
@@ -121,9 +123,13 @@ class Twin(NamedTuple):
 
     @property
     def found(self) -> dict[str, FoundQuantity | Interval]:
-        """Everything that was found, by key; the centre stands there once, as a reading."""
-        vehicle = {key: each for key, each in self.vehicle.items() if key != "steer_offset_deg"}
-        return {**self.calibration.found, **vehicle}
+        """Everything that was found, by key."""
+        return {**self.calibration.found, **self.beyond_map}
+
+    @property
+    def beyond_map(self) -> dict[str, FoundQuantity]:
+        """Quantities of the vehicle without those that the map has: the fit counts these from a rough line."""
+        return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
 def twin(
