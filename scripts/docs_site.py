@@ -28,6 +28,8 @@ BROUGHT = {
 }
 """Pages that lie elsewhere in the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
+CELL, LONG = re.compile(r"<td.*?</td>", re.DOTALL), re.compile(r"<code>([^<\s]{25,})</code>")
+"""A cell of a table, and a name in it that is too long for one line."""
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
 
@@ -46,6 +48,16 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Point links that leave docs/ to the copies in the site."""
     return relinked(markdown)
+
+
+def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
+    """Let long names in tables break after dots and underscores, so that it leaves other columns room."""
+    return CELL.sub(lambda cell: LONG.sub(_breaking, cell[0]), html)
+
+
+def _breaking(code: re.Match[str]) -> str:
+    text = code[1].replace(".", ".<wbr>").replace("_", "_<wbr>")
+    return f'<code class="long">{text}</code>'
 
 
 def moved(source: str) -> str:

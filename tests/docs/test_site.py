@@ -101,6 +101,12 @@ def test_lists_and_tables_are_rendered_on_the_site(site):
             assert not re.search(r"\n(?:- |\d\. |\|[ -])", paragraph), (page.name, paragraph[:100])
 
 
+def test_long_code_in_a_table_breaks_and_short_code_does_not(site):
+    text = (site / "equations.html").read_text(encoding="utf-8")
+    assert '<td><code class="long">control.<wbr>t2fnn_<wbr>laws.<wbr>normalised</code></td>' in text
+    assert "<td><code>tri1i_alt</code></td>" in text
+
+
 def test_the_reference_of_python_shows_signatures_and_docstrings(site):
     text = re.sub(r"<[^>]+>", "", (site / "api.html").read_text(encoding="utf-8"))
     assert "Load a scenario by name or path" in text
