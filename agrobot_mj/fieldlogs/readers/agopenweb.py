@@ -1,7 +1,8 @@
 """The recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, a minute at 10 Hz.
 
 Position is that of the rear axle, corrected for roll and drift by the program; heading in degrees from north, fused
-from antennas, inertial unit and course; speed in m/s; times of day in UTC, of the program's thread, not of the fix.
+from antennas, inertial unit and course; speed in m/s; roll in degrees, right side down positive, as boards send it;
+times of day in UTC, of the program's thread, not of the fix.
 The steering angle, right positive, is what the guidance asked for: the recorder has none of a sensor.
 """
 
@@ -46,7 +47,7 @@ class AgOpenWebRecorder(LogReader):
                         north=float(row["northing"]),
                         heading=from_compass(float(row["heading"])),
                         speed=float(row["speed"]),
-                        roll=-radians(float(row.get("roll") or "nan")),
+                        roll=radians(float(row.get("roll") or "nan")),
                     )
             except ValueError:
                 samples.damaged(number, line)

@@ -48,6 +48,7 @@ def test_rows_become_quantities(recorded):
     assert column["east"][fixed] == pytest.approx((RADIUS * (1 - np.cos(turned)))[fixed], abs=6e-4)
     heading = np.unwrap(column["heading"][fixed])
     assert heading == pytest.approx(np.pi / 2 - turned[fixed], abs=1e-4)
+    assert column["roll"][fixed] == pytest.approx(radians(1.5)), "right side down is left side up"
     assert set(column["quality"]) == {0, 4}
     assert column["steer_demand"][:390] == pytest.approx(-radians(14))
     assert np.isnan(column["steer_demand"][390:]).all()
