@@ -124,3 +124,24 @@ def test_east_for_north_is_refused_where_the_heading_shows_it():
     _, columns, log_map = shunt()
     with pytest.raises(FieldLogError, match=r"positions turn right where its heading turns left; are the columns of"):
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
+
+
+def test_a_log_without_positions_is_kept_as_it_is():
+    _, columns, log_map = shunt()
+    found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
+    assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]
+    assert "60 of 60 s kept" in found.notes[0]
+    assert len(found.notes) == 1
+    check_columns(found.kept)
+
+
+def test_a_log_from_the_middle_of_a_drive_agrees_with_its_positions():
+    """40 s at 0.5 m/s, then 20 s at 5 m/s: the speed at each time makes the way."""
+    t = np.arange(0, 60, 0.1)
+    speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
+    driven = np.cumsum(speed) * 0.1
+    columns = {"t": t, "steer": 0 * t, "speed": speed, "heading": 0 * t + 30}
+    places = {"x": driven * np.cos(np.pi / 6), "y": driven * np.sin(np.pi / 6)}
+    (kept,) = pieces([read(columns | places, LogMap.model_validate(MAP))]).kept
+    assert (kept.start, kept.end) == pytest.approx((0.0, 59.9))
+    check_columns([kept])

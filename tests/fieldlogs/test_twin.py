@@ -3,13 +3,18 @@
 import json
 import re
 import tomllib
+from math import cos, radians, sin, sqrt
 
+import numpy as np
+import pyarrow as pa
 import pytest
 from stranger import MAP, answers, hidden, write_log
 
 from agrobot_mj import load_scenario
 from agrobot_mj.fieldlogs.calibrate import calibrate
-from agrobot_mj.fieldlogs.maps import read_map
+from agrobot_mj.fieldlogs.maps import LogMap, read_map
+from agrobot_mj.fieldlogs.recording import read_recording
+from agrobot_mj.fieldlogs.twin.twin import _texts, way
 
 BICYCLE = ("--set", "plant.kind=bicycle")
 
@@ -34,6 +39,51 @@ def inside(h, found):
         for key, true in answers(h).items()
         for low, high in [ends[key]]
     }
+
+
+TURNED, AHEAD, LEFT, TO_CG = radians(30), 0.4, 0.3, 0.7
+
+
+def straight(sigma):
+    """Recording of 1000 s at 5 m/s, fixes at 10 Hz, of a point ahead of and to the left of R on a line at 30 deg."""
+    t = np.arange(0, 1000, 0.1)
+    random, c, s = np.random.default_rng(5), cos(TURNED), sin(TURNED)
+    ahead, left = 5.0 * t + AHEAD, LEFT + sigma * random.standard_normal(len(t))
+    columns = {"x": c * ahead - s * left, "y": s * ahead + c * left, "heading": np.full(len(t), 30.0)}
+    tables = {
+        "time": {"column": "t"},
+        "steer": {"column": "steer"},
+        "speed": {"column": "speed"},
+        "heading": {"column": "heading", "convention": "enu"},
+        "position": {"east": "x", "north": "y", "ahead_m": AHEAD, "left_m": LEFT},
+    }
+    table = pa.table({"t": t, "steer": 0 * t, "speed": np.full(len(t), 5.0), **columns})
+    return read_recording(table, LogMap.model_validate(tables), 2.0)
+
+
+def test_the_way_is_that_of_the_cg_every_half_metre():
+    found = way([straight(0.0)], TO_CG)
+    along = np.hypot(*np.diff(found[:, :2], axis=0).T)
+    assert found[0] == pytest.approx([TO_CG * cos(TURNED), TO_CG * sin(TURNED), 5.0], abs=1e-3)
+    assert along == pytest.approx(0.5, abs=1e-3)
+    assert found[-1, :2] == pytest.approx((TO_CG + 0.5 * len(along)) * np.array([cos(TURNED), sin(TURNED)]), abs=0.01)
+
+
+def test_the_way_is_smoothed_by_cubics_of_two_seconds():
+    """Of white noise a cubic through 2 m + 1 samples leaves 3 (3 m^2 + 3 m - 1) / ((2 m - 1) (2 m + 1) (2 m + 3))."""
+    x, y, _ = way([straight(0.02)], TO_CG).T
+    across = (y * cos(TURNED) - x * sin(TURNED))[20:-20]
+    m = 10
+    share = 3 * (3 * m**2 + 3 * m - 1) / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3))
+    assert across.std() == pytest.approx(0.02 * sqrt(share), rel=0.1)
+
+
+@pytest.mark.parametrize(("radius", "files"), [(0.5, 1), (15.0, 3)])
+def test_a_way_that_the_machine_cannot_steer_is_no_scenario(radius, files):
+    """The tractor turns on 2 m at the least."""
+    angle = np.arange(0.0, 4.5, 0.5 / radius if radius > 1 else 0.2)
+    points = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle)), np.full(len(angle), 1.5)])
+    assert len(_texts("log", load_scenario("straight_line"), {}, points)) == files
 
 
 @pytest.fixture(scope="module")

@@ -142,6 +142,12 @@ def test_a_key_that_the_body_gives_must_not_say_otherwise(tmp_path):
     assert same.tractor.antenna_height_m == pytest.approx(2.0)
 
 
+def test_a_tyre_that_cannot_be_is_no_fault_of_the_body(tmp_path):
+    with pytest.raises(ScenarioError, match=r"tractor\.rear_tyre_stiffness_n_m: ") as error:
+        load_scenario("straight_line", {"tractor.mjcf": str(variant(tmp_path)), "tractor.rear_tyre_stiffness_n_m": 0})
+    assert "mine.xml" not in str(error.value)
+
+
 def test_everything_that_is_missing_is_said_at_once(tmp_path):
     path = variant(tmp_path, ('"spin_rl"', '"left"'), ('"tyre_fr"', '"rubber"'), ('"steer_fl"', '"kingpin"'))
     message = refused(path)

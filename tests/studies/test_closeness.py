@@ -57,6 +57,9 @@ def test_parts_are_joined(log):
     assert Closeness("xte_abs_max < 0.02")(log) == pytest.approx(-a)
     assert Closeness("0.02 < xte_abs_max")(log) == pytest.approx(a)
     assert Closeness("0.01 < xte_abs_max < 0.02")(log) == pytest.approx(np.minimum(2 * a + 1, -a))
+    assert Closeness("xte_abs_max == 0.02")(log) == pytest.approx(-np.abs(a))
+    assert Closeness("xte_abs_max != 0.02")(log) == pytest.approx(np.abs(a))
+    assert Closeness("xte_abs_max > 0")(log) == pytest.approx(0.02 * (a + 1)), "without a size to compare with"
 
 
 def test_a_signal_of_ones_own_counts_by_its_size(log):

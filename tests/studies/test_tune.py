@@ -52,6 +52,9 @@ def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
     assert not {case.seed for case in training} & {case.seed for case in test}
     assert len(training) == 3 * 2 * 2
     assert len(test) == 3 * 1 * 2
+    other = scenario.changed({"seed": scenario.seed + 7})
+    assert {case.seed for case in tuning_cases(other, SURFACES, "training", 2)} == {other.seed, other.seed + 1}
+    assert tuning_cases(other, SURFACES, "test", 2) == test, "judged alike, whatever the search has seen"
 
 
 def test_the_bicycle_skips_cases_it_cannot_run() -> None:

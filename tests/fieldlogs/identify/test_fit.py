@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.stats import t as student
 
-from agrobot_mj.fieldlogs.identify.fit import SLOW_S, VehicleFit, _bootstrap
+from agrobot_mj.fieldlogs.identify.fit import SLOW_S, VehicleFit, _bootstrap, noise_of, whitened
 from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.vehicle import vehicle_quantities
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, prepare
@@ -70,3 +70,18 @@ def test_only_whole_windows_count(gap, windows):
     data = logged(gap)
     assert data.windows == windows
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5
+
+
+def test_noise_is_an_autoregression_and_may_be_none():
+    """Of windows of x[k] = 0.6 x[k - 1] + 0.3 e[k] that one says so; residuals of 0 stay finite."""
+    e = 0.3 * np.random.default_rng(4).standard_normal((400, 60))
+    x = np.zeros_like(e)
+    for k in range(1, 60):
+        x[:, k] = 0.6 * x[:, k - 1] + e[:, k]
+    found = noise_of(x[:, 10:], 0.1)
+    assert found.coefficients[:2] == pytest.approx([0.6, 0.0], abs=0.03)
+    assert found.sigma == pytest.approx(0.3, rel=0.02)
+    white = whitened(x[:, 10:], found)
+    assert white.std() == pytest.approx(1.0, rel=0.02)
+    assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.03
+    assert not whitened(np.zeros((2, 50)), noise_of(np.zeros((2, 50)), 0.1)).any()

@@ -1,7 +1,7 @@
 """Importance of a sweep's draws: the designs, and what they tell of functions whose indices are known."""
 
 import json
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.sweep.importance.results import importance_figure, influence, noise_share
-from agrobot_mj.studies.sweep.importance.shares import FEWEST, Share, ranked, sobol_flaws
+from agrobot_mj.studies.sweep.importance.shares import FEWEST, Share, ranked, regression, sobol_flaws, sobol_shares
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
 
@@ -215,6 +215,7 @@ def test_the_ranking_of_shipped_designs_holds(name, function):
         assert "tell no two numbers apart: there is no ranking" in importance_text([found], "xte_rms")
     else:
         assert told > 20 * 2
+        assert f" of {d * (d - 1) // 2} pairs are told apart" in importance_text([found], "xte_rms")
 
 
 def test_linear_effects_are_not_ranked_above_nonlinear_ones():
@@ -227,6 +228,29 @@ def test_linear_effects_are_not_ranked_above_nonlinear_ones():
         assert found.ordered_pairs == 0
         assert next(share.low for share in found.shares if share.key == "a") > 0.0
         assert found.unexplained > 0.6
+
+
+def test_noise_of_runs_is_no_share_of_a_number():
+    """Of one line, noise of a quarter of the variance, and a number without effect, whose total index is noise."""
+    pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
+    random = np.random.default_rng(1)
+    a, b = random.random((2, 2048, 2))
+    rows = [a, np.column_stack([b[:, 0], a[:, 1]]), np.column_stack([a[:, 0], b[:, 1]]), b]  # Saltelli's order
+    line = np.sqrt(12 * 0.75) * np.stack(rows, axis=1)[..., 0].ravel()
+    found = sobol_shares("ab", line + 0.5 * random.standard_normal(len(line)), 0.25)
+    assert [share.share for share in found] == pytest.approx([1.0, 0.0], abs=0.05)
+    assert [share.effect for share in found] == pytest.approx([1.0, 0.0], abs=0.1)
+
+
+def test_what_a_regression_leaves_lies_below_its_limit_in_95_percent():
+    """Five numbers and noise at 12 points; the limit is a share of the variance of the sample."""
+    random, covered = np.random.default_rng(2), 0
+    points = random.standard_normal((12, 5))
+    x = sqrt(12) * np.linalg.qr(points - points.mean(axis=0))[0]
+    for _ in range(1000):
+        y = x.sum(axis=1) + 2.0 * random.standard_normal(12)
+        covered += regression(x, (y - y.mean()) / y.std()).left * y.var(ddof=1) > 2.0**2
+    assert covered / 1000 == pytest.approx(0.95, abs=0.02)
 
 
 def quantiles(values, ends, logarithmic):
