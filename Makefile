@@ -37,7 +37,7 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of 240 s each; this takes a minute or two."
+	@echo "Comparing four runs of four minutes each; this takes a minute or two."
 	@$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO)
 	@echo
 	@echo "Recording: $(RECORDING)"

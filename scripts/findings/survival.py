@@ -154,7 +154,7 @@ def _cell(row: Row, hard: Hardship) -> str:
         return f"all, to {value - hard.offset:g}"
     fails = next(tried for tried in row["tried"] if not tried["holds"])
     last = next(tried for tried in row["tried"] if tried["value"] == value)
-    star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "*"
+    star = "" if last["failed"] == 0 and fails["failed"] == fails["runs"] else "\\*"
     again = "!" if row["verdict"] == "not_monotone" else ""
     return f"{value - hard.offset:.3g}, not {fails['value'] - hard.offset:.3g}{star}{again}"
 
