@@ -50,7 +50,7 @@ def snapshot(
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
         with exclusive(folder, ()), interruptible():
-            paths = snapshots(file, seconds(at), folder, tabs or [], gif)
+            paths = snapshots(file, seconds(at), folder, tabs or [], gif, quiet=quiet)
     except SnapshotError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None

@@ -46,13 +46,11 @@ def draw_slip(passes: Sequence[Straight], heading_error: float, file: Path) -> P
             offset.plot(minutes[way], 100 * lefts, marker, color=BLUE, markersize=3.5, label=f"recorded, {name}")
         reading.axhline(447, color=DARK_GREY, label="straight ahead by the firmware")
         asked = [100 * p.expected(heading_error) for p in passes]
-        offset.plot(
-            minutes, asked, "x", color=VERMILION, markersize=3.5, label="by firmware and sensor, nothing fitted"
-        )
+        offset.plot(minutes, asked, "x", color=VERMILION, markersize=3.5, label="by firmware and sensor")
         reading.set(xlabel="Time [min]", ylabel="Counts", title="Potentiometer while driving straight on")
         offset.set(xlabel="Time [min]", ylabel="Left of the line [cm]", title="Offset from the mission")
         reading.legend(loc="lower left")
-        offset.legend(loc="upper left")
+        offset.legend(loc="lower right")
 
     return drawn(file, 2.6, 2, draw)
 

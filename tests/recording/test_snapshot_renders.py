@@ -17,6 +17,7 @@ from PIL import Image
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording.transport import snapshot, viewer
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
+from agrobot_mj.simulation import progress
 
 TABS = ["drive", "control", "tyres", "estimator", "network", "info"]
 DRIVERS = [Path(root) / "vulkan" / "icd.d" for root in ("/usr/share", "/etc", "/usr/local/share")]
@@ -133,7 +134,7 @@ def test_a_late_viewer_is_retried_with_more_patience(eight, tmp_path, monkeypatc
     assert not (tmp_path / "none").exists()
 
 
-def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypatch):
+def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypatch, capsys):
     class Client:
         def __init__(self):
             self.breaks = len(clients) == 0
@@ -164,7 +165,12 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
     monkeypatch.setattr(snapshot, "_frame", picture)
     assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]
     assert (drawn, len(clients)) == ([1.0, 2.0], 2)
-    (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
+    (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True, quiet=False)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 100
+    assert lines[39].startswith(f"{eight.path.name}: 100 pictures: 40 done")
     with Image.open(animation) as moving:
         assert (moving.format, moving.n_frames, moving.size) == ("GIF", 100, (960, 540))
         assert moving.info["duration"] * moving.n_frames == 10_000

@@ -9,7 +9,7 @@ import io
 import os
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.ownership import check_names
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import atomic
 
 SIZE, TITLE_BAR = (1920, 1080), 37
@@ -58,12 +59,13 @@ def snapshots(
     tabs: Sequence[str] = (),
     animated: bool = False,
     size: tuple[int, int] = SIZE,
+    quiet: bool = True,
 ) -> list[Path]:
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
     each time on instead, of the last 10 s where fewer are left. `size` is that of the pictures, width and height
-    [pixels].
+    [pixels]. Unless `quiet`, stderr tells how many pictures are done, of an animation each.
 
     Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab.
     """
@@ -73,7 +75,7 @@ def snapshots(
             try:
                 with _viewer(file, patience, size) as viewer:
                     layout = _opened(viewer, file, readable, patience)
-                    _draw(viewer, file, layout, times, folder, tabs, drawn, animated)
+                    _draw(viewer, file, layout, times, folder, tabs, drawn, animated, quiet)
                 return list(drawn)
             except _LateError as error:
                 cause = str(error)
@@ -91,6 +93,7 @@ def _draw(
     tabs: Sequence[str],
     drawn: dict[Path, None],
     animated: bool,
+    quiet: bool,
 ) -> None:
     """Draw what is not in `drawn` yet."""
     root, named = _tabs(file, layout)
@@ -103,32 +106,38 @@ def _draw(
     draw, suffix = (_animation, "gif") if animated else (_picture, "png")
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
     check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
-    for name, place in shown.items():
-        view = place.removeprefix("/view/") if name in views else None
-        if view:
-            layout["/viewport"]["ViewportBlueprint"]["maximized"] = view
-        else:
-            layout[root]["ContainerBlueprint"]["active_tab"] = place
-        viewer.set_blueprint(layout, "recording")
-        for t in times:
-            path = files[name, t]
-            if path not in drawn:
-                with atomic(path) as temporary:
-                    temporary.write_bytes(draw(viewer, t, view))
-                drawn[path] = None
+    counts = {t: len(frame_times(t, _end(viewer))) if animated else 1 for t in times}
+    total, done = (sum(counts[t] for (_, t), path in files.items() if path in of) for of in (files.values(), drawn))
+    with tally(f"{file.name}: {total} pictures", total, done, quiet) as advance:
+        for name, place in shown.items():
+            view = place.removeprefix("/view/") if name in views else None
+            if view:
+                layout["/viewport"]["ViewportBlueprint"]["maximized"] = view
+            else:
+                layout[root]["ContainerBlueprint"]["active_tab"] = place
+            viewer.set_blueprint(layout, "recording")
+            for t in times:
+                path = files[name, t]
+                if path not in drawn:
+                    with atomic(path) as temporary:
+                        temporary.write_bytes(draw(viewer, t, view, advance))
+                    drawn[path] = None
 
 
-def _picture(viewer: ViewerClient, t: float, view: str | None) -> bytes:
+def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
     """What the viewer shows at a time, as PNG."""
-    return _encoded([_frame(viewer, t, view)], "PNG")
+    shown = _encoded([_frame(viewer, t, view)], "PNG")
+    advance()
+    return shown
 
 
-def _animation(viewer: ViewerClient, t: float, view: str | None) -> bytes:
+def _animation(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
     """What the viewer shows from a time on, as GIF."""
-    times = frame_times(t, _end(viewer)).tolist()
-    frames = [_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S) for k, at in enumerate(times)]
-    for frame in frames:
-        frame.thumbnail(ANIMATED_SIZE)
+    frames = []
+    for k, at in enumerate(frame_times(t, _end(viewer)).tolist()):
+        frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
+        frames[-1].thumbnail(ANIMATED_SIZE)
+        advance()
     palette = common_palette(frames)
     return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
 
