@@ -169,7 +169,7 @@ def test_the_survival_table_states_what_was_found():
     speed = searched(law, survival.HARDSHIPS[3].name, [(1.0, 10, 0), (2.5, 10, 0), (2.7, 10, 10), (4.0, 2, 2)])
     level = searched(law, "", [(1.0, 10, 0), (2.7, 10, 0), (2.9, 10, 3), (4.0, 2, 2)])
     table = survival.survival_table([{**speed, "sound": level}])
-    assert "| 2.5, not 2.7; without: 2.7, not 2.9* |" in table
+    assert r"| 2.5, not 2.7; without: 2.7, not 2.9\* |" in table
     assert survival.survived(rows[0]) == (14.0, False)
 
 
