@@ -174,10 +174,10 @@ def write_report(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     found = next((name for name in PAGES if (folder / name).is_file()), None)
-    for verb, names in OTHERS.items():
-        if found is None and (folder / names[0]).is_file():
-            raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
     if found is None:
+        for verb, names in OTHERS.items():
+            if (folder / names[0]).is_file():
+                raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
     check_output(folder, FILES)
     with reporting_damage(folder / found, "reported"):
