@@ -8,7 +8,7 @@ import typer
 
 from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.options import utf8
-from agrobot_mj.cli.output import say
+from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
@@ -52,9 +52,12 @@ def machine(
     Everything is measured in the simulator, with the bare machine on firm ground.
     """
     from agrobot_mj.bench.datasheet import Measured, data_sheet, sheet_text
+    from agrobot_mj.scenario.loading import load_scenario
 
+    name = utf8(name, "machine")
+    print_hints([load_scenario("straight_line", {"machine": name})], quiet=False)
     sheet = list[Measured]()
-    for measured in data_sheet(utf8(name, "machine")):
+    for measured in data_sheet(name):
         sheet.append(measured)
         say(sheet_text(measured))
     return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")

@@ -17,6 +17,9 @@ DEEPEST_SHARE = 0.15
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Load over width times diameter beyond which no tyre of that size is made, tractor's and implement's [kPa]. Estimate:
 up to 45 and 100 in the tables of makers."""
+LIGHTEST_KN_M3 = 4.0
+"""Weight over diameter squared times width of the wheels, all together, below which these are of a far heavier machine
+[kN/m3]. Estimate: 7-10 on quads and light robots, 15-26 on the machines of the library."""
 HIGHEST_BAR = 250.0
 """Pressure beyond which no steering works [bar]. Estimate: 100-200."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
@@ -27,10 +30,20 @@ Estimate: 0.05-0.07 go into rolling resistance alone."""
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
     """Parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
     hitched = machine.implement.hitched(machine.tractor)
+    yield from _light(machine.tractor)
     yield from _tyres(machine, hitched)
     if scrubs:
         yield from _steering(machine)
     yield from _drive(machine, hitched, speed)
+
+
+def _light(tractor: TractorParameters) -> Iterator[str]:
+    least = 1e3 * LIGHTEST_KN_M3 / GRAVITY * sum(2 * (2 * w.radius) ** 2 * w.width for w in tractor.wheels)
+    if tractor.mass_kg < least:
+        wheel = tractor.rear_wheel
+        has = f"{tractor.mass_kg:g} kg on rear wheels of {2 * wheel.radius:.2g} m by {wheel.width:.2g} m"
+        own = f"as machines of {least:.0f} kg or more have"
+        yield f"tractor.mass_kg: {has}, {own}; set the mass, or radius and width of the wheels"
 
 
 def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:

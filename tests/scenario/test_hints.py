@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from agrobot_mj.core.resources import SCENARIOS
+from agrobot_mj.core.resources import SCENARIOS, machine_files
 from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -57,6 +57,19 @@ def test_a_large_machine_with_given_sizes_has_no_hints(kind):
 )
 def test_values_that_do_not_fit_the_size_are_reported_by_key(changes, key):
     assert key in hinted_keys(changes)
+
+
+@pytest.mark.parametrize(("wheelbase", "mass", "light"), [(2.8, 750, True), (3.4, 300, True), (1.0, 100, False)])
+def test_a_machine_too_light_for_its_wheels_is_reported(wheelbase, mass, light):
+    lines = hints(load_scenario("circle", {"tractor.wheelbase_m": wheelbase, "tractor.mass_kg": mass}))
+    assert [line.split(" on ")[0] for line in lines] == [f"tractor.mass_kg: {mass} kg"] * light
+
+
+@pytest.mark.parametrize("implement", ["none", "mounted", "drawn"])
+@pytest.mark.parametrize("machine", machine_files())
+def test_no_machine_of_the_library_is_too_light(machine, implement):
+    lines = hints(load_scenario("circle", {"machine": machine, "implement": {"kind": implement}}))
+    assert not [line for line in lines if line.startswith("tractor")]
 
 
 @pytest.mark.parametrize("table", ["plant.tyre", "plant"])
