@@ -240,7 +240,7 @@ def risk(
 
     def tell(population: "Population") -> None:
         if not quiet and (found := population.split):
-            say(f"{population.number + 1} of {repeats}: {found.probability:.2g} in {found.paths} runs")
+            say(f"{population.number + 1} of {repeats}: probability {found.probability:.2g}, by {found.paths} runs")
 
     question = RiskQuestion(until, particles, repeats, score, least)
     with interruptible():

@@ -209,6 +209,7 @@ def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
     assert status == 0
     assert "a run fails with a probability of 1 (95% interval 0.51 to 1), by 4 runs" in said
     assert "; of these 4 without xte_abs_max" in said
+    assert "1 of 2: probability 1, by 2 runs\n" in said
     assert (tmp_path / "r" / "risk.png").is_file()
 
 
