@@ -34,7 +34,9 @@ def view(
 
 def snapshot(
     file: Recorded,
-    at: Annotated[str, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated.")] = "60",
+    at: Annotated[
+        str | None, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated; 60, or the end.")
+    ] = None,
     tabs: Annotated[
         list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab, or view in 3D; repeatable.")
     ] = None,
@@ -50,7 +52,7 @@ def snapshot(
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
         with exclusive(folder, ()), interruptible():
-            paths = snapshots(file, seconds(at), folder, tabs or [], gif, quiet=quiet)
+            paths = snapshots(file, seconds(at) if at else (), folder, tabs or [], gif, quiet=quiet)
     except SnapshotError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None

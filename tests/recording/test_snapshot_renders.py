@@ -166,6 +166,9 @@ def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypa
     assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]
     assert (drawn, len(clients)) == ([1.0, 2.0], 2)
     assert capsys.readouterr().err == ""
+    assert snapshots(eight.path, [], tmp_path) == [tmp_path / "drive_25.4.png"]
+    with pytest.raises(ScenarioError, match=r"--at 500: the recording ends at 25\.4 s"):
+        snapshots(eight.path, [1.0, 500.0], tmp_path)
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True, quiet=False)
     lines = capsys.readouterr().err.splitlines()

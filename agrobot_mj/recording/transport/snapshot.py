@@ -19,7 +19,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import ROUNDING_S, TICK_S, Array
 from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
@@ -31,6 +31,8 @@ SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the pictures, and height of the title bar above them [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Length of an animation, its frames in a second, their size at most [pixels], and the colours that they share."""
+SHOWN_S = 60.0
+"""Time that is drawn unless others are named, in a shorter recording its end [s]."""
 TRIES = 3
 """Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
 START_S = 30.0
@@ -64,10 +66,12 @@ def snapshots(
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
-    each time on instead, of the last 10 s where fewer are left. `size` is that of the pictures, width and height
-    [pixels]. Unless `quiet`, stderr tells how many pictures are done, of an animation each.
+    each time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time
+    is named. `size` is that of the pictures, width and height [pixels]. Unless `quiet`, stderr tells how many pictures
+    are done, of an animation each.
 
-    Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab.
+    Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab or
+    ends before a time.
     """
     drawn: dict[Path, None] = {}
     with whole(file) as readable:
@@ -103,10 +107,14 @@ def _draw(
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise ScenarioError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
     shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
+    end = _end(viewer)
+    times = times or (min(SHOWN_S, end),)
+    if (last := max(times)) > end + TICK_S + ROUNDING_S:
+        raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end:g} s")
     draw, suffix = (_animation, "gif") if animated else (_picture, "png")
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
     check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
-    counts = {t: len(frame_times(t, _end(viewer))) if animated else 1 for t in times}
+    counts = {t: len(frame_times(t, end)) if animated else 1 for t in times}
     total, done = (sum(counts[t] for (_, t), path in files.items() if path in of) for of in (files.values(), drawn))
     with tally(f"{file.name}: {total} pictures", total, done, quiet) as advance:
         for name, place in shown.items():
