@@ -33,5 +33,5 @@ def test_its_own_tests_pass_where_it_is_installed(tmp_path):
 
 
 def test_its_law_is_unknown_where_it_is_not_installed(call):
-    status, _, said = call("run", "circle", "--set", "guidance.kind=two_gains")
-    assert (status, said.startswith("circle.toml: guidance.kind: unknown kind 'two_gains'")) == (2, True), said
+    status, _, said = call("run", "circle", "--set", "guidance.kind=my_gains")
+    assert (status, said.startswith("circle.toml: guidance.kind: unknown kind 'my_gains'")) == (2, True), said

@@ -10,7 +10,7 @@ from agrobot_mj.core.geometry import wrap
 @pytest.fixture(scope="module")
 def log():
     """Ten seconds of a circle by the law, with the compass."""
-    keys = {"plant.kind": "bicycle", "guidance.kind": "two_gains", "sensors.compass.enabled": True, "duration_s": 10}
+    keys = {"plant.kind": "bicycle", "guidance.kind": "my_gains", "sensors.compass.enabled": True, "duration_s": 10}
     return agrobot_mj.run(agrobot_mj.load_scenario("circle", keys))
 
 
