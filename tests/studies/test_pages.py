@@ -167,6 +167,7 @@ def test_a_folder_without_results_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match="no such folder"):
         write_report(tmp_path / "nowhere")
     for file, said in (
+        ("twin.json", "twin has written its report already, report.html there"),
         ("falsify.json", r"falsify has no report.*falsify\.json and falsify\.png"),
         ("tuning.json", r"tune has no report; its answer is in tuning\.json"),
     ):

@@ -175,6 +175,8 @@ def write_report(folder: Path) -> list[Path]:
         raise ScenarioError(f"{folder}: no such folder")
     found = next((name for name in PAGES if (folder / name).is_file()), None)
     if found is None:
+        if (folder / "twin.json").is_file():
+            raise ScenarioError(f"{folder}: twin has written its report already, report.html there")
         for verb, names in OTHERS.items():
             if (folder / names[0]).is_file():
                 raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
