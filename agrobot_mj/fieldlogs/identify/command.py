@@ -9,7 +9,7 @@ from agrobot_mj.fieldlogs.calibrate.calibration import calibrate
 from agrobot_mj.fieldlogs.calibrate.words import report
 from agrobot_mj.fieldlogs.columns import Source
 from agrobot_mj.fieldlogs.identify.advice import advice
-from agrobot_mj.fieldlogs.identify.vehicle import IdentifiedVehicle, TooLittleError, identify_vehicle
+from agrobot_mj.fieldlogs.identify.vehicle import IdentifiedVehicle, TooLittleError, identify_vehicle, told_apart
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.ownership import check_output, reserve
@@ -54,7 +54,7 @@ def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
     """Values with their 95 % intervals as plain text and valid Markdown, and what they are worth."""
     rows = [(key, *map(_text, each[:3]), "yes" if each.identified else "no") for key, each in found.found.items()]
     lines = [*found.notes, markdown_table(("quantity", "value", "from", "to", "identified"), rows, 1, aligned=True)]
-    if not all(found.found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear")):
+    if not told_apart(found.found):
         lines.append("The axles cannot be told apart in this log: take the understeer gradient, which both share.")
     lines += advice(found.kept, [key for key, each in found.found.items() if not each.identified])
     if (b := found.found.get("backlash_deg")) and not b.identified:
@@ -69,6 +69,9 @@ def table(found: IdentifiedVehicle, scenario: Scenario) -> str:
         f"{100 * t.front_load_fraction:g} % in front, and the scale of the wheel angle, which `agrobot-mj calibrate` "
         f"checks; {found.geometry}; {found.windows} windows of 5 s."
     )
+    if found.moved:
+        each = [f"{what} makes them {front:.2f} and {rear:.2f} times" for what, (front, rear) in found.moved.items()]
+        lines.append(f"Not given, and not in the intervals of front and rear stiffness: {'; '.join(each)}.")
     return "\n".join(lines)
 
 

@@ -1,6 +1,6 @@
 """Identification of a vehicle from recordings: fit one part of them, judge on the rest."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
 from typing import NamedTuple
 
@@ -43,6 +43,8 @@ SEPARABLE = 0.5
 """Half width of an interval over the value, up to which a stiffness counts as identified [-]. Estimate."""
 PLAUSIBLE = 1.0, 60.0
 """Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
+MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
+"""What the size of a machine may leave wrong of its yaw inertia and its share of weight in front [-]. Estimate."""
 AGE = Prior(0.0, 0.1)
 """What is known of the ages of speed, heading and position that the map does not tell [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
@@ -70,6 +72,8 @@ class IdentifiedVehicle(NamedTuple):
     """Rms of what is left there [deg/s]."""
     kinematic_deg_s: float
     """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
+    moved: dict[str, tuple[float, float]]
+    """Stiffness of both axles over that found, under changes of what the scenario does not give [-]."""
     geometry: str
     """`small angles` or `tangent`."""
     notes: tuple[str, ...]
@@ -102,7 +106,8 @@ def identify_vehicle(
     chassis = chassis_of(scenario)
     first, second = split(cut.kept, share)
     data, rest = _checked(first, chassis), prepare(second, chassis)
-    result = fit(data, (*chosen, *_ages(data)), dict.fromkeys(AGES, AGE))
+    names = (*chosen, *_ages(data))
+    result = fit(data, names, dict.fromkeys(AGES, AGE))
     explained, left, slipless = judged(result, rest if rest.windows else data)
     channel = judged_channel(data)
     if not explained > LEAST_EXPLAINED:
@@ -113,8 +118,17 @@ def identify_vehicle(
         )
     found = vehicle_quantities(result, chassis)
     check_stiffness(read[0].name, found, chassis)
+    moved = dict[str, tuple[float, float]]()
+    for change, other in _other_chassis(scenario, chassis) if told_apart(found) else ():
+        again = fit(prepare(first, other), names, dict.fromkeys(AGES, AGE)).values
+        moved[change] = _ratio(result.values, again, "front"), _ratio(result.values, again, "rear")
     geometry = "small angles" if chassis.small_angles else "tangent"
-    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, geometry, cut.notes, cut.kept)
+    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, moved, geometry, cut.notes, cut.kept)
+
+
+def told_apart(found: Mapping[str, FoundQuantity]) -> bool:
+    """Whether the stiffness of both axles is identified."""
+    return all(found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear"))
 
 
 def chassis_of(scenario: Scenario) -> Chassis2:
@@ -123,10 +137,31 @@ def chassis_of(scenario: Scenario) -> Chassis2:
     return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
 
 
+def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
+    """Changes of what the scenario leaves to the size of the machine, as far as owners err in it."""
+    given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
+    if "yaw_inertia_kg_m2" not in given:
+        inertia = (1 + MORE_INERTIA) * chassis.inertia
+        yield f"{100 * MORE_INERTIA:g} % more yaw inertia", chassis._replace(inertia=inertia)
+    if "front_load_fraction" not in given:
+        moved = chassis._replace(l_f=chassis.l_f - shift, l_r=chassis.l_r + shift)
+        yield f"{100 * MORE_IN_FRONT:g} % more of the weight in front", moved
+
+
+def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
+    """Stiffness of an axle in one fit over that in another [-]."""
+    return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
+
+
 def _ages(data: VehicleData) -> list[str]:
     """Ages of channels behind the first, which is the clock that the steering's delay is told against."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
+
+
+def is_plausible(stiffness_per_load: float) -> bool:
+    """Whether tyres have such a stiffness over load [1/rad]."""
+    return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
 def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
@@ -134,7 +169,7 @@ def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
-        if C.identified and C.value is not None and not PLAUSIBLE[0] <= C.value / load <= PLAUSIBLE[1]:
+        if C.identified and C.value is not None and not is_plausible(C.value / load):
             raise NothingExplainedError(
                 f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load where "
                 f"tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}: no result. Check that [steer] of the map is the "

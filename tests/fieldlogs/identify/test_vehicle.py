@@ -69,6 +69,19 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
     assert "and the scale of the wheel angle, which `agrobot-mj calibrate` checks; " in table(result, BICYCLE)
 
 
+def test_what_the_size_of_the_machine_leaves_wrong_is_told_beside_the_intervals(hidden):
+    result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
+    t, change = BICYCLE.tractor, "10 % more yaw inertia"
+    other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}
+    given = identify_vehicle(hidden.signals, None, BICYCLE.changed({"tractor": other}), STEADY)
+    for axle, ratio in zip(("front", "rear"), result.moved[change], strict=True):
+        key = f"{axle}_cornering_stiffness_n_rad"
+        assert given.found[key].value / result.found[key].value == pytest.approx(ratio)
+    assert f"{change} makes them 1." in table(result, BICYCLE)
+    assert given.moved == {}
+    assert "Not given" not in table(given, BICYCLE)
+
+
 def test_slow_driving_identifies_no_stiffness():
     """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
     slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
