@@ -22,7 +22,7 @@ from agrobot_mj.fieldlogs.maps import read_map
 from agrobot_mj.fieldlogs.readers import open_log
 from agrobot_mj.fieldlogs.replay.residuals import rigid
 from agrobot_mj.fieldlogs.replay.result import COLUMNS, replay
-from agrobot_mj.fieldlogs.replay.words import summary
+from agrobot_mj.fieldlogs.replay.words import doubts, summary
 from agrobot_mj.simulation.storage import write_log
 
 MAP = """
@@ -127,6 +127,15 @@ def test_a_steering_column_of_the_wrong_sign_or_unit_is_reported(driven, scale):
     assert "explains nothing of the recorded one: check sign (positive) and unit of [steer]" in summary(
         found, driven.scenario.tractor
     )
+
+
+@pytest.mark.parametrize(("scaled", "said"), [(False, "or tractor.wheelbase_m is off"), (True, "the tyres are off")])
+def test_a_calibrated_scale_is_not_blamed(driven, scaled, said):
+    turned = with_column(driven.signals, "steer_measured", 0.9 * driven.column("steer_measured"))
+    lines = doubts(replay(turned, None, driven.scenario), driven.scenario.tractor, scaled)
+    (line,) = [each for each in lines if each.startswith("The machine turns 1.1")]
+    assert said in line
+    assert ("wheelbase" in line) is not scaled
 
 
 def test_a_speed_of_the_wrong_unit_shows_in_the_length_of_the_way(driven):

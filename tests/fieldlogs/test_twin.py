@@ -12,8 +12,10 @@ from stranger import MAP, answers, hidden, write_log
 
 from agrobot_mj import load_scenario
 from agrobot_mj.fieldlogs.calibrate import calibrate
+from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity
 from agrobot_mj.fieldlogs.maps import LogMap, read_map
 from agrobot_mj.fieldlogs.recording import read_recording
+from agrobot_mj.fieldlogs.twin.machine import _tyres
 from agrobot_mj.fieldlogs.twin.twin import _texts, way
 
 BICYCLE = ("--set", "plant.kind=bicycle")
@@ -84,6 +86,18 @@ def test_a_way_that_the_machine_cannot_steer_is_no_scenario(radius, files):
     angle = np.arange(0.0, 4.5, 0.5 / radius if radius > 1 else 0.2)
     points = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle)), np.full(len(angle), 1.5)])
     assert len(_texts("log", load_scenario("straight_line"), {}, points)) == files
+
+
+@pytest.mark.parametrize(("rear", "identified", "keys"), [(6.0, True, 3), (6.0, False, 0), (89.0, True, 0)])
+def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, keys):
+    scenario = load_scenario("straight_line")
+    t, found = scenario.tractor, {}
+    for axle, C in (("front", 5.0 * t.front_axle_load), ("rear", rear * t.rear_axle_load)):
+        found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(C, 0.9 * C, 1.1 * C, axle == "front" or identified)
+        found[f"{axle}_relaxation_length_m"] = FoundQuantity(0.01, 0.005, 0.015, True)
+    tyres = _tyres(found, scenario)
+    assert len(tyres) == keys
+    scenario.changed({key: each.value for key, each in tyres.items()})
 
 
 @pytest.fixture(scope="module")

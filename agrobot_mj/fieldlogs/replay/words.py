@@ -42,8 +42,9 @@ def summary(found: ReplayResult, tractor: TractorParameters) -> str:
     return "\n".join([*lines, *doubts(found, tractor)])
 
 
-def doubts(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
-    """Sentences on what the plant could not do, and on what the map may have wrong."""
+def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
+    """Sentences on what the plant could not do, and on what the map may have wrong; no `scaled` steering has its scale
+    wrong."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -67,11 +68,12 @@ def doubts(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
             f"[speed] and [{'heading' if rate['source'] == 'heading' else 'yaw_rate'}] in the map"
         )
     elif rate["explained"] > 0.5 and abs(rate["gain"] - 1.0) > SAME_GAIN:
-        yield (
-            f"The machine turns {rate['gain']:.2f} times as fast as the plant: the scale of [steer] or "
-            "tractor.wheelbase_m is off, or at speed the tyres; the log cannot tell which: measure the wheelbase, then "
-            "`agrobot-mj calibrate`"
+        scale = (
+            "the scale of [steer] or tractor.wheelbase_m is off, or at speed the tyres; the log cannot tell which: "
+            "measure the wheelbase, then `agrobot-mj calibrate`"
         )
+        tyres = "the scale of [steer] is calibrated, so the tyres are off"
+        yield f"The machine turns {rate['gain']:.2f} times as fast as the plant: {tyres if scaled else scale}"
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:

@@ -10,6 +10,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.fieldlogs.calibrate.calibration import Calibration
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.fieldlogs.identify.vehicle import is_plausible, told_apart
 from agrobot_mj.fieldlogs.identify.windows import channels_of
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.scenario.machines import TABLES, machine_file, machine_tables
@@ -21,8 +22,8 @@ MARGIN_DEG = 1.0
 MOST_STEER_DEG = 60.0
 """Largest limit that a tractor may have [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
-CARCASS = (0.05, 3.0)
-"""Range of the lateral over the vertical stiffness of a carcass [-]."""
+CARCASS = (0.05, 2.0)
+"""Range of the lateral over the vertical stiffness of a carcass that a tyre may have [-]."""
 
 
 class TwinKey(NamedTuple):
@@ -46,14 +47,15 @@ def twin_keys(c: Calibration, found: Mapping[str, FoundQuantity], scenario: Scen
 
 
 def _tyres(found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, TwinKey]:
-    """Stiffnesses and relaxation, as the scenario's plant and tyre have them."""
+    """Stiffnesses and relaxation, as the scenario's plant and tyre have them; of both axles, or none."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
-    for axle in ("front", "rear"):
+    if not told_apart(found):
+        return {}
+    for axle, load in (("front", t.front_axle_load), ("rear", t.rear_axle_load)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
-        if not C.identified or C.value is None or C.low is None or C.high is None:
-            continue
-        load = getattr(t, f"{axle}_axle_load")
+        if C.value is None or C.low is None or C.high is None or not is_plausible(C.value / load):
+            return {}
         key, share = {
             "bicycle": (f"plant.{axle}_cornering_stiffness_n_rad", 1.0),
             "linear": (f"plant.tyre.{axle}_cornering_stiffness_n_rad", 0.5),
