@@ -46,7 +46,7 @@ def serve(file: Path) -> int:
     """Serve `file` with the viewer to browsers on this machine until interrupted; returns the exit status."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
-    print(f"http://127.0.0.1:{web}?url={data} (Ctrl-C ends it)", flush=True)
+    print(f"http://127.0.0.1:{web}?url={data}&theme=dark (Ctrl-C ends it)", flush=True)
     ports = ("--port", str(port), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
     with started(command, {**os.environ, "RUST_LOG": "error"}) as process:
