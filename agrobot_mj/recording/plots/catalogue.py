@@ -83,7 +83,8 @@ def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: st
 def _estimated(name: str, title: str, unit: str) -> Plot:
     error = Series("error", f"error_{name}", MEASURED)
     bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
-    return Plot(f"estimator/{name}", f"{title}; grey: 3 sigma", unit, (*bounds, error), legend=False)
+    title = f"{title}: estimate less truth, 3 sigma"
+    return Plot(f"estimator/{name}", title, unit, (*bounds, error), legend=False)
 
 
 def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
@@ -123,9 +124,9 @@ PLOTS = (
     _wheels("slip_ratio", "Slip ratio, driving +", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
     _wheels("lateral_force", "Lateral force", "kN", "fy"),
-    _estimated("east", "East of R: estimate less truth", "cm"),
-    _estimated("north", "North of R: estimate less truth", "cm"),
-    _estimated("yaw", "Yaw: estimate less truth", "deg"),
+    _estimated("east", "East", "cm"),
+    _estimated("north", "North", "cm"),
+    _estimated("yaw", "Yaw", "deg"),
     _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
     _single("estimator/nees", "NEES of the position (2 if consistent)", "-", "NEES", "position_nees"),
     _single("estimator/nis", "NIS of the position fixes (2 if consistent)", "-", "NIS", "position_nis"),

@@ -38,7 +38,7 @@ EVERY_TICKS = 5
 """Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
 MOST_LABELS = 64
 """Cells of a heat map with room for their values."""
-BESIDE, ABOVE = 0.2, 0.1
+BESIDE, ABOVE = 0.2, 0.2
 """Places of the names of the sets, as shares of the map's width and height."""
 MOST_SHARE = 1e3
 """Normalised firing beyond which a network has diverged and has no map [-]."""
