@@ -39,8 +39,6 @@ FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Initial position of the following camera from the default tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which that camera looks at first, in the same frame [m]."""
-IN_VIEW = 0.7
-"""Size that brings a body into view over its distance from the first [1/m]: a tractor's front axle is just within."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
 TILT = 0.1
@@ -129,10 +127,20 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    """The plots beside the scene, and below them the states with all their lanes."""
+    """The plots beside the scene, and below them the states with all their lanes, at the same times."""
+    plots = aligned(plots)
+    room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
-    states = rrb.StateTimelineView(origin="states", name=name, time_view=whole_run(end_s))
+    states = rrb.StateTimelineView(origin="states", name=name, time_view=whole_run(end_s, room))
     return stacked(plots, end_s, [(states, min(LANES_BESIDES + LANE * shown.lanes, MOST_LANES))])
+
+
+def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
+    """The plots with one time axis: if any needs room for its legend there, all have it, and their legends in it."""
+    room = max((frame.room for _, frame in plots), default=0.0)
+    if not room:
+        return list(plots)
+    return [(plot, frame._replace(room=room, legend=rrb.Corner2D.RightTop)) for plot, frame in plots]
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
@@ -162,11 +170,6 @@ def scenes(
     return rrb.Vertical(*views, row_shares=[3, 2])
 
 
-def size_in_view(size: float, places: Array) -> float:
-    """Size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the tractor's first."""
-    return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
-
-
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
     """A time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
@@ -191,7 +194,7 @@ def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeS
 
 def _map(shown: Map) -> rrb.Spatial2DView:
     height, width = shown.sizes
-    bounds = rrb.VisualBounds2D(x_range=[-0.4 * width, 1.1 * width], y_range=[-0.2 * height, 1.05 * height])
+    bounds = rrb.VisualBounds2D(x_range=[-0.4 * width, 1.1 * width], y_range=[-0.3 * height, 1.05 * height])
     return rrb.Spatial2DView(origin=shown.entity, name=shown.title, visual_bounds=bounds)
 
 

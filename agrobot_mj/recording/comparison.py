@@ -19,7 +19,7 @@ from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE,
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import layout, plot_view, scenes, stacked, tiled
+from agrobot_mj.recording.blueprint import aligned, layout, plot_view, scenes, stacked, tiled
 from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, DIFFERENCE, NEGATED, Plot, Series
@@ -210,4 +210,4 @@ def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]],
     size, seen = max(run.log.scenario.tractor.size for run in runs), f"{runs[-1].place}/{followed(runs[-1].log.scene)}"
     left = scenes(reference, heading, size, seen, growing)
     tab = [plot_view(plot, end_s, framed, 2 / (len(plots) + 1)) for plot, framed in plots]
-    return layout(left, stacked(plots[:BESIDE], end_s), tiled(tab, "Control", 2))
+    return layout(left, stacked(aligned(plots[:BESIDE]), end_s), tiled(tab, "Control", 2))

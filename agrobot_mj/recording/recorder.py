@@ -12,7 +12,7 @@ import rerun as rr
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.blueprint import Shown, blueprint, size_in_view
+from agrobot_mj.recording.blueprint import Shown, blueprint
 from agrobot_mj.recording.info import broken, describe, running, summary, tell
 from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.catalogue import reported_plots
@@ -22,6 +22,7 @@ from agrobot_mj.recording.plots.states import LANES, States
 from agrobot_mj.recording.transport.sink import Sink
 from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
 from agrobot_mj.recording.world.motion import BodyMotion
+from agrobot_mj.recording.world.names import size_in_view
 from agrobot_mj.recording.world.scene import followed, reference_line, send_scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows

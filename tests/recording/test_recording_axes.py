@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.blueprint import Corner2D
 
+from agrobot_mj.recording.blueprint import aligned
 from agrobot_mj.recording.plots.axes import (
     BESIDE_PIXELS,
     EDGE,
+    Frame,
     Range,
     frame,
     free_corner,
@@ -90,3 +92,11 @@ def test_the_legend_of_a_wide_plot_beside_the_scene_takes_less_of_the_time():
     beside, tab = (frame(t, both, plot, each).room for each in (True, False))
     assert 0 < beside < tab
     assert tab / beside == pytest.approx(BESIDE_PIXELS[0] / 420, abs=0.1)
+
+
+def test_stacked_plots_have_one_time_axis():
+    """That with the room of the largest legend, in which all legends then are."""
+    plot = Plot("own", "Own", "m", ())
+    low, roomy = Frame(legend=Corner2D.LeftBottom), Frame(room=0.2)
+    assert aligned([(plot, low), (plot, low)]) == [(plot, low)] * 2
+    assert aligned([(plot, low), (plot, roomy)]) == [(plot, roomy)] * 2

@@ -6,7 +6,8 @@ from rerun.blueprint import TextDocumentView
 from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
-from agrobot_mj.recording.blueprint import Shown, blueprint, size_in_view, tiled
+from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
+from agrobot_mj.recording.world.names import size_in_view
 from agrobot_mj.recording.world.scene import followed, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
@@ -149,6 +150,8 @@ def test_the_three_tracks_are_named_beside_them(eight):
     assert np.hypot(x - true[0], y - true[1]).min() < 1e-3, "on its track"
     assert np.hypot(x[200] - reference[0], y[200] - reference[1]) > 1.5
     assert 0.4 < np.hypot(*(true - estimated)[:2]) < 1.5
+    last = np.array(places)[-1, 0]
+    assert np.hypot(x[-1] - last[0], y[-1] - last[1]) > 1.5, "not on the tractor at the end of the path"
 
 
 def test_the_camera_stands_back_for_a_trailer_and_not_for_the_front_axle():

@@ -16,8 +16,11 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 """Colours of the tracks and of their names."""
-AHEAD_M, BEHIND_M = 1.9, (1.3, 2.0)
-"""Distance of the name of the reference before the default tractor, and of truth and estimate behind it [m]."""
+AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 2.7
+"""Distance of the name of the reference before the default tractor, and of truth and estimate behind it; and of the
+reference behind it at the end of the path [m]."""
+IN_VIEW = 0.7
+"""Size that brings a body into view over its distance from the first [1/m]: a tractor's front axle is just within."""
 EVERY_TICKS = 2
 """Ticks from one place of a name to the next."""
 
@@ -29,9 +32,7 @@ class TrackNames:
         """`reference` (n, 3) [m] is drawn, its points equally far apart in time over the whole run."""
         self.rows, self.ground, self.reference = rows, ground, reference[:, :2]
         self.times = np.linspace(0.0, scenario.ticks * TICK_S, len(reference))
-        per_m = scenario.tractor.size / scenario.path.speed_m_s
-        self.ahead_s = AHEAD_M * per_m
-        self.ago = [round(distance * per_m / TICK_S) for distance in BEHIND_M]
+        self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Every second of the rows from `first` on, at `times` (n,)."""
@@ -39,13 +40,21 @@ class TrackNames:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         columns = ("x", "y"), ("x_hat", "y_hat")
-        ahead = self.rows.column("t")[at] + self.ahead_s
-        tracks = [np.column_stack([np.interp(ahead, self.times, line) for line in self.reference.T])] + [
-            np.column_stack([self.rows.column(name)[np.maximum(at - ago, 0)] for name in names])
-            for names, ago in zip(columns, self.ago, strict=True)
-        ]
+        per_m = size_in_view(self.size, self.rows.poses[0, :, :2]) / self.speed
+        t = self.rows.column("t")[at]
+        ahead = t + AHEAD_M * per_m
+        ahead[ahead > self.times[-1]] = t[ahead > self.times[-1]] - LAST_M * per_m
+        tracks = [np.column_stack([np.interp(ahead, self.times, line) for line in self.reference.T])]
+        for names, behind in zip(columns, BEHIND_M, strict=True):
+            then = np.maximum(at - round(behind * per_m / TICK_S), 0)
+            tracks.append(np.column_stack([self.rows.column(name)[then] for name in names]))
         places = on_ground(self.ground, np.stack(tracks, axis=1).reshape(-1, 2), 0.0)
         move_points(stream, ENTITY, times[at - first], places, len(tracks))
+
+
+def size_in_view(size: float, places: Array) -> float:
+    """Size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the tractor's first."""
+    return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
