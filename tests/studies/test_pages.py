@@ -204,8 +204,11 @@ def test_without_plotly_the_message_names_the_extra(folders, monkeypatch):
 
 PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
   const box = chart.getBoundingClientRect(), plot = chart.querySelector('.nsewdrag').getBoundingClientRect();
+  const legend = chart.querySelector('.legend')?.getBoundingClientRect();
+  const under = legend && chart.querySelector('.xtitle').getBoundingClientRect().bottom > legend.top + 1;
   const drawn = chart.querySelectorAll('.trace, .heatmaplayer image, .boxlayer path').length;
-  return [drawn ? [] : 'empty', box.right > innerWidth + 1 ? 'wide' : [], plot.height < 120 ? 'flat' : []].flat();
+  return [drawn ? [] : 'empty', box.right > innerWidth + 1 ? 'wide' : [], plot.height < 120 ? 'flat' : [],
+    under ? 'title under the legend' : []].flat();
 }).concat(document.documentElement.scrollWidth > innerWidth + 1 ? ['sideways'] : [])"""
 
 

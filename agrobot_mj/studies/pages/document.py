@@ -13,18 +13,20 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.palette import BLUE, BRIGHT_BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
+from agrobot_mj.core.palette import BLUE, BRIGHT_BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION, YELLOW
 from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of groups, in order."""
 Chart = dict[str, Any]
-CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True}
-"""Axis of names, the first on top, as wide as they are."""
+CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
+"""Axis of names, all of them, the first on top, as wide as they are."""
+MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
+"""Names on such an axis for which a chart is high enough; height of a name beyond, and of what is around them."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, of grid lines, of shaded parts of charts and of their tools."""
-DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE}
+DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
 """What takes the place of colours of charts on a dark page."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
@@ -44,7 +46,9 @@ p { max-width: 75ch; margin: 0.4rem 0; }
 .small { grid-template-columns: repeat(auto-fill, minmax(min(100%, 260px), 1fr)); }
 .card { min-width: 0; }
 .chart { width: 100%; height: 380px; }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; background:
+  linear-gradient(270deg, var(--page) 1rem, transparent 2rem) no-repeat local,
+  linear-gradient(270deg, var(--soft), transparent 0.7rem) no-repeat scroll; }
 table { border-collapse: collapse; font-size: 0.9rem; }
 th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
@@ -55,7 +59,7 @@ pre span { display: inline-block; max-width: 100%; }
 @media (max-width: 600px) {
   body { padding: 0.7rem; }
   table { font-size: 0.8rem; }
-  th, td { padding: 0.2rem 0.35rem; white-space: normal; }
+  th, td { padding: 0.2rem 0.25rem; white-space: normal; }
   .chart { height: 320px; }
 }
 @media print { #command { display: none !important; } }
@@ -144,7 +148,11 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
     def _card(self, title: str, chart: Chart) -> str:
         name = f"chart{len(self.charts)}"
         self.charts[name] = finite(chart)
-        return f'<div class="card"><h3>{escape(title)}</h3><div class="chart" id="{name}"></div></div>'
+        style = ""
+        if chart["layout"].get("yaxis", {}).get("type") == "category":
+            rows = len({y for trace in chart["data"] for y in trace.get("y", ())})
+            style = f' style="height: {AROUND_PX + ROW_PX * max(rows, MOST_ROWS)}px"'
+        return f'<div class="card"><h3>{escape(title)}</h3><div class="chart" id="{name}"{style}></div></div>'
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
@@ -154,7 +162,7 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
     for key, value in more.items():
         own[key] = {**own[key], **value} if key in own else value
-    legend = {"orientation": "h", "y": -0.28, "yanchor": "top", "x": 0}
+    legend = {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom", "x": 0}
     common = {"margin": {"l": 55, "r": 10, "t": 30, "b": 50}, "legend": legend, "hovermode": "closest"}
     common |= {"plot_bgcolor": clear, "paper_bgcolor": clear}
     common["modebar"] = {"bgcolor": clear, "color": SOFT, "activecolor": INK}
@@ -188,7 +196,7 @@ def _cell(tag: str, value: object) -> str:
     """A cell; a key may break at its underscores where the page is narrow."""
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
-    number = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
+    number = ' class="number"' if isinstance(value, int | float | None) and not isinstance(value, bool) else ""
     return f"<{tag}{number}>{escape(text).replace('_', '_<wbr>')}</{tag}>"
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, SHADE, Chart, Document, error_bars, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve, sweep_page
 from agrobot_mj.studies.results_io import reporting_damage
@@ -47,9 +47,8 @@ def _bands(judged: list[dict[str, Any]]) -> Chart:
              "hovertemplate": "%{text}<extra>%{fullData.name}</extra>",
              "marker": {"color": COLOURS[k % len(COLOURS)], "size": 8, "opacity": 0.7}}
         )  # fmt: skip
-    shapes = [
-        {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot"}} for x in (-1, 1)
-    ]
+    ends = {"type": "line", "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot", "color": INK}}
+    shapes = [{**ends, "x0": x, "x1": x} for x in (-1, 1)]
     data = [trace for trace in data if trace["x"]]
     return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis=CATEGORIES)}
 

@@ -177,7 +177,12 @@ def box(group: Group, colour: str) -> Chart:
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
     common = {"type": "box", "orientation": "h", "name": group.name, "showlegend": False}
-    points = {"x": [group.values.tolist()], "y": [group.name], "boxpoints": "outliers", "pointpos": 0}
+    points = {
+        "x": [group.values.tolist()],
+        "y": [group.name.replace(", ", ",<br>")],
+        "boxpoints": "outliers",
+        "pointpos": 0,
+    }
     return common | drawn | points | {"marker": {"color": colour, "size": 3}}
 
 
