@@ -16,7 +16,7 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 """Colours of the tracks and of their names."""
-AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 2.7
+AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distance of the name of the reference before the default tractor, and of truth and estimate behind it; and of the
 reference behind it at the end of the path [m]."""
 IN_VIEW = 0.7
