@@ -33,7 +33,7 @@ travel. *From parameters* takes them from the slip angles of the section on the 
 range alone: a tenth of a degree of steering is up to two and a half centimetres.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import cycle, product, repeat
 from math import atan, atanh, cos, radians, sin, sqrt, tan
 from typing import Any, NamedTuple
@@ -143,6 +143,11 @@ class SlopeDrive(NamedTuple):
     """Steady state as measured, mirrored as if the left side were uphill."""
 
 
+def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of the loop that drives, as judged and as drawn."""
+    return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
+
+
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
@@ -152,11 +157,10 @@ def drive(
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
         "path.heading_deg": heading_deg,
         "plant.tyre": {"kind": tyre.kind},
-        "controller.kind": controller,
-        **GAINS[controller],
-        "estimator": estimator,
+        **loop(controller, estimator),
         "sensors.gnss": {"sigma_m": 0.0, "velocity_sigma_m_s": 0.0},
-        "sensors.imu": {"enabled": True, "sigma_deg": 0.0, "wander_sigma_deg": 0.0},
+        "sensors.imu.sigma_deg": 0.0,
+        "sensors.imu.wander_sigma_deg": 0.0,
     }
     scenario = load_scenario("straight_line", given)
     log, sign = simulate(scenario), 1.0 if heading_deg == 0.0 else -1.0

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from agrobot_mj.bench.manoeuvres.antenna_lean import ESTIMATORS, offset, steady_state
+from agrobot_mj.bench.manoeuvres.antenna_lean import ESTIMATORS, loop, offset, steady_state
 from agrobot_mj.bench.manoeuvres.base import BICYCLE, Trial, tyre_of
 from agrobot_mj.bench.manoeuvres.cornering import RADIUS_M, paper_gradient
 from agrobot_mj.bench.manoeuvres.side_slope import linear_slip
@@ -80,8 +80,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
         controller, _, estimator = words.partition(", ")
         axes, style = panels[controllers.index(controller)], STYLES[estimator]
         for kind, seen in by_tyre.items():
-            given = {"controller": {"kind": controller}, "estimator": ESTIMATORS[estimator]}
-            scenario = load_scenario("straight_line", {**given, "sensors.imu.enabled": True})
+            scenario = load_scenario("straight_line", loop(controller, ESTIMATORS[estimator]))
             theory = [100 * offset(scenario, steady_state(tyre_of(kind), grade)) for grade in grades]
             label = None if (controller, kind) in named else kind
             named.add((controller, kind))

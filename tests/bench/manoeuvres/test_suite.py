@@ -3,9 +3,10 @@
 import json
 from math import inf, nan
 
+import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres import side_slope, suite
+from agrobot_mj.bench.manoeuvres import figures, side_slope, suite
 from agrobot_mj.bench.manoeuvres.base import About, Trial
 from agrobot_mj.bench.manoeuvres.suite import number, page, paragraphs, table
 from agrobot_mj.simulation.ownership import MARK
@@ -122,3 +123,9 @@ def test_the_page_counts_only_judged_numbers():
 def test_formats_numbers_and_paragraphs():
     assert [number(v) for v in (0.0, 80581.4, 3.75675, -0.42, 4e-9)] == ["0", "80581", "3.757", "-0.42", "< 0.001"]
     assert paragraphs("Words\nwrap.\n\n    a = b\n\nMore.") == "Words\nwrap.\n\n```\na = b\n```\n\nMore."
+
+
+def test_the_line_of_the_antennas_lean_goes_through_what_was_measured():
+    """20 cm on 10 degrees with linear tyres, at the gains of the drives."""
+    line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.202)]}}).axes[0].lines[:2]
+    assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)
