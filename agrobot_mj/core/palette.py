@@ -18,6 +18,8 @@ BRIGHT_BLUE = "#3A9BDC"
 """`BLUE` for a line on a dark ground, where the original is too dark."""
 ROYAL_BLUE, BROWN = "#3A6FD8", "#8C6D46"
 """Further colours for a dark ground, where eight runs or nine rules are drawn."""
+WINE, OLIVE = "#882255", "#999933"
+"""Two more for figures of many laws, from Tol's muted palette, colour-blind safe as well."""
 NAMES = {
     **{ORANGE: "orange", SKY_BLUE: "sky blue", VERMILION: "vermilion", GREEN: "green"},
     **{PINK: "pink", YELLOW: "yellow", ROYAL_BLUE: "blue", LIGHT_GREY: "grey"},

@@ -83,7 +83,7 @@ def trajectory(runs: Runs) -> Figure:
     _label(grid, "x [m]", "y [m]")
     turns = [_key("first turn", DARK_GREY, ":"), _key("later turns", DARK_GREY)]
     several = len(runs[0].log.scenario.path.turns_s) > 1
-    _legend(figure, [_key("reference", "black", width=0.5), *(turns if several else []), *_keys(runs), *_failed(runs)])
+    _legend(figure, [_key("reference", "black", "--", 0.5), *(turns if several else []), *_keys(runs), *_failed(runs)])
     return figure
 
 
@@ -269,7 +269,9 @@ def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
     for path in (path for k, path in enumerate(paths) if path not in paths[:k]):
         start, end = path.turns_s[0]
         count = int(np.clip((end - start) * path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
-        axes.plot(*sample(path, np.linspace(start, end, count)).T, color="black", linewidth=0.5, zorder=1)
+        axes.plot(
+            *sample(path, np.linspace(start, end, count)).T, color="black", linestyle="--", linewidth=0.5, zorder=1
+        )
 
 
 def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:

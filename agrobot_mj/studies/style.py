@@ -6,12 +6,24 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agrobot_mj.core.palette import BLUE, BROWN, GREEN, ORANGE, PINK, ROYAL_BLUE, SKY_BLUE, VERMILION, YELLOW
+from agrobot_mj.core.palette import (
+    BLUE,
+    BROWN,
+    GREEN,
+    OLIVE,
+    ORANGE,
+    PINK,
+    ROYAL_BLUE,
+    SKY_BLUE,
+    VERMILION,
+    WINE,
+    YELLOW,
+)
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
-SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE)
+SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
 """Colours of laws not named above, in order of appearance; no grey, beside a black reference."""
 NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
 NAMES |= {"pi": "PI", "lqr": "LQR", "open_loop": "open loop", "stanley": "Stanley", "pure_pursuit": "pure pursuit"}
