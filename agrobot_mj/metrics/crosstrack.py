@@ -44,7 +44,7 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
     """
     route, beside = route or SampledRoute(path), BesidePath(np.full(len(t), np.nan), np.full(len(t), np.nan))
     place, seen = 0.0, -inf
-    for row in np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M).tolist():
+    for row in map(int, np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M)):
         now, east, north = float(t[row]), float(x[row]), float(y[row])
         offset, found = inf, False
         if now - seen < FORGOTTEN_S:

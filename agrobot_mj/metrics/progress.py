@@ -7,11 +7,13 @@ it. A tractor that has strayed from that point is also sought beside the referen
 not driven: a tractor that stands still drives nothing, wherever the reference goes.
 """
 
+from collections.abc import Iterator
 from math import hypot
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.long_array import PIECE
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import Metric, RunView
 from agrobot_mj.metrics.crosstrack import FARTHEST_M
@@ -124,12 +126,13 @@ class _Walk:
         return float(np.diff(self.route.distances[: self.last + 1]) @ np.frombuffer(self.pieces, dtype=np.uint8))
 
 
-def _places(view: RunView) -> list[list[float]]:
+def _places(view: RunView) -> Iterator[list[float]]:
     """Time [s] and position [m] of the true CG about every STEP_M that it drives, and at the end."""
     rows: Array = np.column_stack([view.column(name) for name in ("t", "x", "y")])
     rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
     way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
     kept = np.diff(np.floor(way / STEP_M), prepend=-1.0) > 0
     kept[-1:] = True
-    places: list[list[float]] = rows[kept].tolist()
-    return places
+    places = rows[kept]
+    for first in range(0, len(places), PIECE):  # a day's places as lists would take 300 MB
+        yield from places[first : first + PIECE].tolist()

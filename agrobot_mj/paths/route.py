@@ -186,6 +186,8 @@ class SampledRoute:
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
         """Sample the path at least until a time [s] and beyond a distance [m]."""
+        if self._until >= until and self._samples[-1, S] >= beyond:
+            return  # most calls: the duration of a path of many laps takes a while
         end = self.path.duration_s + BEYOND_S
         while self._until < until or (self._until < end and self._samples[-1, S] < beyond):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
