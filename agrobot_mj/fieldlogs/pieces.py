@@ -108,8 +108,11 @@ SHORTEST_S = 5.0
 """Shortest piece [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
 """Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
-MIRRORED = -0.5
-"""Correlation of two yaw rates below which one of them is mirrored [-]. Estimate: sensors that agree give 0.9."""
+AGREED = 0.5
+"""Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Estimate: sensors that
+agree give 0.9."""
+OTHER_UNIT = 5.0
+"""Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 
@@ -127,6 +130,8 @@ class Pieces(NamedTuple):
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
+    signed: bool
+    """Whether a recorded speed is negative in reverse: if none is, forward is the way that most of a drive takes."""
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
@@ -134,8 +139,9 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
     Raises `FieldLogError` where nothing is left.
     """
-    kept, notes = list[FieldRecording](), list[str]()
+    kept, notes, signed = list[FieldRecording](), list[str](), False
     for recording in recordings:
+        signed |= float(recording.speed.value.min()) < SIGNED
         found = directed(recording)
         whole, bounds = found.recording, recording.bounds(start, end)
         out = sorted(_left_out(whole))
@@ -151,7 +157,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
             notes.append(f"{recording.name}: the heading is {degrees(found.mounting):+.0f} deg off the course")
     if not kept:
         raise FieldLogError("; ".join(notes) + "; take a log that drives for longer")
-    return Pieces(tuple(kept), tuple(notes))
+    return Pieces(tuple(kept), tuple(notes), signed)
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
@@ -177,13 +183,20 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading: one is mirrored."""
+    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading, or many
+    times as fast: one is mirrored, or in another unit."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
     course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
-    if (course * rate).sum() < MIRRORED * sqrt((course**2).sum() * (rate**2).sum()):
-        source = recordings[0].yaw_rate_source
+    common, turned = float((course * rate).sum()), float((rate**2).sum())
+    source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
+    if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn {common / turned:.2g} times as fast as its {source} says; check "
+            f"the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
+        )
+    if common < -alike:
         key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
         raise FieldLogError(
             f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "

@@ -15,15 +15,16 @@ from math import exp, hypot, inf, pi, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names, source_name
-from agrobot_mj.fieldlogs.identify.fit import VehicleFit, fit, priors
+from agrobot_mj.fieldlogs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.fieldlogs.pieces import Pieces, check_columns, pieces
+from agrobot_mj.fieldlogs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces
 from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
 from agrobot_mj.scenario.schema import Scenario
@@ -105,6 +106,8 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
+SEEN_IN_SPEED = 0.9
+"""Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
 """Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
 
@@ -188,6 +191,11 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
             f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
         )
     result = fit(data, _names(data), priors(t, rough.age))
+    if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
+        raise FieldLogError(
+            f"{angles[0].name}: tyres that slip ask for {more:.2g} times the steering of a line through its readings; "
+            "is [steer] the wheel angle, and are the columns of [steer] and [yaw_rate] not exchanged?"
+        )
     return Calibration(
         _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
     )
@@ -196,10 +204,31 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
 def _names(data: VehicleData) -> tuple[str, ...]:
     """Parameters of the fit: ages against the gyro or else the steering."""
     channels = set(data.channels)
-    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading"}
-    ages |= {"position_delay_s": "position", "speed_delay_s": "position"}
+    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
+    if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
+        ages |= {"speed_delay_s": "position"}
     place = ("ahead_m", "left_m") if "position" in channels else ()
     return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
+
+
+def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
+    """Share of the variance of the ways between positions that the recorded speed explains at the age that does best.
+
+    A speed that hardly changes leaves the noise of both, which would be laid on each other at any age.
+    """
+    ways = [ways for each in recordings if each.position is not None for ways in [_ways(each.position, each.speed)]]
+    if not ways:
+        return 0.0
+    driven, *said = np.concatenate(ways, axis=1)
+    return max(float(np.corrcoef(driven, each)[0, 1]) ** 2 if np.ptp(each) > 0 else 0.0 for each in said)
+
+
+def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
+    """Ways in steps of `CHORD_S`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
+    t = np.arange(position.t[0], position.t[-1], CHORD_S)
+    places = [np.interp(t, position.t, each) for each in position.value.T]
+    way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
+    return np.stack([np.hypot(*np.diff(places)), *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -> dict[str, Interval]:
@@ -225,7 +254,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -
             found["heading.offset"] = (turn - pi * abs(sign), {"heading_offset": sign})
     if m.position is not None and "position_delay_s" in index:
         found["position.delay_s"] = (m.position.delay_s + value["position_delay_s"], {"position_delay_s": 1.0})
-        found["speed.delay_s"] = (m.speed.delay_s + value["speed_delay_s"], {"speed_delay_s": 1.0})
+        found["speed.delay_s"] = (m.speed.delay_s + value.get("speed_delay_s", 0.0), {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
     return {key: _quantity(key, middle, slopes, result, index, wander) for key, (middle, slopes) in found.items()}
@@ -247,6 +276,8 @@ def _quantity(
     key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], wander: float
 ) -> Interval:
     """A quantity with its interval, from its slopes on parameters of the fit and the wander of the antennas [rad]."""
+    if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
+        return Interval(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope

@@ -92,6 +92,8 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
         rather = f", not to the {given.positive}" if "positive" in told else ""
         mirrored = c.pieces.kept[0].yaw_rate_source == "course"
         unless = ", unless [position] has east for north: with a gyro or a heading that shows" if mirrored else ""
+        if not mirrored and not c.pieces.signed:
+            unless = ", unless most of the drive was in reverse: [speed] has no sign"
         yield f"The readings grow to the {c.positive}{rather}{unless}."
     if scale.excludes(given.scale):
         rather = f", not {given.scale:g}" if "scale" in told else ""

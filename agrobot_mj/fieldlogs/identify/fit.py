@@ -4,7 +4,7 @@ Residuals are those of a gyro's yaw rate, of the heading and of the position, in
 the recording, so that the drift of an open loop counts no more than the shape of the way (`predictions`). All are
 whitened by an autoregression of their own residuals (generalised least squares, three rounds), since errors of RTK and
 of the recorded inputs are correlated over many samples; shifts and turns of windows are projected out after that. The
-covariance is that of a bootstrap of whole windows, and of noise added to the recorded steering angle.
+covariance is that of a bootstrap of whole windows, and of noise added to the recorded steering angle and speed.
 
 Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and an axle too stiff to be seen
 is a compliance whose interval reaches zero. What a recording cannot tell may have a prior: a normal distribution that
@@ -23,6 +23,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.identify.model import LateralMotion
 from agrobot_mj.fieldlogs.identify.windows import (
+    CUT_OFF_HZ,
     DYNAMICS,
     MASS_KG,
     PARAMETERS,
@@ -44,7 +45,7 @@ ROUNDS = 3
 SLOW_S = 60.0
 """Time over which errors of windows may be alike [s], a third of the log at most."""
 DRAWS = 12
-"""Draws of noise of the recorded angle [-]."""
+"""Draws of noise of the recorded angle and speed [-]."""
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Fitted along where the recording can tell, and not reported as the vehicle's."""
 
@@ -246,15 +247,15 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Shift of the parameters by the noise of the recorded angle, and their scatter, in units of their scales.
+    """Shift of the parameters by the noise of the recorded inputs, and their scatter, in units of their scales.
 
     As much noise again is added, and one step of the fit taken from there: what it does is what the noise that is there
     has done already, to first order [Cook1994]. Noise passes for slowness of the tractor, and play takes it away.
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
-        random = stream(k, "identify.steer")
-        pieces = tuple(_with_noise(piece, data.steer_noise, random) for piece in data.pieces)
+        randoms = stream(k, "identify.steer"), stream(k, "identify.speed")
+        pieces = tuple(_with_noise(piece, data, *randoms) for piece in data.pieces)
         noisy = Problem(data._replace(pieces=pieces), problem.names, problem.noise)
         steps.append(-np.linalg.solve(information, _gradient(noisy, x, units) - clean))
     return np.mean(steps, axis=0), np.cov(np.array(steps).T)
@@ -270,12 +271,17 @@ def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
     return found
 
 
-def _with_noise(piece: FitPiece, sigma: float, random: np.random.Generator) -> FitPiece:
-    """The piece with white noise on the samples of its recorded angle [rad]."""
+def _with_noise(
+    piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
+) -> FitPiece:
+    """The piece with white noise on the samples of its recorded angle and speed."""
     assert piece.recording.steer is not None
-    t = piece.recording.steer.t
-    added = np.interp(piece.t, t, sigma * random.standard_normal(len(t)))
-    return piece._replace(steer=piece.steer + smoothed(added, PLAY_CUT_OFF_HZ))
+    inputs = (
+        (piece.recording.steer.t, data.steer_noise, of_steer),
+        (piece.recording.speed.t, data.speed_noise, of_speed),
+    )
+    steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
+    return piece._replace(steer=piece.steer + smoothed(steer, PLAY_CUT_OFF_HZ), u=piece.u + smoothed(u, CUT_OFF_HZ))
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:

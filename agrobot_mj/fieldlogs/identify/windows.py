@@ -77,6 +77,8 @@ class VehicleData(NamedTuple):
     """`yaw_rate` of a gyro, `heading` and `position`, those that there are."""
     steer_noise: float
     """White noise of the recorded angle [rad]."""
+    speed_noise: float
+    """White noise of the recorded speed [m/s]."""
 
     @property
     def windows(self) -> int:
@@ -104,7 +106,9 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
         for name, each in found.items()
         if each
     }
-    return VehicleData(tuple(fitted), chassis, channels, _white_noise(recordings))
+    return VehicleData(
+        tuple(fitted), chassis, channels, *(_white_noise(recordings, part) for part in ("steer", "speed"))
+    )
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
@@ -134,10 +138,10 @@ def _piece(recording: FieldRecording, windows: slice) -> FitPiece:
     return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), heading, windows)
 
 
-def _white_noise(recordings: Sequence[FieldRecording]) -> float:
-    """Noise of the recorded angle, from third differences, blind to slow steering; by the median, deaf to jumps."""
-    steers = {id(each.steer): each.steer.value for each in recordings if each.steer is not None}
-    off = [np.abs(np.diff(value, 3)) for value in steers.values() if len(value) > 3]
+def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
+    """Noise of a recorded input, from third differences, blind to slow steering; by the median, deaf to jumps."""
+    parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
+    off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
     if not off:
         return 0.0
     # of a normal distribution; 1 + 9 + 9 + 1 variances

@@ -23,7 +23,7 @@ from agrobot_mj.fieldlogs.identify.model import wheel_angle
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.identify.vehicle import vehicle_quantities
 from agrobot_mj.fieldlogs.maps import LogMap
-from agrobot_mj.fieldlogs.pieces import Pieces, pieces, spells, split
+from agrobot_mj.fieldlogs.pieces import pieces, spells, split
 from agrobot_mj.fieldlogs.recording import FieldRecording, TimeSeries, read_recording
 from agrobot_mj.fieldlogs.replay.driving import Driven
 from agrobot_mj.fieldlogs.replay.result import ReplayResult, replay_pieces
@@ -145,7 +145,7 @@ def twin(
     name = ", ".join(map(source_name, sources))
     raw = pieces((read_recording(each, m, height, readings=True) for each in sources), start_s, end_s)
     first, _ = split(raw.kept, share)
-    found = calibrated(Pieces(tuple(first), raw.notes), m, scenario)
+    found = calibrated(raw._replace(kept=tuple(first)), m, scenario)
     vehicle = vehicle_quantities(found.fit, found.data.chassis)
     keys = twin_keys(found, vehicle, scenario)
     own = scenario.changed({key: each.value for key, each in keys.items()})

@@ -23,10 +23,11 @@ def log():
     return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
 
 
-def gyro_log(h, age):
+def gyro_log(h, age, cruise=None):
     """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
     fine = np.arange(0, 140, STEP_S / 2)
     speed, sensor = inputs(0, fine)
+    speed = speed if cruise is None else np.full(len(fine), cruise)
     x, y, psi, rate = drive(h, speed, behind_play(sensor, radians(h.play)))
     steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 139.0, 0.05)
     rng = np.random.default_rng(5)
@@ -54,6 +55,36 @@ def test_a_gyro_is_the_clock_of_the_steering():
         assert not found[key].excludes(true), (key, true, found[key])
     assert found["steer.offset"].value == pytest.approx(radians(0.9), abs=radians(0.1))
     assert "heading.offset" not in found
+
+
+def test_a_speed_that_does_not_change_does_not_tell_its_age():
+    """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
+    found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
+    age = found.found["speed.delay_s"]
+    assert (age.value, age.identified) == (0.0, False)
+    assert found.calibrated.speed == found.log_map.speed
+    assert any(
+        "The age of the speed shows where the speed changes" in line for line in sentences(found, BICYCLE.tractor)
+    )
+
+
+def test_a_gyro_in_another_unit_is_refused(log):
+    at = log.signals.column_names.index("gyro")
+    wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
+    with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as its gyro says; check the unit and the column"):
+        calibrate([wrong], None, BICYCLE)
+
+
+def test_gyro_for_steering_is_refused():
+    log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
+    with pytest.raises(FieldLogError, match=r"are the columns of \[steer\] and \[yaw_rate\] not exchanged"):
+        calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
+
+
+def test_a_drive_in_reverse_is_a_doubt_where_the_speed_has_no_sign(log):
+    at, reverse = log.signals.column_names.index("steer_measured"), pc.negate(log.signals["steer_measured"])
+    found = calibrate([log.signals.set_column(at, "steer_measured", reverse)], None, BICYCLE, 0.0, 40.0)
+    assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
 
 
 def test_a_wheelbase_that_is_wrong_is_in_the_scale(log):
