@@ -92,6 +92,7 @@ def place(tmp_path, monkeypatch):
     monkeypatch.setattr(snapshot, "_viewer", lambda *_: nullcontext(viewer))
     monkeypatch.setattr(snapshot, "_opened", lambda *_: layout)
     monkeypatch.setattr(snapshot, "_tabs", lambda *_: (0, {"Drive": 0}))
+    monkeypatch.setattr(snapshot, "_end", lambda *_: 60.0)
     monkeypatch.setattr(snapshot, "_picture", lambda *_: b"png")
     return tmp_path
 
