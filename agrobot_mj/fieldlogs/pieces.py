@@ -171,15 +171,20 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
     way = said = 0.0
     for piece in recordings:
         if piece.position is not None and len(piece.position.t):
-            t = np.arange(piece.position.t[0], piece.position.t[-1], CHORD_S)
-            places = [np.interp(t, piece.position.t, each) for each in piece.position.value.T]
-            way += float(np.hypot(*np.diff(places)).sum())
+            t, chord = chords(piece.position)
+            way += float(chord.sum())
             said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
     if said and not 1 / SLIPPED < way / said < SLIPPED:
         raise FieldLogError(
             f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
             "[speed] and the columns of [position] in the map"
         )
+
+
+def chords(position: TimeSeries) -> tuple[Array, Array]:
+    """Times in steps of `CHORD_S`, shape (n,) [s], and distances from one place to the next, shape (n - 1,) [m]."""
+    t = np.arange(position.t[0], position.t[-1], CHORD_S)
+    return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:

@@ -186,10 +186,8 @@ class SampledRoute:
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
         """Sample the path at least until a time [s] and beyond a distance [m]."""
-        if self._until >= until and self._samples[-1, S] >= beyond:
-            return  # most calls: the duration of a path of many laps takes a while
-        end = self.path.duration_s + BEYOND_S
-        while self._until < until or (self._until < end and self._samples[-1, S] < beyond):
+        # the duration last: that of a path of many laps takes a while, and most calls need none
+        while self._until < until or (self._samples[-1, S] < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])

@@ -24,7 +24,7 @@ from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.fieldlogs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces
+from agrobot_mj.fieldlogs.pieces import SLIPPED, Pieces, check_columns, chords, pieces
 from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
 from agrobot_mj.scenario.schema import Scenario
@@ -216,7 +216,7 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
     A speed that hardly changes leaves the noise of both, which would be laid on each other at any age.
     """
-    ways = [ways for each in recordings if each.position is not None for ways in [_ways(each.position, each.speed)]]
+    ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
         return 0.0
     driven, *said = np.concatenate(ways, axis=1)
@@ -224,11 +224,10 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Ways in steps of `CHORD_S`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
-    t = np.arange(position.t[0], position.t[-1], CHORD_S)
-    places = [np.interp(t, position.t, each) for each in position.value.T]
+    """Ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
+    t, chord = chords(position)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
-    return np.stack([np.hypot(*np.diff(places)), *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
+    return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -> dict[str, Interval]:

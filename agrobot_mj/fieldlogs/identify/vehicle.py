@@ -120,7 +120,7 @@ def identify_vehicle(
     check_stiffness(read[0].name, found, chassis)
     moved = dict[str, tuple[float, float]]()
     for change, other in _other_chassis(scenario, chassis) if told_apart(found) else ():
-        again = fit(prepare(first, other), names, dict.fromkeys(AGES, AGE)).values
+        again = fit(data._replace(chassis=other), names, dict.fromkeys(AGES, AGE)).values
         moved[change] = _ratio(result.values, again, "front"), _ratio(result.values, again, "rear")
     geometry = "small angles" if chassis.small_angles else "tangent"
     return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, moved, geometry, cut.notes, cut.kept)

@@ -43,8 +43,7 @@ def summary(found: ReplayResult, tractor: TractorParameters) -> str:
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Sentences on what the plant could not do, and on what the map may have wrong; no `scaled` steering has its scale
-    wrong."""
+    """What the plant could not do, and what the map may have wrong; `scaled` if the steering has a fitted scale."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:

@@ -63,7 +63,7 @@ def short(t: Twin) -> list[str]:
     missing = [key for key, each in t.vehicle.items() if not each.identified]
     return [
         f"On {m['duration_s']:.0f} s that it has not seen the twin {' and '.join(parts) or 'has nothing to show'}.",
-        *doubts(t.held_out, t.scenario.tractor, t.calibration.found["steer.scale"].identified),
+        *doubts(t.held_out, t.scenario.tractor, scaled=True),
         *sentences(t.calibration, t.scenario.tractor),
         *advice(t.calibration.pieces.kept, missing),
     ]

@@ -11,6 +11,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +67,9 @@ def snapshots(
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
     A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
-    each time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time
-    is named. `size` is that of the pictures, width and height [pixels]. Unless `quiet`, stderr tells how many pictures
-    are done, of an animation each.
+    each time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time is named. `size` is
+    that of the pictures, width and height [pixels]. Unless `quiet`, stderr tells how many pictures are done, of an
+    animation each.
 
     Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab or
     ends before a time.
@@ -107,14 +108,14 @@ def _draw(
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise ScenarioError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
     shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
-    end = _end(viewer)
-    times = times or (min(SHOWN_S, end),)
-    if (last := max(times)) > end + TICK_S + ROUNDING_S:
-        raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end:g} s")
-    draw, suffix = (_animation, "gif") if animated else (_picture, "png")
+    end_s = _end(viewer)
+    times = times or (min(SHOWN_S, end_s),)
+    if (last := max(times)) > end_s + TICK_S + ROUNDING_S:
+        raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end_s:g} s")
+    draw, suffix = (partial(_animation, end_s), "gif") if animated else (_picture, "png")
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
     check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
-    counts = {t: len(frame_times(t, end)) if animated else 1 for t in times}
+    counts = {t: len(frame_times(t, end_s)) if animated else 1 for t in times}
     total, done = (sum(counts[t] for (_, t), path in files.items() if path in of) for of in (files.values(), drawn))
     with tally(f"{file.name}: {total} pictures", total, done, quiet) as advance:
         for name, place in shown.items():
@@ -139,10 +140,10 @@ def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable
     return shown
 
 
-def _animation(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """What the viewer shows from a time on, as GIF."""
+def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
+    """What the viewer shows from a time on, of a recording up to `end_s`, as GIF."""
     frames = []
-    for k, at in enumerate(frame_times(t, _end(viewer)).tolist()):
+    for k, at in enumerate(frame_times(t, end_s).tolist()):
         frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
         frames[-1].thumbnail(ANIMATED_SIZE)
         advance()
