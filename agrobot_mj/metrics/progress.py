@@ -128,11 +128,15 @@ class _Walk:
 
 def _places(view: RunView) -> Iterator[list[float]]:
     """Time [s] and position [m] of the true CG about every STEP_M that it drives, and at the end."""
-    rows: Array = np.column_stack([view.column(name) for name in ("t", "x", "y")])
-    rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
-    way = np.cumsum(np.hypot(*np.diff(rows[:, 1:], axis=0, prepend=rows[:1, 1:]).T))
-    kept = np.diff(np.floor(way / STEP_M), prepend=-1.0) > 0
-    kept[-1:] = True
-    places = rows[kept]
-    for first in range(0, len(places), PIECE):  # a day's places as lists would take 300 MB
-        yield from places[first : first + PIECE].tolist()
+    columns, way, end, told = [view.column(name) for name in ("t", "x", "y")], -STEP_M, np.empty((0, 3)), True
+    for first in range(0, len(columns[0]), PIECE):  # a day's rows at once would take 100 MB
+        rows: Array = np.column_stack([column[first : first + PIECE] for column in columns])
+        rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
+        if len(rows):
+            steps = np.diff(np.concatenate([end if len(end) else rows[:1], rows])[:, 1:], axis=0)
+            ways = max(way, 0.0) + np.cumsum(np.hypot(*steps.T))
+            kept = np.diff(np.floor(ways / STEP_M), prepend=np.floor(way / STEP_M)) > 0
+            yield from rows[kept].tolist()
+            way, end, told = float(ways[-1]), rows[-1:], bool(kept[-1])
+    if not told:
+        yield from end.tolist()

@@ -221,7 +221,8 @@ class SampledRoute:
         """Add samples; the room for them doubles, so that a day's path is not copied thousands of times."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._room):
-            self._room = np.concatenate([self._samples, np.empty((end, len(self._samples[0])))])
+            self._room = np.empty((2 * end, len(Sample._fields)))  # takes memory only where it is written to
+            self._room[:count] = self._samples
         self._room[count:end] = new
         self._samples = self._room[:end]
 
