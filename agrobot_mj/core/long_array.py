@@ -42,6 +42,8 @@ class LongArray:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as this
         self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
+        if hasattr(mmap, "MADV_RANDOM"):  # else Linux maps up to 2 MB of each column that is written to
+            self._map.madvise(mmap.MADV_RANDOM)
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
