@@ -59,7 +59,7 @@ PLACES = (
 """Folders for `--out` that are none, or are inside those that a command may write into."""
 WAITS = {("link", "--wait"), ("link", "--duration")}
 """Options without which a command waits for long, or as long as they say: they are given what is refused."""
-REFUSED = ("nan", "-1", "inf", "é", "")
+REFUSED = ("nan", "-1", "-inf", "é", "")
 LIMIT = "--key path.speed_m_s --range 1:3 --until xte_rms>0.5"
 SWEEP_ON = "sweep small.toml --jobs 1 --out sweep"
 MADE = {
