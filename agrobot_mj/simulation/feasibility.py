@@ -7,6 +7,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.faults import loadings
 from agrobot_mj.plants import Mujoco
 from agrobot_mj.plants.mujoco.build import build
+from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.scenario.machines import COMPACT
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
@@ -19,7 +20,7 @@ def tractor_key(scenario: Scenario) -> object:
     """All data that decides whether the tractor is possible; scenarios with equal keys share the check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
-        return None
+        return s.tractor
     parts = (s.tractor, s.steering.cylinder, s.steering.linkage, s.driveline, s.implement)
     return (plant.tyre, *parts, s.step_s, tuple(loadings(s.fault)))
 
@@ -27,9 +28,11 @@ def tractor_key(scenario: Scenario) -> object:
 def check_tractor(scenario: Scenario) -> None:
     """Raise `ScenarioError` for an impossible tractor: its chassis, or tyres that are not stable."""
     s = scenario
-    if isinstance(s.plant, Mujoco):
-        with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
+    with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
+        if isinstance(s.plant, Mujoco):
             build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
+        else:  # a bicycle is drawn as its tractor
+            Ghost(s.tractor)
 
 
 @contextmanager

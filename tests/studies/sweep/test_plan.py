@@ -255,6 +255,8 @@ def test_impossible_tractors_are_found_before_anything_runs(plan):
     places = [line.strip() for line in inertia if line.startswith("  ")]
     assert "tractor.yaw_inertia_kg_m2=100" in places
     assert "tractor.yaw_inertia_kg_m2=400" not in places
+    drawn = faults(plan, 'base = "circle"\nset = { "plant.kind" = "bicycle" }\naxes = { "tractor.track_m" = [1, 3] }')
+    assert "leave the chassis an impossible inertia" in drawn[0]
     (stiff, *where) = faults(
         plan, 'base = "figure_eight"\n[axes]\n"tractor.rear_tyre_damping_n_s_m" = [2e3, 1e6]\n"path.radius_m" = [9, 10]'
     )
