@@ -140,8 +140,8 @@ def drive_for(hours: float, recorded: bool) -> bool:
         write_log(log, Path(folder), recorded=recorded)
         written = memory_mb(peak=True)
         size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
-    *driven, _ = memory.samples  # with the last one it was asked how much of the path is driven
-    later = [mb for t, mb in driven if t >= SETTLED_S] or [memory_mb()]
+    *driven, (_, last) = memory.samples  # with the last one it was asked how much of the path is driven
+    later = [mb for t, mb in driven if t >= SETTLED_S] or [last]
     driving, making, writing = (mb - later[0] for mb in (max(later), metered, written))
     print(
         f"work: {log.outcome} after {log.rows.filled * TICK_S / 3600:.2f} h, {log.metrics['real_time_factor']:.0f} x "
