@@ -4,7 +4,7 @@ A map names columns and says their units, signs, offsets and delays; what it map
 A delay is the age of the value in a row: how much earlier than the row's time it was true.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -156,6 +156,14 @@ class PositionColumns(Spec):
         return self
 
 
+def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
+    """Keys that name a column, with it."""
+    for part, spec in log_map:
+        for key in ("column", "latitude", "longitude", "east", "north", "quality"):
+            if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
+                yield f"{part}.{key}", column
+
+
 class LogMap(Spec):
     """Meaning of the columns of a recording."""
 
@@ -182,6 +190,10 @@ class LogMap(Spec):
             raise ValueError("steer: is missing; name the column of the wheel angle here, or of the voltage in [valve]")
         if self.yaw_rate is None and self.heading is None and self.position is None:
             raise ValueError("yaw_rate: name what to compare with: [yaw_rate], [heading] or [position]")
+        named = dict[str, str]()
+        for key, column in _named(self):
+            if (other := named.setdefault(column, key)) != key:
+                raise ValueError(f"{key}: {column!r} is {other} already; name another column")
         return self
 
 
@@ -272,11 +284,4 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
     """Columns that a map names, with the key that does."""
-    found = {}
-    for part, spec in log_map:
-        if not isinstance(spec, Spec):
-            continue
-        for key in ("column", "latitude", "longitude", "east", "north", "quality"):
-            if column := getattr(spec, key, None):
-                found[column] = f"{part}.{key}"
-    return found
+    return {column: key for key, column in _named(log_map)}

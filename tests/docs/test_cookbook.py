@@ -71,7 +71,7 @@ def test_laws_limits_and_risks_are_answered(walk):
         (law, "completed") for law in ("stanley", "lqr", "pure_pursuit")
     ]
     assert "read as columns, 39.9 s" in said["replay"]
-    assert "Enough for replay" in said["replay"]
+    assert "Columns enough for replay" in said["replay"]
     assert (folder / "runs" / "steep" / "limit.json").is_file()
     assert (folder / "runs" / "rare" / "risk.json").is_file()
 

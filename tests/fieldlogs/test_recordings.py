@@ -87,6 +87,11 @@ def test_one_coordinate_is_no_position():
             PositionColumns.model_validate({key: "x"})
 
 
+def test_one_column_is_one_quantity():
+    with pytest.raises(ValidationError, match=r"yaw_rate.column: 'steer' is steer.column already; name another column"):
+        LogMap.model_validate(MAP | {"steer": {"column": "steer"}, "yaw_rate": {"column": "steer"}})
+
+
 @pytest.mark.parametrize("name", INSTEAD)
 def test_what_may_stand_for_a_wheel_angle_is_told(name):
     names = ["t", "speed", "heading", name]

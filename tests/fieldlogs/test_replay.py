@@ -129,13 +129,21 @@ def test_a_steering_column_of_the_wrong_sign_or_unit_is_reported(driven, scale):
     )
 
 
-@pytest.mark.parametrize(("scaled", "said"), [(False, "or tractor.wheelbase_m is off"), (True, "the tyres are off")])
-def test_a_calibrated_scale_is_not_blamed(driven, scaled, said):
-    turned = with_column(driven.signals, "steer_measured", 0.9 * driven.column("steer_measured"))
+@pytest.mark.parametrize(
+    ("reads", "scaled", "said"),
+    [
+        (0.9, False, "or tractor.wheelbase_m is off"),
+        (1.1, True, "the scale of [steer] is calibrated, so the tyres are off"),
+        (0.9, True, "wheels without slip at this scale and wheelbase do better"),
+    ],
+)
+def test_a_calibrated_scale_is_not_blamed(driven, reads, scaled, said):
+    """A machine that turns more than its plant has tyres that slip less."""
+    turned = with_column(driven.signals, "steer_measured", reads * driven.column("steer_measured"))
     lines = doubts(replay(turned, None, driven.scenario), driven.scenario.tractor, scaled)
-    (line,) = [each for each in lines if each.startswith("The machine turns 1.1")]
+    (line,) = [each for each in lines if each.startswith(f"The machine turns {1 / reads:.1f}")]
     assert said in line
-    assert ("wheelbase" in line) is not scaled
+    assert ("measure the wheelbase" in line) is not scaled
 
 
 def test_a_speed_of_the_wrong_unit_shows_in_the_length_of_the_way(driven):

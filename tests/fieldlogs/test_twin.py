@@ -2,7 +2,10 @@
 
 import json
 import re
+import sys
 import tomllib
+from contextlib import redirect_stdout
+from io import StringIO
 from math import cos, radians, sin, sqrt
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from stranger import MAP, answers, hidden, write_log
 
 from agrobot_mj import load_scenario
+from agrobot_mj.cli import main
 from agrobot_mj.fieldlogs.calibrate import calibrate
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity
 from agrobot_mj.fieldlogs.maps import LogMap, read_map
@@ -21,16 +25,17 @@ from agrobot_mj.fieldlogs.twin.twin import _texts, way
 BICYCLE = ("--set", "plant.kind=bicycle")
 
 
-def twin_of(seed, folder, call):
+def twin_of(seed, folder):
     """The command on the log of a machine; returns what was hidden and what was found."""
-    folder.mkdir()
     h = write_log(seed, folder / "log.csv")
     (folder / "map.toml").write_text(MAP)
-    status, out, err = call(
-        "twin", str(folder / "log.csv"), "--map", str(folder / "map.toml"), *BICYCLE, "--out", str(folder / "twin")
-    )
-    assert status == 0, err
-    return h, json.loads((folder / "twin" / "twin.json").read_text()), out
+    given = (folder / "log.csv", "--map", folder / "map.toml", *BICYCLE, "--out", folder / "twin")
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
+        patch.setattr(sys, "argv", ["agrobot-mj", "twin", *map(str, given)])
+        with pytest.raises(SystemExit) as leaving:
+            main()
+    assert not leaving.value.code
+    return h, json.loads((folder / "twin" / "twin.json").read_text()), out.getvalue()
 
 
 def inside(h, found):
@@ -101,13 +106,20 @@ def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, ke
 
 
 @pytest.fixture(scope="module")
-def one(tmp_path_factory):
-    return tmp_path_factory.mktemp("twin") / "one"
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one")
+    return folder, *twin_of(0, folder)
 
 
-def test_hidden_parameters_are_inside_their_intervals(one, call):
+@pytest.fixture
+def one(made):
+    """Folder of a twin."""
+    return made[0]
+
+
+def test_hidden_parameters_are_inside_their_intervals(made):
     """Of 13 intervals of 95 % one may miss."""
-    h, found, out = twin_of(0, one, call)
+    _, h, found, out = made
     misses = [key for key, right in inside(h, found["found"]).items() if not right]
     assert len(found["found"]) >= 13
     assert len(misses) <= 1, misses
@@ -117,10 +129,10 @@ def test_hidden_parameters_are_inside_their_intervals(one, call):
 
 
 @pytest.mark.slow
-def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path, call):
+def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path_factory):
     counts = dict.fromkeys(answers(hidden(0)), 0)
     for seed in range(20):
-        h, found, _ = twin_of(seed, tmp_path / str(seed), call)
+        h, found, _ = twin_of(seed, tmp_path_factory.mktemp("one"))
         for key, right in inside(h, found["found"]).items():
             counts[key] += right
     print(counts)
@@ -128,7 +140,6 @@ def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path, call):
 
 
 def test_the_files_say_what_is_known_and_drive(one, call):
-    """The machine of the test above."""
     folder = one / "twin"
     machine = (folder / "machine.toml").read_text()
     assert " to " in machine.partition("front_cornering_stiffness_n_rad = ")[2].splitlines()[0]
@@ -153,7 +164,7 @@ def test_the_files_say_what_is_known_and_drive(one, call):
     assert log_map.steer.positive == ("left" if hidden(0).scale > 0 else "right")
 
 
-def test_a_calibrated_map_needs_no_more_calibration(one, call):
+def test_a_calibrated_map_needs_no_more_calibration(one):
     """The owner has put the lines in: the command says that the centre is right."""
     found = calibrate([one / "log.csv"], read_map(one / "twin" / "map.toml"), load_scenario("straight_line"), 5, 60)
     assert not found.found["steer.offset"].excludes(found.steer.offset)

@@ -19,12 +19,13 @@ from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names, source_name
+from agrobot_mj.fieldlogs.identify.advice import one_speed
 from agrobot_mj.fieldlogs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.fieldlogs.pieces import SLIPPED, Pieces, check_columns, chords, pieces
+from agrobot_mj.fieldlogs.pieces import SLIPPED, Pieces, check_columns, chords, pieces, split
 from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
 from agrobot_mj.scenario.schema import Scenario
@@ -110,6 +111,25 @@ SEEN_IN_SPEED = 0.9
 """Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
 """Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
+SEEN_IN_STEERING = 0.9
+"""Share of the turning that a straight line through the readings must explain to tell ages and places [-]. Estimate:
+drives with bends give 0.97 and more, the small corrections along a line 0.7."""
+LAG_OF_TYRES_S = 0.025
+"""Half the interval of what the lag of tyres adds to an age unseen [s]. Estimate, from models of a stranger."""
+ONE_SPEED = 3.0
+"""How many times as wide intervals are of a drive at one speed, where scale, tyres and antenna pass for each other [-].
+Estimate, from models of a stranger."""
+
+
+class _Drive(NamedTuple):
+    """What a drive does not tell, whatever its fit says."""
+
+    wander: float
+    """Half the interval of what two antennas wander [rad]."""
+    bends: bool
+    """Whether ages and places show."""
+    steady: bool
+    """Whether it has one speed."""
 
 
 class Calibration(NamedTuple):
@@ -124,6 +144,8 @@ class Calibration(NamedTuple):
     data: VehicleData
     fit: VehicleFit
     """Values beside `rough` and the map."""
+    centres: tuple[float, ...]
+    """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
 
     @property
     def steer(self) -> SteerColumn:
@@ -194,11 +216,21 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(
             f"{angles[0].name}: tyres that slip ask for {more:.2g} times the steering of a line through its readings; "
-            "is [steer] the wheel angle, and are the columns of [steer] and [yaw_rate] not exchanged?"
+            "is [steer] the wheel angle, are the columns of [steer] and [yaw_rate] not exchanged, and do its bends go "
+            "well beyond its play?"
         )
-    return Calibration(
-        _found(result, rough, log_map, _wander(data)), log_map, cut._replace(kept=angles), rough, data, result
-    )
+    drive = _Drive(_wander(data), rough.explained > SEEN_IN_STEERING, one_speed(cut.kept))
+    found = _found(result, rough, log_map, drive)
+    centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
+    return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
+
+
+def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:
+    """Mean reading straight ahead of pieces, by the slope of all [in the sensor's unit]."""
+    k = int(np.abs(AGES_S - rough.age).argmin())
+    found = [part for piece in kept if (part := _turning(piece, wheelbase)) is not None]
+    read, angle, weight = np.concatenate([np.stack([part[0][k], *part[1:]]) for part in found], axis=1)
+    return float(np.average(read - angle / rough.scale, weights=weight**2))
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
@@ -230,7 +262,7 @@ def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
-def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -> dict[str, Interval]:
+def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Interval]:
     """Quantities of the map from those of the fit."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
@@ -256,7 +288,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, wander: float) -
         found["speed.delay_s"] = (m.speed.delay_s + value.get("speed_delay_s", 0.0), {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
-    return {key: _quantity(key, middle, slopes, result, index, wander) for key, (middle, slopes) in found.items()}
+    return {key: _quantity(key, middle, slopes, result, index, drive) for key, (middle, slopes) in found.items()}
 
 
 def _wander(data: VehicleData) -> float:
@@ -272,16 +304,22 @@ def _wander(data: VehicleData) -> float:
 
 
 def _quantity(
-    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], wander: float
+    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
 ) -> Interval:
-    """A quantity with its interval, from its slopes on parameters of the fit and the wander of the antennas [rad]."""
+    """A quantity with its interval, from its slopes on parameters of the fit and what its drive does not tell."""
     if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
         return Interval(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope
-    half = hypot(half_width(result.covariance, gradient, result.freedom), slopes.get("heading_offset", 0.0) * wander)
-    return Interval(middle, middle - half, middle + half, half < SURE[key.partition(".")[2]])
+    half, name = half_width(result.covariance, gradient, result.freedom), key.partition(".")[2]
+    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander)
+    if name != "offset" and drive.steady:
+        half *= ONE_SPEED
+    if name == "delay_s":
+        half = hypot(half, LAG_OF_TYRES_S)
+    told = half < SURE[name] and (drive.bends or name in ("offset", "scale"))
+    return Interval(middle, middle - half, middle + half, told)
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:

@@ -20,8 +20,12 @@ PLACES = {
     "left_m": ("left of the middle", "right of the middle"),
 }
 """Where an antenna is, by the sign of its place."""
+LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
+"""Scales by a unit that are those of the other unit of angles, or nearly."""
 LOOKAHEAD_M = 2.0
 """Look-ahead of the pure pursuit whose offset is told [m]."""
+MOVED_DEG = 1.0
+"""Wheel angle by which the centre of one half of a drive differs from that of the other before it is told [deg]."""
 
 
 def report(c: Calibration, tractor: TractorParameters) -> str:
@@ -83,6 +87,12 @@ def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
             f"to the {_side(left)} of its line, the wheels {abs(degrees(off)):.1f} deg to the {_side(off)} (pure "
             f"pursuit, look-ahead {LOOKAHEAD_M:g} m{', the error of the heading included' if turned else ''})."
         )
+    first, *_, second = c.centres
+    if degrees(abs(c.rough.scale * (second - first))) > MOVED_DEG:
+        yield (
+            f"But it moves: {first:.3g} in the first half of the drive, {second:.3g} in the second. If the sensor has "
+            "slipped, calibrate what was driven before and after by itself (--from, --to)."
+        )
 
 
 def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
@@ -95,6 +105,9 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
         if not mirrored and not c.pieces.signed:
             unless = ", unless most of the drive was in reverse: [speed] has no sign"
         yield f"The readings grow to the {c.positive}{rather}{unless}."
+    if given.unit in LIKE and LIKE[given.unit][0] < scale.value < LIKE[given.unit][1]:
+        other = "rad" if given.unit == "deg" else "deg"
+        yield f'If the readings are in {other}, the map should say so: unit = "{other}" in [steer].'
     if scale.excludes(given.scale):
         rather = f", not {given.scale:g}" if "scale" in told else ""
         yield f"One{_unit(c).rstrip('s')} turns the wheels by {scale.text} {given.unit}{rather}."

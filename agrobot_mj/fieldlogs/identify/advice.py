@@ -47,6 +47,12 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
     return found
 
 
+def one_speed(recordings: Sequence[FieldRecording]) -> bool:
+    """Whether the slow and the fast speeds of recordings are much the same."""
+    slow, fast = np.percentile(np.abs(np.concatenate([_driven(each)[0] for each in recordings])), [10, 90])
+    return bool(fast < TWO_SPEEDS * slow)
+
+
 def _driven(recording: FieldRecording) -> tuple[Array, Array, Array]:
     """Speed [m/s], steering rate [deg/s] and yaw rate over speed [1/m] at even times of a recording."""
     t = np.arange(recording.start, recording.end, 0.1)

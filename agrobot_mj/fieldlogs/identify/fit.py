@@ -27,7 +27,6 @@ from agrobot_mj.fieldlogs.identify.windows import (
     DYNAMICS,
     MASS_KG,
     PARAMETERS,
-    PLAY_CUT_OFF_HZ,
     WINDOW_S,
     FitPiece,
     VehicleData,
@@ -281,7 +280,8 @@ def _with_noise(
         (piece.recording.speed.t, data.speed_noise, of_speed),
     )
     steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
-    return piece._replace(steer=piece.steer + smoothed(steer, PLAY_CUT_OFF_HZ), u=piece.u + smoothed(u, CUT_OFF_HZ))
+    steer, u = smoothed(steer, data.play_cut_off_hz), smoothed(u, CUT_OFF_HZ)
+    return piece._replace(steer=piece.steer + steer, u=piece.u + u)
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:

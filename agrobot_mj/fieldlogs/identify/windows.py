@@ -9,7 +9,7 @@ heading by a turn.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from math import radians, sqrt
+from math import inf, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +26,12 @@ WINDOW_S = 5.0
 """Length of a window [s]: longer than the dynamics, and many in a minute."""
 CUT_OFF_HZ = 3.0
 """Cut-off of the low-pass over the inputs [Hz]. Noise above it would pass for slowness of the tractor."""
-PLAY_CUT_OFF_HZ = 8.0
-"""Cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels stay sharp."""
+PLAY_CUT_OFF_HZ = (2.0, 8.0)
+"""Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
+stay as sharp as its noise lets them."""
+PLAYING = radians(0.1)
+"""Noise of the angle that the cut-off before the play leaves [rad]. Estimate: the wheels follow larger noise through
+their play, which passes for soft tyres."""
 SETTLE_S = 2.0
 """Time at the start that is left out, until start and play are forgotten [s]."""
 LEAST_SAMPLES = 12
@@ -59,7 +63,7 @@ class FitPiece(NamedTuple):
     t: Array
     """Times [s]."""
     steer: Array
-    """Recorded wheel angle, without what is faster than `PLAY_CUT_OFF_HZ` [rad]."""
+    """Recorded wheel angle, without what is faster than `VehicleData.play_cut_off_hz` [rad]."""
     u: Array
     """Recorded speed, without what is faster than `CUT_OFF_HZ` [m/s]."""
     heading: Callable[[Array], Array] | None
@@ -79,6 +83,8 @@ class VehicleData(NamedTuple):
     """White noise of the recorded angle [rad]."""
     speed_noise: float
     """White noise of the recorded speed [m/s]."""
+    play_cut_off_hz: float
+    """Cut-off of the low-pass over the recorded angle [Hz]."""
 
     @property
     def windows(self) -> int:
@@ -91,6 +97,8 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
+    steer_noise, speed_noise = (_white_noise(recordings, part) for part in ("steer", "speed"))
+    cut_off = _play_cut_off(recordings, steer_noise)
     found, fitted, count = {name: list[TimeSeries]() for name in names}, list[FitPiece](), 0
     for recording, series in zip(recordings, measured, strict=True):
         windows = {name: _windows(recording, series[name], spacings[name]) if name in series else {} for name in names}
@@ -99,16 +107,14 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
             continue
         for name in names:
             found[name] += [windows[name][k] for k in common]
-        fitted.append(_piece(recording, slice(count, count + len(common))))
+        fitted.append(_piece(recording, slice(count, count + len(common)), cut_off))
         count += len(common)
     channels = {
         name: WindowedChannel(np.array([w.t for w in each]), np.array([w.value for w in each]))
         for name, each in found.items()
         if each
     }
-    return VehicleData(
-        tuple(fitted), chassis, channels, *(_white_noise(recordings, part) for part in ("steer", "speed"))
-    )
+    return VehicleData(tuple(fitted), chassis, channels, steer_noise, speed_noise, cut_off)
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
@@ -131,9 +137,9 @@ def _low_pass(cut_off: float) -> Array:
     return sections
 
 
-def _piece(recording: FieldRecording, windows: slice) -> FitPiece:
+def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
     t = np.arange(recording.start, recording.end, STEP_S)
-    steer = smoothed(recording.steer.at(t), PLAY_CUT_OFF_HZ) if recording.steer else np.zeros(len(t))
+    steer = smoothed(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
     heading = recording.heading.smooth() if recording.heading else None
     return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), heading, windows)
 
@@ -146,6 +152,13 @@ def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
         return 0.0
     # of a normal distribution; 1 + 9 + 9 + 1 variances
     return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0)
+
+
+def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
+    """Cut-off that leaves `PLAYING` of white noise of the recorded angle [Hz]."""
+    steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
+    share = (PLAYING / max(noise, 1e-9)) ** 2  # of the band up to half the rate of samples
+    return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:

@@ -56,7 +56,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         keys = named_columns(m)
         read_columns(source, list(keys), keys)
         used = ", ".join(f"{key} = {column}" for column, key in keys.items())
-        lines.append(f"Enough for replay, identify --vehicle and calibrate: {used}.")
+        lines.append(f"Columns enough for replay, identify --vehicle and calibrate: {used}.")
     else:
         lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
     if log.tables and not m:

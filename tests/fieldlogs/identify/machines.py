@@ -56,7 +56,7 @@ def behind_play(steer, backlash, delay, duration):
     return lambda now: np.interp(now - delay, t, followed)
 
 
-def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=0.0, duration=60.0):
+def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=0.0, duration=60.0, noise_deg=0.06):
     """Signals of a bicycle with relaxation lengths of its axles [m], linear tyres, small angles.
 
     Its steering sensor sits before play [rad], reads an offset [rad], and is ahead of the wheels [s].
@@ -94,7 +94,7 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
     return pa.table(
         {
             "t": t,
-            "steer_measured": mean + offset + radians(0.06) * rng.standard_normal(n),
+            "steer_measured": mean + offset + radians(noise_deg) * rng.standard_normal(n),
             "valve_voltage": np.full(n, 6.0),
             "speed_hat": speed(t) + 0.01 * rng.standard_normal(n),
             "gyro": s[4] + radians(0.02) + radians(0.1) * rng.standard_normal(n),

@@ -10,7 +10,7 @@ import pytest
 from machines import log_of
 from stranger import STEP_S, behind_play, drive, hidden, inputs
 
-from agrobot_mj.fieldlogs.calibrate import calibrate, sentences
+from agrobot_mj.fieldlogs.calibrate import calibrate, calibration, sentences
 from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import built_in
 from agrobot_mj.scenario.loading import load_scenario
@@ -23,10 +23,11 @@ def log():
     return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
 
 
-def gyro_log(h, age, cruise=None):
+def gyro_log(h, age, cruise=None, swing=1.0):
     """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
     fine = np.arange(0, 140, STEP_S / 2)
     speed, sensor = inputs(0, fine)
+    sensor *= swing
     speed = speed if cruise is None else np.full(len(fine), cruise)
     x, y, psi, rate = drive(h, speed, behind_play(sensor, radians(h.play)))
     steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 139.0, 0.05)
@@ -66,6 +67,44 @@ def test_a_speed_that_does_not_change_does_not_tell_its_age():
     assert any(
         "The age of the speed shows where the speed changes" in line for line in sentences(found, BICYCLE.tractor)
     )
+
+
+def test_at_one_speed_all_but_the_centre_is_told_a_third_as_well(monkeypatch):
+    log = gyro_log(hidden(0), 0.1, 2.0)
+    wide = calibrate([log], None, BICYCLE).found
+    monkeypatch.setattr(calibration, "one_speed", lambda kept: False)
+    narrow = calibrate([log], None, BICYCLE).found
+    for key, wider in (("steer.scale", 3.0), ("position.left_m", 3.0), ("steer.offset", 1.0)):
+        assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
+
+
+def test_a_line_driven_straight_tells_neither_ages_nor_places():
+    """Play hides half of its small corrections, all of them if they are smaller still."""
+    found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
+    assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
+    assert not found.found["steer.offset"].excludes(radians(0.9))
+    with pytest.raises(FieldLogError, match="do its bends go well beyond its play"):
+        calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
+
+
+def test_a_centre_that_moves_is_told_by_halves(log):
+    assert not any("But it moves" in line for line in told_of(log.signals))
+    t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
+    at = log.signals.column_names.index("steer_measured")
+    slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
+    (line,) = [line for line in told_of(slipped) if "But it moves" in line]
+    first, second = (float(line.split(word)[1].split()[0]) for word in ("moves: ", "drive, "))
+    assert second - first == pytest.approx(radians(3), abs=radians(0.2))
+
+
+def test_degrees_that_a_map_calls_radians_are_told(log):
+    at = log.signals.column_names.index("steer_measured")
+    wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
+    assert any('If the readings are in deg, the map should say so: unit = "deg"' in line for line in told_of(wrong))
+
+
+def told_of(table):
+    return sentences(calibrate([table], None, BICYCLE), BICYCLE.tractor)
 
 
 def test_a_gyro_in_another_unit_is_refused(log):

@@ -184,7 +184,7 @@ def test_describe_takes_a_map_and_tells_what_it_lacks(tmp_path, call):
     text = '[time]\ncolumn = "ms"\nunit = "ms"\n[steer]\ncolumn = "steer_angle_deg"\n[speed]\ncolumn = "speed_km_h"\n'
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "latitude"\n')
     status, out, _ = call("replay", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
-    assert (status, "Enough for replay, identify --vehicle and calibrate: time.column = ms" in out) == (0, True)
+    assert (status, "Columns enough for replay, identify --vehicle and calibrate: time.column = ms" in out) == (0, True)
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "lattitude"\n')
     status, _, err = call("replay", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
     assert (status, "no column 'lattitude' (heading.column); did you mean 'latitude'?" in err) == (2, True)
