@@ -11,7 +11,7 @@ most.
 """
 
 from collections.abc import Mapping, Sequence
-from math import exp, hypot, inf, pi, sqrt
+from math import exp, hypot, inf, pi, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -111,9 +111,9 @@ SEEN_IN_SPEED = 0.9
 """Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
 """Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
-SEEN_IN_STEERING = 0.9
-"""Share of the turning that a straight line through the readings must explain to tell ages and places [-]. Estimate:
-drives with bends give 0.97 and more, the small corrections along a line 0.7."""
+BENDS_RAD = radians(2.5)
+"""Standard deviation of the wheel angle from which on a drive tells ages and places [rad]. Estimate: of wheels that do
+not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S = 0.025
 """Half the interval of what the lag of tyres adds to an age unseen [s]. Estimate, from models of a stranger."""
 ONE_SPEED = 3.0
@@ -219,10 +219,15 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
             "is [steer] the wheel angle, are the columns of [steer] and [yaw_rate] not exchanged, and do its bends go "
             "well beyond its play?"
         )
-    drive = _Drive(_wander(data), rough.explained > SEEN_IN_STEERING, one_speed(cut.kept))
+    drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, one_speed(cut.kept))
     found = _found(result, rough, log_map, drive)
     centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
+
+
+def _spread(angles: Sequence[FieldRecording]) -> float:
+    """Standard deviation of the wheel angle [rad]."""
+    return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
 
 
 def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:

@@ -38,8 +38,10 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
         found.append(
             f"A relaxation length looks like a delay at one speed ({fast:.1f} m/s): drive the same at twice the speed."
         )
-    if "speed.delay_s" in missing:
+    if "speed.delay_s" in missing and fast < TWO_SPEEDS * slow:
         found.append("The age of the speed shows where the speed changes: slow down and speed up a few times.")
+    elif any(key.endswith(".delay_s") for key in missing):
+        found.append("Ages show in bends and changes of the speed: swing to both sides, slowly and fast.")
     if any(key in ("position.ahead_m", "position.left_m") for key in missing):
         sides = [float(np.mean(side * bend > TIGHT)) for side in (1, -1)]
         where = "tight circles to both sides" if min(sides) < 0.05 else "tight circles at two speeds"

@@ -83,6 +83,7 @@ def test_a_line_driven_straight_tells_neither_ages_nor_places():
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))
+    assert any(line.startswith("Ages show in bends") for line in sentences(found, BICYCLE.tractor))
     with pytest.raises(FieldLogError, match="do its bends go well beyond its play"):
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
