@@ -36,6 +36,8 @@ SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
 """Range of the time between the rows of an evenly sampled log [s]."""
 UNEVEN = 0.5
 """Largest difference of a time between two rows from the usual one, over that [-]."""
+SAME_TIME = 1.5
+"""Mean number of rows with one time from which on times are rounded, rather than some rows repeated [-]."""
 LATEST_STEP_S = 1e-5
 """Median step of time below which the unit cannot be the second [s]."""
 MOST_STEPS = 1e8
@@ -143,6 +145,8 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
     steps = np.diff(t)
     if not steps.any():
         raise FieldLogError(f"{where} is constant; name the column of the time")
+    if (steps >= 0).all() and (rows := len(t) / (1 + np.count_nonzero(steps))) > SAME_TIME:
+        raise FieldLogError(f"{where} has one time for {rows:.2g} rows each; export more digits, or drop repeated rows")
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0])
         what = "stands still" if steps[row] == 0 else "runs backwards"

@@ -17,7 +17,8 @@ from scipy.signal import find_peaks
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Mask
-from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording, TimeSeries, course_rate
+from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording
+from agrobot_mj.fieldlogs.series import TimeSeries, course_rate, longest_pause
 
 SIGNED = -0.1
 """Speed below which a recorded speed has a sign [m/s]. Estimate: beyond the noise of a standing receiver."""
@@ -102,8 +103,6 @@ STANDING_M_S = 0.1
 """Speed below which a machine stands [m/s]. Estimate: three times the noise of a standing receiver."""
 STANDING_S = 2.0
 """Time from which on it stands in the way [s]: shorter stops belong to the drive."""
-LOST_S = 2.0
-"""Time without a position from which on it is lost [s]; three times the spacing for slower receivers."""
 SHORTEST_S = 5.0
 """Shortest piece [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
@@ -113,6 +112,8 @@ AGREED = 0.5
 agree give 0.9."""
 OTHER_UNIT = 5.0
 """Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
+LEAST_HZ = 2.5
+"""Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 
@@ -148,6 +149,8 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
         notes.append(_note(whole, bounds, spans, out))
+        if recording.jumps:
+            notes.append(f"{recording.name}: {recording.jumps} positions that jump, or lie about a jump, are left out")
         if found.reverse_m:
             how = "heading" if recording.heading is not None else "turns of the course"
             notes.append(
@@ -161,9 +164,21 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where columns contradict each other: speeds in another unit, east for north."""
+    """Raise `FieldLogError` where columns are slow or contradict each other: speeds in another unit, east for north."""
+    _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)
+
+
+def _check_rates(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where positions or headings come too seldom for a fit."""
+    for part in ("heading", "position"):
+        steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
+        if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
+            raise FieldLogError(
+                f"{recordings[0].name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
+                f"one of the receiver, or leave [{part}] out of the map where there is a gyro"
+            )
 
 
 def _check_speed(recordings: Sequence[FieldRecording]) -> None:
@@ -223,8 +238,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
         t = np.concatenate(([recording.start], fixes.t, [recording.end]))
-        longest = max(LOST_S, 3 * float(np.median(np.diff(fixes.t))))
-        yield from (Span(a, b, "no position") for a, b in _gaps(t, longest))
+        yield from (Span(a, b, "no position") for a, b in _gaps(t, longest_pause(fixes.t)))
     speed = recording.speed
     for first, after in spells(np.abs(speed.value) < STANDING_M_S):
         a, b = float(speed.t[first]), float(speed.t[after - 1])

@@ -4,13 +4,10 @@ Inputs (steering, speed) are complete up to short gaps; what is compared with (y
 any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
 """
 
-from collections.abc import Callable
 from math import inf, pi, radians
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import savgol_filter
 
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
@@ -36,6 +33,16 @@ from agrobot_mj.fieldlogs.maps import (
     built_in,
     named_columns,
 )
+from agrobot_mj.fieldlogs.series import (
+    FEWEST,
+    LEAST_SPEED,
+    TimeSeries,
+    course_rate,
+    fresh,
+    sharpened,
+    slope_of,
+    without_jumps,
+)
 
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
@@ -48,43 +55,8 @@ LARGEST_FIELD_M = 100e3
 """Largest distance between two fixes [m]: beyond it a fix is none."""
 FARTHEST_M = 50e3
 """Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
-FEWEST = 4
-"""Number of values below which there is nothing to interpolate [-]."""
-SMOOTHING_S = 1.0
-"""Length of the cubic that differentiates headings and courses [s]."""
-COURSE_S = 2.0
-"""Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
-LEAST_SPEED = 0.3
-"""Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
-
-
-class TimeSeries(NamedTuple):
-    """Values at their own times."""
-
-    t: Array
-    """Times, increasing, shape (n,) [s]."""
-    value: Array
-    """Values in SI units, shape (n,) or (n, 2)."""
-
-    def at(self, t: Array) -> Array:
-        """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
-        return self.smooth()(t)
-
-    def smooth(self) -> Callable[[Array], Array]:
-        """The series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
-        # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
-        cubics = Akima1DInterpolator(self.t, self.value)
-
-        def at(t: Array) -> Array:
-            found: Array = cubics(np.clip(t, self.t[0], self.t[-1]))
-            return found
-
-        return at
-
-    def between(self, start: float, end: float) -> "TimeSeries":
-        """The part from `start` to `end` [s]."""
-        inside = (self.t >= start) & (self.t <= end)
-        return TimeSeries(self.t[inside], self.value[inside])
+MOST_JUMPS = 0.2
+"""Share of positions that jump beyond which they are none [-]. Estimate."""
 
 
 class FieldRecording(NamedTuple):
@@ -111,6 +83,8 @@ class FieldRecording(NamedTuple):
     """From east, counter-clockwise, unwrapped [rad]."""
     position: TimeSeries | None
     """East and north of the point, shape (n, 2) [m]."""
+    jumps: int
+    """Positions that are left out, since nothing drives from the ones before to them."""
     arm: tuple[float, float, float]
     """The point ahead of and to the left of R, and above it [m]."""
     inputs: dict[str, str]
@@ -170,7 +144,7 @@ def read_recording(
     steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
     voltage = r.voltage(m.valve) if m.valve else None
     speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
-    position = r.position(m.position) if m.position else None
+    position, jumps = r.position(m.position, speed) if m.position else (None, 0)
     yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
     inputs = [series for series in (steer, voltage, speed) if series is not None]
     columns = {"speed": m.speed, "steer": m.steer, "voltage": m.valve}
@@ -187,6 +161,7 @@ def read_recording(
         yaw_rate_source=found,
         heading=heading,
         position=position,
+        jumps=jumps,
         arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
         inputs={part: spec.column for part, spec in columns.items() if spec is not None},
     )
@@ -206,7 +181,7 @@ class _Reader(NamedTuple):
         reading = sign * c.scale * (self.data[c.column] - c.offset)
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
         series = self._known("steer", c, angle, largest, "rad")
-        return TimeSeries(series.t, _sharpened(series, c.averaged_s))
+        return TimeSeries(series.t, sharpened(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
         return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
@@ -227,9 +202,10 @@ class _Reader(NamedTuple):
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
         series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
-        return _fresh(TimeSeries(series.t, np.unwrap(series.value)))
+        return fresh(TimeSeries(series.t, np.unwrap(series.value)))
 
-    def position(self, c: PositionColumns) -> TimeSeries:
+    def position(self, c: PositionColumns, speed: TimeSeries) -> tuple[TimeSeries, int]:
+        """Positions, and how many are left out since they jump."""
         first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
         a, b = self.data[first or ""], self.data[second or ""]
         good = np.isfinite(a) & np.isfinite(b)
@@ -263,7 +239,14 @@ class _Reader(NamedTuple):
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
                 "quality's column (position.quality), so that rows without a fix are left out"
             )
-        return _fresh(TimeSeries(self.t[good] - c.delay_s, places))
+        found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
+        steady = without_jumps(found, speed)
+        if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
+            raise FieldLogError(
+                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "
+                "the speed brings the machine; check these columns, or name the quality's column (position.quality)"
+            )
+        return steady, jumps
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
         """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
@@ -277,67 +260,13 @@ class _Reader(NamedTuple):
         return TimeSeries(self.t[good] - c.delay_s, values[good])
 
 
-def _fresh(series: TimeSeries) -> TimeSeries:
-    """The series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
-    new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
-    kept = np.concatenate(([True], new))
-    return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
-
-
-def _sharpened(series: TimeSeries, length: float) -> Array:
-    """Values without the averaging of their sensor over `length` [s], to second order in it."""
-    x, spacing = series.value, float(np.median(np.diff(series.t)))
-    if not length or len(x) < 3:
-        return x
-    bend = np.zeros_like(x)
-    bend[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
-    # the mean of a parabola exceeds its middle by length^2 / 24 times the second derivative
-    sharp: Array = x - (length / spacing) ** 2 / 24 * bend
-    return sharp
-
-
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
     """Yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway distort."""
     if heading is not None:
-        return _slope(heading), "heading"
+        return slope_of(heading), "heading"
     if position is None:
         return None, "none"
     found = course_rate(position, speed)
     return found, "course" if found is not None else "none"
-
-
-def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
-    if (grid := _even(position.t, COURSE_S, 7)) is None:
-        return None
-    t, known, cubic = grid
-    places = np.stack([np.interp(t, position.t, each) for each in position.value.T])
-    (vx, vy), (ax, ay) = (savgol_filter(places, **cubic, deriv=order) for order in (1, 2))
-    kept = known & (np.abs(np.interp(t, speed.t, speed.value)) > LEAST_SPEED)
-    if kept.sum() < 8:
-        return None
-    return TimeSeries(t[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
-
-
-def _slope(series: TimeSeries) -> TimeSeries | None:
-    """Derivative by a cubic over `SMOOTHING_S`, left out where the series has gaps."""
-    if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
-        return None
-    t, known, cubic = grid
-    slope = savgol_filter(np.interp(t, series.t, series.value), **cubic, deriv=1)
-    return TimeSeries(t[known], slope[known])
-
-
-def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart about them, and the
-    cubic of `length_s` for `savgol_filter`; None where there are too few."""
-    spacing = float(np.median(np.diff(t)))
-    length = max(least, 2 * round(length_s / spacing / 2) + 1)
-    even = np.arange(t[0], t[-1], spacing, dtype=np.float64)
-    if len(even) < length:
-        return None
-    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
-    known: Mask = t[following] - t[np.maximum(following - 1, 0)] < SMOOTHING_S
-    return even, known, {"window_length": length, "polyorder": 3, "delta": spacing}

@@ -76,7 +76,8 @@ def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(writ
     [
         (np.zeros(100), "is constant"),
         (T[::-1], "runs backwards at row 2; sort"),
-        (np.repeat(T[:50], 2), "stands still at row 2"),
+        (np.concatenate([T[:2], T[1:]]), "stands still at row 3; sort"),
+        (np.floor(T), "has one time for 20 rows each; export more digits"),
         (np.where(T[7] == T, np.nan, T), "no number in row 8"),
         (1000 * T, 'looks like milliseconds; set time.unit, e.g. "ms"'),
         (T[:1], "has 1 rows"),

@@ -145,3 +145,70 @@ def test_a_log_from_the_middle_of_a_drive_agrees_with_its_positions():
     (kept,) = pieces([read(columns | places, LogMap.model_validate(MAP))]).kept
     assert (kept.start, kept.end) == pytest.approx((0.0, 59.9))
     check_columns([kept])
+
+
+def left_out(columns, log_map):
+    """What is kept of a log, and the positions left out."""
+    found = pieces([read(columns, log_map)])
+    told = [note for note in found.notes if "positions that jump" in note]
+    return found, int(told[0].split()[1]) if told else 0
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_positions_that_jump_away_and_back_are_left_out(heading):
+    """Of one fix, of three together, and of two in a row to different places; the rest is as without them."""
+    _, columns, log_map = shunt(heading=heading)
+    (clean,) = pieces([read(columns, log_map)]).kept
+    x, y = columns["x"].copy(), columns["y"].copy()
+    for first, fixes, (east, north) in ((300, 1, (0, 2)), (500, 3, (-40, 3)), (900, 1, (3, 0)), (902, 1, (0, -3))):
+        x[first : first + 2 * fixes] += east
+        y[first : first + 2 * fixes] += north
+    found, jumps = left_out(columns | {"x": x, "y": y}, log_map)
+    assert jumps == 6
+    (kept,) = found.kept
+    assert np.isin(kept.position.value[:, 0], clean.position.value[:, 0]).all()
+    assert len(kept.position.t) == len(clean.position.t) - 6
+    assert kept.speed.value == pytest.approx(clean.speed.value)
+    if not heading:
+        same = np.isin(clean.yaw_rate.t, kept.yaw_rate.t)
+        apart = np.abs(kept.yaw_rate.value - clean.yaw_rate.value[same])
+        assert np.degrees(apart.max()) < 5.0, "three fixes are bridged by a line"
+
+
+def test_a_jump_for_good_cuts_a_drive():
+    """Another base station, by 1.2 m: the way before and after, none about it, and no turn is made of it."""
+    _, columns, log_map = shunt(heading=False)
+    (clean,) = pieces([read(columns, log_map)]).kept
+    moved = {"x": columns["x"] + 1.2 * (columns["t"] > 20.05)}
+    found, jumps = left_out(columns | moved, log_map)
+    assert [(each.start, each.end) for each in found.kept] == [
+        pytest.approx((clean.start, 19.0), abs=0.2),
+        pytest.approx((21.1, clean.end), abs=0.2),
+    ]
+    assert 15 <= jumps <= 25
+    for each in found.kept:
+        rate = np.interp(each.yaw_rate.t, clean.yaw_rate.t, clean.yaw_rate.value)
+        assert np.degrees(np.abs(each.yaw_rate.value - rate).max()) < 0.5
+
+
+def test_noise_fast_turns_and_a_wrong_unit_are_no_jumps():
+    speed, columns, log_map = shunt()
+    rng = np.random.default_rng(2)
+    noisy = {name: columns[name] + np.repeat(0.3 * rng.standard_normal(750), 2) for name in "xy"}
+    for told in (noisy, {"speed": np.abs(speed) / 3.6}, {"speed": 3.6 * np.abs(speed)}):
+        assert left_out(columns | told, log_map)[1] == 0
+
+
+def test_positions_of_nowhere_are_refused():
+    _, columns, log_map = shunt()
+    places = np.repeat(np.random.default_rng(3).integers(0, 2, 750), 2)
+    with pytest.raises(FieldLogError, match=r"\d+ of \d+ positions in 'x' and 'y' lie farther off than the speed"):
+        read(columns | {"x": columns["x"] + 20 * (places * (columns["t"] % 3 < 1))}, log_map)
+
+
+def test_positions_once_a_second_are_refused_by_a_fit():
+    _, columns, log_map = shunt()
+    slow = 20 * (np.arange(len(columns["t"])) // 20)
+    found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])
+    with pytest.raises(FieldLogError, match=r"a position comes 1 times a second, a fit needs 2.5; log every one"):
+        check_columns(found.kept)

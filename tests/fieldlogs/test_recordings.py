@@ -8,7 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from agrobot_mj.fieldlogs.maps import INSTEAD, LogMap, PositionColumns, lacking
-from agrobot_mj.fieldlogs.recording import COURSE_S, read_recording
+from agrobot_mj.fieldlogs.recording import read_recording
+from agrobot_mj.fieldlogs.series import COURSE_S
 
 T = np.arange(0.0, 30.0, 0.05)
 YAW_RATE, SPEED = 0.2, 1.5

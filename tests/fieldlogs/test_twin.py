@@ -19,7 +19,7 @@ from agrobot_mj.fieldlogs.calibrate import calibrate
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity
 from agrobot_mj.fieldlogs.maps import LogMap, read_map
 from agrobot_mj.fieldlogs.recording import read_recording
-from agrobot_mj.fieldlogs.twin.machine import _tyres
+from agrobot_mj.fieldlogs.twin.machine import TwinKey, _tyres, not_told
 from agrobot_mj.fieldlogs.twin.twin import _texts, way
 
 BICYCLE = ("--set", "plant.kind=bicycle")
@@ -105,6 +105,16 @@ def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, ke
     scenario.changed({key: each.value for key, each in tyres.items()})
 
 
+def test_what_no_log_tells_says_where_it_is_from():
+    scenario = load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 2600.0})
+    key = "tractor.steer_limit_deg"
+    found = {name: (value, source) for name, value, source in not_told(scenario, {key: TwinKey(50.0, "of the log")})}
+    assert key not in found
+    assert found["tractor.mass_kg"] == (2600.0, "given")
+    assert found["tractor.wheelbase_m"] == (scenario.tractor.wheelbase_m, "machine utility")
+    assert found["tractor.pitch_inertia_kg_m2"][1] == "default"
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("one")
@@ -126,6 +136,8 @@ def test_hidden_parameters_are_inside_their_intervals(made):
     assert found["held_out"]["yaw_rate"]["explained"] > 0.97
     assert found["held_out"]["position"]["windows_rms"] < 0.04
     assert "m are in reverse" in out
+    assert "1.4 m, the default, is taken as known" in out
+    assert "No scenario.toml" not in out
 
 
 @pytest.mark.slow
@@ -151,9 +163,14 @@ def test_the_files_say_what_is_known_and_drive(one, call):
     status, _, err = call("run", str(folder / "scenario.toml"), "--set", "duration_s=5", "--no-rrd", "--out", "again")
     assert status == 0, err
     page = (folder / "report.html").read_text()
-    for text in ("What is known", "What is guessed", "The part that the fit has not seen", "Residual of the position"):
+    for text in (
+        "What is known",
+        "What the log does not tell",
+        "The part that the fit has not seen",
+        "Residual of the position",
+    ):
         assert text in page
-    known = page.partition("What is known")[2].partition("What is guessed")[0]
+    known = page.partition("What is known")[2].partition("What the log does not tell")[0]
     sensors, vehicle = known.split("The vehicle:")
     cell = r"<td>{}</td>(<td[^>]*>[^<]*</td>){{3}}<td>{}</td><td>(yes|no)</td>"
     for part, key, unit in ((sensors, "steer.scale", "deg per reading"), (vehicle, "backlash_deg", "deg")):

@@ -26,8 +26,9 @@ from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
 from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.fieldlogs.pieces import SLIPPED, Pieces, check_columns, chords, pieces, split
-from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, TimeSeries, read_recording
+from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
+from agrobot_mj.fieldlogs.series import TimeSeries
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 

@@ -10,7 +10,7 @@ from agrobot_mj.fieldlogs.annotated import annotated_toml
 from agrobot_mj.fieldlogs.calibrate.calibration import Calibration
 from agrobot_mj.fieldlogs.identify.advice import advice
 from agrobot_mj.fieldlogs.maps import LogMap
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 from agrobot_mj.simulation.storage import atomic, write_json
 
 FILES = ("map.toml", "calibration.json")
@@ -111,9 +111,12 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     if scale.excludes(given.scale):
         rather = f", not {given.scale:g}" if "scale" in told else ""
         yield f"One{_unit(c).rstrip('s')} turns the wheels by {scale.text} {given.unit}{rather}."
+    wheelbase = f"{tractor.wheelbase_m:g} m"
+    if "wheelbase_m" not in tractor.model_fields_set and tractor.wheelbase_m == COMPACT.wheelbase_m:
+        wheelbase += ", the default,"
     yield (
-        f"Scale and wheelbase cannot be told apart: {tractor.wheelbase_m:g} m is taken as known, 1 % more of it is 1 % "
-        "more scale; measure it."
+        f"Scale and wheelbase cannot be told apart: {wheelbase} is taken as known, 1 % more of it is 1 % more scale; "
+        "measure it."
     )
 
 

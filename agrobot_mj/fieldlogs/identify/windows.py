@@ -19,8 +19,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.identify.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
-from agrobot_mj.fieldlogs.recording import FieldRecording, TimeSeries
+from agrobot_mj.fieldlogs.recording import FieldRecording
 from agrobot_mj.fieldlogs.replay.residuals import moving
+from agrobot_mj.fieldlogs.series import TimeSeries
 
 WINDOW_S = 5.0
 """Length of a window [s]: longer than the dynamics, and many in a minute."""
@@ -34,8 +35,8 @@ PLAYING = radians(0.1)
 their play, which passes for soft tyres."""
 SETTLE_S = 2.0
 """Time at the start that is left out, until start and play are forgotten [s]."""
-LEAST_SAMPLES = 12
-"""Least number of samples of a channel in a window: 2.4 Hz."""
+LEAST_SAMPLES = 11
+"""Least number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
 LONGEST_PAUSE_S = 0.5
 """Time between two samples of a window beyond which it has a gap [s], two and a half times the spacing at least."""
 FULL = 0.95

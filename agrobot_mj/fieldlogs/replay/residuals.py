@@ -14,8 +14,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.recording import LEAST_SPEED, FieldRecording, TimeSeries
+from agrobot_mj.fieldlogs.recording import FieldRecording
 from agrobot_mj.fieldlogs.replay.driving import Driven, Pose
+from agrobot_mj.fieldlogs.series import LEAST_SPEED, TimeSeries
 
 START_M = 10.0
 """Length of the recorded way to which the start's pose is fitted [m]."""

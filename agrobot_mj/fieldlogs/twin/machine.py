@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.core.spec import Spec
 from agrobot_mj.fieldlogs.calibrate.calibration import Calibration
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.identify.vehicle import is_plausible, told_apart
@@ -145,8 +144,14 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     return found
 
 
-def guessed(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object]]:
-    """Keys of the tractor that the log does not tell, with their values."""
-    told = {key.removeprefix("tractor.") for key in keys}
-    tractor: Spec = scenario.tractor
-    return [(f"tractor.{name}", value) for name, value in tractor if name not in told and value is not None]
+def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
+    """Keys of the tractor that the log does not tell, with their values and where these are from."""
+    file = machine_file(scenario.machine)
+    of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
+    given = explicit_values(scenario).get("tractor", {})
+    found = []
+    for name, value in scenario.tractor:
+        if f"tractor.{name}" not in keys and value is not None:
+            source = "given" if name in given else f"machine {scenario.machine}" if name in of_machine else "default"
+            found.append((f"tractor.{name}", value, source))
+    return found

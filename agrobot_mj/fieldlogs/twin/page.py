@@ -14,7 +14,7 @@ from agrobot_mj.fieldlogs.identify.advice import advice
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.replay.residuals import position_errors
 from agrobot_mj.fieldlogs.replay.words import doubts
-from agrobot_mj.fieldlogs.twin.machine import guessed
+from agrobot_mj.fieldlogs.twin.machine import not_told
 from agrobot_mj.fieldlogs.twin.twin import MACHINE, SCENARIO, WAY, Twin
 from agrobot_mj.metrics import unit_of
 from agrobot_mj.simulation.storage import atomic, write_json
@@ -43,8 +43,8 @@ def page(t: Twin) -> Document:
     for title, part in parts.items():
         found.text(title)
         found.table(heads, list(_known(t, part)))
-    found.section("What is guessed", f"Keys of machine {t.scenario.machine} that the log does not tell.")
-    found.table(("key", "value"), guessed(t.scenario, t.keys))
+    found.section("What the log does not tell", "The tractor as it was given, as its machine has it, or by default.")
+    found.table(("key", "value", "from"), not_told(t.scenario, t.keys))
     for name, text in {"map.toml": map_lines(t.calibration), **t.texts}.items():
         if name.endswith(".toml"):
             found.code(name, text)
@@ -61,11 +61,13 @@ def short(t: Twin) -> list[str]:
     if place and place["windows_rms"] is not None:
         parts.append(f"keeps within {100 * place['windows_rms']:.1f} cm rms of the way over {place['window_s']:g} s")
     missing = [key for key, each in t.vehicle.items() if not each.identified]
+    undriven = f"No {SCENARIO}: no way forward was recorded, or none that this machine can steer."
     return [
         f"On {m['duration_s']:.0f} s that it has not seen the twin {' and '.join(parts) or 'has nothing to show'}.",
         *doubts(t.held_out, t.scenario.tractor, scaled=True),
         *sentences(t.calibration, t.scenario.tractor),
         *advice(t.calibration.pieces.kept, missing),
+        *([] if SCENARIO in t.texts else [undriven]),
     ]
 
 

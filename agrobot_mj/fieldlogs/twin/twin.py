@@ -24,9 +24,10 @@ from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.fieldlogs.identify.vehicle import vehicle_quantities
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.fieldlogs.pieces import pieces, spells, split
-from agrobot_mj.fieldlogs.recording import FieldRecording, TimeSeries, read_recording
+from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
 from agrobot_mj.fieldlogs.replay.driving import Driven
 from agrobot_mj.fieldlogs.replay.result import ReplayResult, replay_pieces
+from agrobot_mj.fieldlogs.series import TimeSeries
 from agrobot_mj.fieldlogs.twin.machine import BACKLASH, TwinKey, machine_data, twin_keys
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
