@@ -80,12 +80,15 @@ def without_jumps(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
     borders = np.flatnonzero(jumps(rows[:-1], rows[1:])) + 1
     ways = list[list[Index]]()
     for run in np.split(rows, borders):
-        near = (k for k in range(len(ways) - 1, -1, -1) if t[run[0]] - t[ways[k][-1][-1]] < AWAY_S)
-        if (back := next((k for k in near if not jumps(ways[k][-1][-1], run[0])), None)) is None:
-            ways.append([run])
+        back = len(ways)
+        while back and t[run[0]] - t[ways[back - 1][-1][-1]] < AWAY_S:
+            back -= 1
+            if not jumps(ways[back][-1][-1], run[0]):
+                ways[back].append(run)
+                del ways[back + 1 :]
+                break
         else:
-            ways[back].append(run)
-            del ways[back + 1 :]
+            ways.append([run])
     kept = np.concatenate([run for way in ways for run in way])
     begun = np.array([-inf, *(t[way[0][0]] for way in ways[1:])])
     ended = np.array([*(t[way[-1][-1]] for way in ways[:-1]), inf])
