@@ -149,8 +149,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
         notes.append(_note(whole, bounds, spans, out))
-        if recording.jumps:
-            notes.append(f"{recording.name}: {recording.jumps} positions that jump, or lie about a jump, are left out")
+        notes += [f"{recording.name}: left out {each}" for each in recording.left_out]
         if found.reverse_m:
             how = "heading" if recording.heading is not None else "turns of the course"
             notes.append(

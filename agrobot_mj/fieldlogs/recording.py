@@ -37,8 +37,10 @@ from agrobot_mj.fieldlogs.series import (
     FEWEST,
     LEAST_SPEED,
     TimeSeries,
+    Values,
     course_rate,
     fresh,
+    lone,
     sharpened,
     slope_of,
     without_jumps,
@@ -83,8 +85,8 @@ class FieldRecording(NamedTuple):
     """From east, counter-clockwise, unwrapped [rad]."""
     position: TimeSeries | None
     """East and north of the point, shape (n, 2) [m]."""
-    jumps: int
-    """Positions that are left out, since nothing drives from the ones before to them."""
+    left_out: tuple[str, ...]
+    """Values that cannot be, in words."""
     arm: tuple[float, float, float]
     """The point ahead of and to the left of R, and above it [m]."""
     inputs: dict[str, str]
@@ -140,11 +142,11 @@ def read_recording(
     data = read_columns(source, [column for column in keys if column not in good], keys)
     t = data[m.time.column] * SECONDS[m.time.unit]
     check_time(name, m.time.column, t, "time.unit of the map")
-    r = _Reader(name, t - t[0], data, good)
+    r = _Reader(name, t - t[0], data, good, [])
     steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
     voltage = r.voltage(m.valve) if m.valve else None
     speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
-    position, jumps = r.position(m.position, speed) if m.position else (None, 0)
+    position = r.position(m.position, speed) if m.position else None
     yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
     inputs = [series for series in (steer, voltage, speed) if series is not None]
     columns = {"speed": m.speed, "steer": m.steer, "voltage": m.valve}
@@ -161,7 +163,7 @@ def read_recording(
         yaw_rate_source=found,
         heading=heading,
         position=position,
-        jumps=jumps,
+        left_out=tuple(r.left_out),
         arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
         inputs={part: spec.column for part, spec in columns.items() if spec is not None},
     )
@@ -175,37 +177,40 @@ class _Reader(NamedTuple):
     data: dict[str, Array]
     good: dict[str, Mask]
     """Which rows have an accepted quality, by its column."""
+    left_out: list[str]
+    """Values that cannot be, in words."""
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
         reading = sign * c.scale * (self.data[c.column] - c.offset)
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
-        series = self._known("steer", c, angle, largest, "rad")
+        series = self._known("steer", c, self._settled(c.column, angle), largest, "rad")
         return TimeSeries(series.t, sharpened(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
         return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
 
     def speed(self, c: SpeedColumn) -> TimeSeries:
-        series = self._known("speed", c, c.scale * SPEEDS[c.unit] * self.data[c.column], LARGEST_SPEED, "m/s")
+        speed = self._settled(c.column, c.scale * SPEEDS[c.unit] * self.data[c.column])
+        series = self._known("speed", c, speed, LARGEST_SPEED, "m/s")
         if np.abs(series.value).max() < LEAST_SPEED:
             raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
         return series
 
     def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
-        rate = sign * ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        rate = self._settled(c.column, sign * ANGLES[c.unit] * (self.data[c.column] - c.offset))
         return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
     def heading(self, c: HeadingColumn) -> TimeSeries:
         angle = ANGLES[c.unit] * (self.data[c.column] - c.offset)
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
+        angle = np.angle(self._settled(c.column, np.exp(1j * angle)))
         series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
         return fresh(TimeSeries(series.t, np.unwrap(series.value)))
 
-    def position(self, c: PositionColumns, speed: TimeSeries) -> tuple[TimeSeries, int]:
-        """Positions, and how many are left out since they jump."""
+    def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
         first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
         a, b = self.data[first or ""], self.data[second or ""]
         good = np.isfinite(a) & np.isfinite(b)
@@ -246,7 +251,16 @@ class _Reader(NamedTuple):
                 f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "
                 "the speed brings the machine; check these columns, or name the quality's column (position.quality)"
             )
-        return steady, jumps
+        if jumps:
+            self.left_out.append(f"{jumps} positions that jump, or lie about a jump")
+        return steady
+
+    def _settled(self, column: str, values: Values) -> Values:
+        """The values, NaN for those that stand alone."""
+        alone = lone(values)
+        if alone.any():
+            self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
+        return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
         """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""

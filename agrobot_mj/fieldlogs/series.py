@@ -11,6 +11,7 @@ from scipy.signal import savgol_filter
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import Mask
 
+Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4
 """Number of values below which there is nothing to interpolate [-]."""
@@ -25,6 +26,8 @@ JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 the rest may be [-]. Estimates: RTK floats by less, a wheel slips by less."""
 AWAY_S = 1.0
 """Time within which a position that jumped is back [s]; after that it has moved for good. Estimate."""
+STANDS_OUT, USUAL_STEP = 5.0, 0.9
+"""How many times the steps beside it, and this quantile of all, a value must be off to be a glitch [-]. Estimates."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 
@@ -63,6 +66,26 @@ def fresh(series: TimeSeries) -> TimeSeries:
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
+
+
+def lone(values: Values) -> Mask:
+    """Which of values (n,), real or complex, NaN where there is none, are far off those before and after: glitches.
+
+    A value that is held counts once.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
+    x = values[starts]
+    found = np.zeros(len(values), dtype=bool)
+    if len(x) < 2 * FEWEST:
+        return found
+    step = np.abs(np.diff(x))
+    beside = np.concatenate(([0.0], step, [0.0]))
+    usual = np.maximum(np.abs(x[2:] - x[:-2]), np.maximum(beside[:-3], beside[3:]))
+    rise, most = np.minimum(step[:-1], step[1:]), STANDS_OUT * np.maximum(usual, np.quantile(step, USUAL_STEP))
+    for k in np.flatnonzero(rise > most) + 1:
+        found[starts[k] : starts[k + 1]] = True
+    return found & np.isfinite(values)
 
 
 def without_jumps(position: TimeSeries, speed: TimeSeries) -> TimeSeries:

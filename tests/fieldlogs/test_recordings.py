@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from agrobot_mj.fieldlogs.maps import INSTEAD, LogMap, PositionColumns, lacking
 from agrobot_mj.fieldlogs.recording import read_recording
-from agrobot_mj.fieldlogs.series import COURSE_S
+from agrobot_mj.fieldlogs.series import COURSE_S, lone
 
 T = np.arange(0.0, 30.0, 0.05)
 YAW_RATE, SPEED = 0.2, 1.5
@@ -100,3 +100,62 @@ def test_what_may_stand_for_a_wheel_angle_is_told(name):
     assert lacking(["time", "speed", "heading"], names) == told
     assert lacking(["time", "speed", "steer"], names) == "it has no yaw rate, heading or position to compare with"
     assert lacking(["time", "speed", "steer", "heading"], names) == ""
+
+
+GLITCHES = np.array([40, 131, 260, 411, 540])
+
+
+@pytest.mark.parametrize("held", [1, 2, 4])
+@pytest.mark.parametrize("off", [3.0, -0.4])
+def test_values_that_stand_alone_are_found(held, off):
+    """Of a signal with noise, each value held for some rows, and with a row without one."""
+    random = np.random.default_rng(8)
+    values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
+    values[GLITCHES] += off
+    rows = np.repeat(values, held)
+    rows[held * 300] = np.nan
+    assert (np.flatnonzero(lone(rows)) == np.flatnonzero(np.repeat(np.isin(np.arange(len(T)), GLITCHES), held))).all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.random.default_rng(9).standard_normal(5000),
+        np.round(20 * np.sin(T)),
+        np.where(np.abs(T - 10.0) < 0.2, np.cos(2.5 * np.pi * (T - 10.0)), 0.0),
+        np.where(T > 12.0, 1.0, 0.0),
+        np.interp(T, [0, 10, 10.6, 11.2, 30], [0, 0, 30, 0, 0]),
+        np.where(T[7] == T, 3.0, 0.0)[:8],
+        np.full(100, np.nan),
+    ],
+    ids=["noise", "steps of a sensor", "quick steering", "a step", "lock and back", "at the end", "nothing"],
+)
+def test_what_a_machine_can_do_is_no_glitch(values):
+    assert not lone(values).any()
+
+
+def test_glitches_are_left_out_and_told():
+    """Of the wheel angle, the speed, a gyro, and a heading that turns round, each in its own column."""
+    columns = COLUMNS | {"g": np.full(len(T), YAW_RATE), "h": np.degrees(YAW) % 360.0}
+    columns["g"] += 0.001 * np.random.default_rng(2).standard_normal(len(T))
+    columns["speed"] = SPEED + 0.01 * np.sin(T)
+    tables = {"yaw_rate": {"column": "g", "unit": "rad/s"}, "heading": {"column": "h", "convention": "enu"}}
+    clean = read(columns, **tables)
+    assert clean.left_out == ()
+    for name, off in (("steer", 90.0), ("speed", 30.0), ("g", 3.0), ("h", 180.0)):
+        columns[name] = columns[name].copy()
+        columns[name][GLITCHES] += off
+    found = read(columns, **tables)
+    told = [f"5 values of '{name}' far off those before and after" for name in ("steer", "speed", "h", "g")]
+    assert found.left_out == tuple(told)
+    for part in ("steer", "speed", "yaw_rate", "heading"):
+        before, after = getattr(clean, part), getattr(found, part)
+        assert len(after.t) == len(before.t) - 5
+        assert after.value == pytest.approx(np.delete(before.value, GLITCHES))
+
+
+def test_pulses_of_a_valve_are_no_glitches():
+    volts = np.full(len(T), 6.0)
+    volts[GLITCHES] = 12.0
+    found = read({"volts": volts, "g": 0 * T}, valve={"column": "volts"}, yaw_rate={"column": "g", "unit": "rad/s"})
+    assert (found.voltage.value == volts).all()
