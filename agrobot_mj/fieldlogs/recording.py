@@ -203,7 +203,12 @@ class _Reader(NamedTuple):
         return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
     def heading(self, c: HeadingColumn) -> TimeSeries:
-        angle = ANGLES[c.unit] * (self.data[c.column] - c.offset)
+        read = self.data[c.column]
+        known = read[np.isfinite(read)]
+        turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
+        if c.unit == "deg" and turns_over:
+            raise FieldLogError(f"{self.name}: {c.column!r} turns over by 2 pi, as radians do; set heading.unit")
+        angle = ANGLES[c.unit] * (read - c.offset)
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
         angle = np.angle(self._settled(c.column, np.exp(1j * angle)))

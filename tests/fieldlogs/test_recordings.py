@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 from pydantic import ValidationError
 
+from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import INSTEAD, LogMap, PositionColumns, lacking
 from agrobot_mj.fieldlogs.recording import read_recording
 from agrobot_mj.fieldlogs.series import COURSE_S, lone
@@ -132,6 +133,16 @@ def test_values_that_stand_alone_are_found(held, off):
 )
 def test_what_a_machine_can_do_is_no_glitch(values):
     assert not lone(values).any()
+
+
+@pytest.mark.parametrize("zero", [0.0, -np.pi])
+def test_radians_called_degrees_are_known_by_where_they_turn_over(zero):
+    turning = (YAW - zero) % (2 * pi) + zero
+    assert np.ptp(turning) > 6.0
+    with pytest.raises(FieldLogError, match=r"'h' turns over by 2 pi, as radians do; set heading.unit"):
+        read({"h": turning}, heading={"column": "h"})
+    read({"h": np.degrees(turning)}, heading={"column": "h"})
+    read({"h": turning}, heading={"column": "h", "unit": "rad"})
 
 
 def test_glitches_are_left_out_and_told():
