@@ -250,7 +250,8 @@ class _Reader(NamedTuple):
                 "quality's column (position.quality), so that rows without a fix are left out"
             )
         found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
-        steady = without_jumps(found, speed)
+        settled = ~lone(found.t, found.value @ (1, 1j))
+        steady = without_jumps(TimeSeries(found.t[settled], found.value[settled]), speed)
         if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
             raise FieldLogError(
                 f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "
@@ -262,7 +263,7 @@ class _Reader(NamedTuple):
 
     def _settled(self, column: str, values: Values) -> Values:
         """The values, NaN for those that stand alone."""
-        alone = lone(values)
+        alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
         return np.where(alone, np.nan, values)

@@ -26,8 +26,8 @@ JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 the rest may be [-]. Estimates: RTK floats by less, a wheel slips by less."""
 AWAY_S = 1.0
 """Time within which a position that jumped is back [s]; after that it has moved for good. Estimate."""
-STANDS_OUT, USUAL_STEP = 5.0, 0.9
-"""How many times the steps beside it, and this quantile of all, a value must be off to be a glitch [-]. Estimates."""
+STANDS_OUT, USUAL_OFF = 5.0, 0.9
+"""How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Estimates."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 
@@ -68,22 +68,21 @@ def fresh(series: TimeSeries) -> TimeSeries:
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
-def lone(values: Values) -> Mask:
-    """Which of values (n,), real or complex, NaN where there is none, are far off those before and after: glitches.
-
-    A value that is held counts once.
-    """
+def lone(t: Array, values: Values) -> Mask:
+    """Which of values (n,) at times (n,), real or complex, NaN where there is none, are far off the line between those
+    before and after, which are as near to theirs as usual: glitches. A value that is held counts once."""
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
-    x = values[starts]
     found = np.zeros(len(values), dtype=bool)
-    if len(x) < 2 * FEWEST:
+    if len(starts) < 2 * FEWEST:
         return found
-    step = np.abs(np.diff(x))
-    beside = np.concatenate(([0.0], step, [0.0]))
-    usual = np.maximum(np.abs(x[2:] - x[:-2]), np.maximum(beside[:-3], beside[3:]))
-    rise, most = np.minimum(step[:-1], step[1:]), STANDS_OUT * np.maximum(usual, np.quantile(step, USUAL_STEP))
-    for k in np.flatnonzero(rise > most) + 1:
+    x, at = values[starts], t[starts]
+    share = (at[1:-1] - at[:-2]) / (at[2:] - at[:-2])
+    off = np.pad(np.abs(x[1:-1] - (1 - share) * x[:-2] - share * x[2:]), 3)
+    here, beside, beyond = off[3:-3], np.stack([off[2:-4], off[4:-2]]), np.maximum(off[1:-5], off[5:-1])
+    most = STANDS_OUT * np.maximum(beyond, np.quantile(here, USUAL_OFF))
+    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to a glitch is half as far off
+    for k in np.flatnonzero((here > most) & half) + 1:
         found[starts[k] : starts[k + 1]] = True
     return found & np.isfinite(values)
 
