@@ -18,7 +18,7 @@ from scipy.signal import find_peaks
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.columns import FieldLogError, Mask
 from agrobot_mj.fieldlogs.recording import LONGEST_GAP_S, FieldRecording
-from agrobot_mj.fieldlogs.series import TimeSeries, course_rate, longest_pause
+from agrobot_mj.fieldlogs.series import TimeSeries, chords, course_rate, longest_pause
 
 SIGNED = -0.1
 """Speed below which a recorded speed has a sign [m/s]. Estimate: beyond the noise of a standing receiver."""
@@ -114,6 +114,8 @@ OTHER_UNIT = 5.0
 """Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
 LEAST_HZ = 2.5
 """Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
+COARSE_M_S = 0.12
+"""Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Estimate: 1 km/h makes 5 %."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 
@@ -170,12 +172,21 @@ def check_columns(kept: Sequence[FieldRecording]) -> None:
 
 
 def _check_rates(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where positions or headings come too seldom for a fit."""
+    """Raise `FieldLogError` where positions or headings come too seldom for a fit, or a sensor is dead or coarse."""
+    name = recordings[0].name
+    for part in ("heading", "yaw_rate"):
+        values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
+        if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
+            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or leave it out of the map")
+    readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
+    step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
+    if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
+        raise FieldLogError(f"{name}: [speed] comes in steps of {step:.2g} m/s, too coarse for a fit; log more digits")
     for part in ("heading", "position"):
         steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
         if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
             raise FieldLogError(
-                f"{recordings[0].name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
+                f"{name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
                 f"one of the receiver, or leave [{part}] out of the map where there is a gyro"
             )
 
@@ -185,7 +196,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
     way = said = 0.0
     for piece in recordings:
         if piece.position is not None and len(piece.position.t):
-            t, chord = chords(piece.position)
+            t, chord = chords(piece.position, CHORD_S)
             way += float(chord.sum())
             said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
     if said and not 1 / SLIPPED < way / said < SLIPPED:
@@ -193,12 +204,6 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
             f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
             "[speed] and the columns of [position] in the map"
         )
-
-
-def chords(position: TimeSeries) -> tuple[Array, Array]:
-    """Times in steps of `CHORD_S`, shape (n,) [s], and distances from one place to the next, shape (n - 1,) [m]."""
-    t = np.arange(position.t[0], position.t[-1], CHORD_S)
-    return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:

@@ -35,15 +35,17 @@ from agrobot_mj.fieldlogs.maps import (
 )
 from agrobot_mj.fieldlogs.series import (
     FEWEST,
+    LARGEST_YAW_RATE,
     LEAST_SPEED,
     TimeSeries,
     Values,
     course_rate,
+    driven_places,
     fresh,
     lone,
     sharpened,
     slope_of,
-    without_jumps,
+    turned_headings,
 )
 
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
@@ -51,8 +53,8 @@ ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
 """Gap of an input that is bridged [s]. Estimate: a tractor does not turn round in it."""
-LARGEST_STEER, LARGEST_SPEED, LARGEST_YAW_RATE = radians(75), 20.0, 3.0
-"""Bounds of what a tractor can do [rad, m/s, rad/s]: beyond them a unit is wrong."""
+LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
+"""Bounds of what a tractor can do [rad, m/s]: beyond them a unit is wrong."""
 LARGEST_FIELD_M = 100e3
 """Largest distance between two fixes [m]: beyond it a fix is none."""
 FARTHEST_M = 50e3
@@ -213,7 +215,11 @@ class _Reader(NamedTuple):
             angle[~self.good[c.quality]] = np.nan
         angle = np.angle(self._settled(c.column, np.exp(1j * angle)))
         series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
-        return fresh(TimeSeries(series.t, np.unwrap(series.value)))
+        found = fresh(series)
+        steady = turned_headings(found)
+        if jumps := len(found.t) - len(steady.t):
+            self.left_out.append(f"{jumps} values of {c.column!r} that jump, or lie about a jump")
+        return TimeSeries(steady.t, np.unwrap(steady.value))
 
     def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
         first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
@@ -251,7 +257,7 @@ class _Reader(NamedTuple):
             )
         found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
         settled = ~lone(found.t, found.value @ (1, 1j))
-        steady = without_jumps(TimeSeries(found.t[settled], found.value[settled]), speed)
+        steady = driven_places(TimeSeries(found.t[settled], found.value[settled]), speed)
         if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
             raise FieldLogError(
                 f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "

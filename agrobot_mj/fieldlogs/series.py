@@ -24,7 +24,9 @@ LOST_S = 2.0
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 """Way between two fixes that nothing has to explain [m], and how many times the speed and the usual error of such a way
 the rest may be [-]. Estimates: RTK floats by less, a wheel slips by less."""
-AWAY_S = 1.0
+JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
+"""Turn between two headings that nothing has to explain [rad], and fastest turning of a tractor [rad/s]. Estimates."""
+AWAY_S = 5.0
 """Time within which a position that jumped is back [s]; after that it has moved for good. Estimate."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
 """How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Estimates."""
@@ -87,16 +89,35 @@ def lone(t: Array, values: Values) -> Mask:
     return found & np.isfinite(values)
 
 
-def without_jumps(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """The series without positions that jump away and back, and without those about a jump for good, as if lost."""
+def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
+    """Positions without those to which the speed does not bring a machine; see `without_jumps`."""
     t, places = position
-    u, rows = np.abs(np.interp(t, *speed)), np.arange(len(t))
+    u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
     noise = float(np.median(np.abs(speeds - u[1:])))  # also that of a speed in another unit
+    return without_jumps(
+        position, lambda a, b: JUMP_M + (FASTER * np.maximum(u[a], u[b]) + NOISY * noise) * (t[b] - t[a])
+    )
+
+
+def turned_headings(heading: TimeSeries) -> TimeSeries:
+    """Headings [rad] without those to which a machine does not turn; see `without_jumps`."""
+    t, yaw = heading
+    points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
+    kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
+    return TimeSeries(t[kept], yaw[kept])
+
+
+def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
+    """Points (n, 2) without those that jump away and back, and without those about a jump for good, as if lost.
+
+    `reach` is the distance that is possible between the points of two indices.
+    """
+    t, places = series
+    rows = np.arange(len(t))
 
     def jumps(a: Index, b: Index) -> Mask:
-        reach = JUMP_M + (FASTER * np.maximum(u[a], u[b]) + NOISY * noise) * (t[b] - t[a])
-        found: Mask = np.hypot(*(places[b] - places[a]).T) > reach
+        found: Mask = np.hypot(*(places[b] - places[a]).T) > reach(a, b)
         return found
 
     borders = np.flatnonzero(jumps(rows[:-1], rows[1:])) + 1
@@ -123,6 +144,12 @@ def without_jumps(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
 def longest_pause(t: Array) -> float:
     """Time without a position from which on it is lost [s], of positions at `t` (n,) [s]."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
+
+
+def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
+    """Times in steps of `spacing` [s], shape (n,), and distances from one place to the next, shape (n - 1,) [m]."""
+    t = np.arange(position.t[0], position.t[-1], spacing)
+    return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:

@@ -8,6 +8,7 @@ from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.maps import LogMap
 from agrobot_mj.fieldlogs.pieces import check_columns, pieces, split
 from agrobot_mj.fieldlogs.recording import read_recording
+from agrobot_mj.fieldlogs.series import TimeSeries, turned_headings
 
 MAP = {
     "time": {"column": "t"},
@@ -140,7 +141,7 @@ def test_a_log_from_the_middle_of_a_drive_agrees_with_its_positions():
     t = np.arange(0, 60, 0.1)
     speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
     driven = np.cumsum(speed) * 0.1
-    columns = {"t": t, "steer": 0 * t, "speed": speed, "heading": 0 * t + 30}
+    columns = {"t": t, "steer": 0 * t, "speed": speed, "heading": 30 + 0.01 * np.sin(t)}
     places = {"x": driven * np.cos(np.pi / 6), "y": driven * np.sin(np.pi / 6)}
     (kept,) = pieces([read(columns | places, LogMap.model_validate(MAP))]).kept
     assert (kept.start, kept.end) == pytest.approx((0.0, 59.9))
@@ -212,3 +213,37 @@ def test_positions_once_a_second_are_refused_by_a_fit():
     found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])
     with pytest.raises(FieldLogError, match=r"a position comes 1 times a second, a fit needs 2.5; log every one"):
         check_columns(found.kept)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] never changes; name another column, or leave"),
+        ({"speed": lambda values: np.round(values * 3.6) / 3.6}, r"\[speed\] comes in steps of 0.28 m/s, too coarse"),
+    ],
+)
+def test_dead_and_coarse_sensors_are_refused_by_a_fit(change, told):
+    _, columns, log_map = shunt()
+    columns |= {name: made(columns[name]) for name, made in change.items()}
+    with pytest.raises(FieldLogError, match=told):
+        check_columns(pieces([read(columns, log_map)]).kept)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 3.0])
+def test_a_heading_that_points_back_for_a_while_is_left_out(seconds):
+    """Two antennas that were taken for each other; the tractor does not reverse for it."""
+    _, columns, log_map = shunt()
+    clean, turned = read(columns, log_map), (columns["t"] > 15.02) & (columns["t"] < 15.02 + seconds)
+    found = read(columns | {"heading": columns["heading"] + 180.0 * turned}, log_map)
+    assert found.left_out == (f"{turned.sum()} values of 'heading' that jump, or lie about a jump",)
+    same = np.isin(clean.heading.t, found.heading.t)
+    assert (~same).sum() == turned.sum()
+    assert found.heading.value == pytest.approx(clean.heading.value[same])
+
+
+@pytest.mark.parametrize("points", ["east", "turning"])
+def test_headings_of_a_machine_are_no_jumps(points):
+    t = np.arange(0, 60, 0.2)
+    yaw = 2.9 * t if points == "turning" else 0.5 * np.sin(2 * t)
+    found = turned_headings(TimeSeries(t, yaw))
+    assert (found.t == t).all()

@@ -148,8 +148,14 @@ def test_a_calibrated_scale_is_not_blamed(driven, reads, scaled, said):
 
 def test_a_speed_of_the_wrong_unit_shows_in_the_length_of_the_way(driven):
     slow = replay(with_column(driven.signals, "speed_hat", driven.column("speed_hat") / 1.609), None, driven.scenario)
-    assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.03)
+    assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.01)
     assert "times as long as the plant's: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
+
+
+def test_a_way_of_another_shape_is_not_of_another_length(driven):
+    other = replay(with_column(driven.signals, "steer_measured", -4 * driven.column("steer")), None, driven.scenario)
+    assert other.metrics["position"]["windows_rms"] > 0.2
+    assert other.metrics["position"]["stretch"] == pytest.approx(1.0, abs=0.01)
     assert "times as long" not in summary(replay(driven.signals, None, driven.scenario), driven.scenario.tractor)
 
 

@@ -16,6 +16,7 @@ from stranger import MAP, answers, hidden, write_log
 from agrobot_mj import load_scenario
 from agrobot_mj.cli import main
 from agrobot_mj.fieldlogs.calibrate import calibrate
+from agrobot_mj.fieldlogs.columns import FieldLogError
 from agrobot_mj.fieldlogs.identify.quantities import FoundQuantity
 from agrobot_mj.fieldlogs.maps import LogMap, read_map
 from agrobot_mj.fieldlogs.recording import read_recording
@@ -200,3 +201,10 @@ def test_a_wrong_centre_is_told_in_centimetres(one, tmp_path, call):
     assert f"not {given['offset'] + 15:g}: the tractor drives" in out
     side = "left" if h.scale > 0 else "right"
     assert f"the wheels {15 * abs(h.scale):.1f} deg to the {side}" in out
+
+
+def test_an_age_beyond_those_looked_for_is_refused(one):
+    log_map = read_map(one / "twin" / "map.toml")
+    old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})
+    with pytest.raises(FieldLogError, match=r"age of \[position\] lies at the edge .* \+1.5 s from the map's; set"):
+        calibrate([one / "log.csv"], old, load_scenario("straight_line"), 5, 60)

@@ -23,12 +23,12 @@ from agrobot_mj.fieldlogs.identify.advice import one_speed
 from agrobot_mj.fieldlogs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.fieldlogs.identify.model import Chassis2
 from agrobot_mj.fieldlogs.identify.quantities import Interval, half_width
-from agrobot_mj.fieldlogs.identify.windows import WINDOW_S, VehicleData, prepare
+from agrobot_mj.fieldlogs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, prepare
 from agrobot_mj.fieldlogs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.fieldlogs.pieces import SLIPPED, Pieces, check_columns, chords, pieces, split
+from agrobot_mj.fieldlogs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces, split
 from agrobot_mj.fieldlogs.recording import ANGLES, FieldRecording, read_recording
 from agrobot_mj.fieldlogs.replay.residuals import moving
-from agrobot_mj.fieldlogs.series import TimeSeries
+from agrobot_mj.fieldlogs.series import TimeSeries, chords
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 
@@ -106,6 +106,8 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
+AT_THE_EDGE = 0.97
+"""Share of the largest age that is looked for from which on it may be larger [-]."""
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
 SEEN_IN_SPEED = 0.9
@@ -220,6 +222,12 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
             "is [steer] the wheel angle, are the columns of [steer] and [yaw_rate] not exchanged, and do its bends go "
             "well beyond its play?"
         )
+    for part in ("steer", "heading", "position", "speed"):
+        if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
+            raise FieldLogError(
+                f"{angles[0].name}: the age of [{part}] lies at the edge of the search, {age:+.1f} s from the map's; "
+                f"set {part}.delay_s nearer to it and calibrate again"
+            )
     drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, one_speed(cut.kept))
     found = _found(result, rough, log_map, drive)
     centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
@@ -263,7 +271,7 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
     """Ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
-    t, chord = chords(position)
+    t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 

@@ -101,10 +101,12 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     if c.positive != given.positive:
         rather = f", not to the {given.positive}" if "positive" in told else ""
         mirrored = c.pieces.kept[0].yaw_rate_source == "course"
-        unless = ", unless [position] has east for north: with a gyro or a heading that shows" if mirrored else ""
-        if not mirrored and not c.pieces.signed:
-            unless = ", unless most of the drive was in reverse: [speed] has no sign"
-        yield f"The readings grow to the {c.positive}{rather}{unless}."
+        unless = []
+        if mirrored:
+            unless.append("[position] has east for north: with a gyro or a heading that shows")
+        if not c.pieces.signed:
+            unless.append("most of the drive was in reverse: [speed] has no sign")
+        yield f"The readings grow to the {c.positive}{rather}{', unless ' if unless else ''}{', or '.join(unless)}."
     if given.unit in LIKE and LIKE[given.unit][0] < scale.value < LIKE[given.unit][1]:
         other = "rad" if given.unit == "deg" else "deg"
         yield f'If the readings are in {other}, the map should say so: unit = "{other}" in [steer].'
@@ -130,7 +132,7 @@ def _ages(c: Calibration) -> Iterator[str]:
 def _places(c: Calibration) -> Iterator[str]:
     if c.heading_error is not None and c.found["heading.offset"].excludes(0.0):
         off = c.heading_error
-        yield f"The heading points {abs(degrees(off)):.2g} deg to the {_side(off)} of where the tractor does."
+        yield f"The heading points {abs(degrees(off)):.3g} deg to the {_side(off)} of where the tractor does."
     for key, what in PLACES.items():
         place = c.found.get(f"position.{key}")
         if place and place.identified and place.excludes(getattr(c.log_map.position, key)):

@@ -12,8 +12,9 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.fieldlogs.columns import FieldLogError, Source, column_names, loaded, read_columns
 from agrobot_mj.fieldlogs.maps import LogMap, named_columns
+from agrobot_mj.fieldlogs.pieces import check_columns, pieces
 from agrobot_mj.fieldlogs.readers import OpenedLog
-from agrobot_mj.fieldlogs.recording import SECONDS
+from agrobot_mj.fieldlogs.recording import SECONDS, read_recording
 
 MOST_COLUMNS = 60
 """Columns that are told."""
@@ -56,12 +57,28 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         keys = named_columns(m)
         read_columns(source, list(keys), keys)
         used = ", ".join(f"{key} = {column}" for column, key in keys.items())
-        lines.append(f"Columns enough for replay, identify --vehicle and calibrate: {used}.")
+        lines.append(f"{_use(source, m)}: {used}.")
     else:
         lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
     if log.tables and not m:
         lines += ["", "A map to begin with:", "", *tomli_w.dumps(log.tables).splitlines()]
     return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
+
+
+def _use(source: Source, m: LogMap) -> str:
+    """What a log with all columns of its map can be used for, and why not for more."""
+    enough = "Columns enough for"
+    try:
+        kept = pieces([read_recording(source, m, 0.0)]).kept
+    except FieldLogError as error:
+        return f"Not enough for replay, identify --vehicle and calibrate ({error})"
+    if m.steer is None:
+        return f"{enough} replay"
+    try:
+        check_columns(kept)
+    except FieldLogError as error:
+        return f"{enough} replay, not for identify --vehicle and calibrate ({error})"
+    return f"{enough} replay, identify --vehicle and calibrate"
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:

@@ -16,12 +16,14 @@ from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Array
 from agrobot_mj.fieldlogs.recording import FieldRecording
 from agrobot_mj.fieldlogs.replay.driving import Driven, Pose
-from agrobot_mj.fieldlogs.series import LEAST_SPEED, TimeSeries
+from agrobot_mj.fieldlogs.series import LEAST_SPEED, TimeSeries, chords
 
 START_M = 10.0
 """Length of the recorded way to which the start's pose is fitted [m]."""
 WINDOW_S = 10.0
 """Length of a window [s]: one bend or so."""
+STRETCH_S = 1.0
+"""Time between positions by which lengths of ways are compared [s]: noise is small beside it, bends cut little."""
 LARGEST_LAG_S = 0.5
 """Largest lag between yaw rates that is looked for [s]."""
 
@@ -216,14 +218,14 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Recorded way over the plant's, by windows laid on each other and stretched [-]; NaN without windows."""
-    own = both = 0.0
+    """Length of the recorded way over the plant's, by chords of a second [-]; NaN without one."""
+    recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)
-        for inside, laid in _windows(fixes, model, driven.t[0]):
-            a, b = (points - points.mean(axis=0) for points in (laid, fixes.value[inside]))
-            own, both = own + float((a * a).sum()), both + float((a * b).sum())
-    return both / own if own else nan
+        if len(fixes.t):
+            recorded += float(chords(fixes, STRETCH_S)[1].sum())
+            own += float(chords(TimeSeries(fixes.t, model), STRETCH_S)[1].sum())
+    return recorded / own if own else nan
 
 
 def _position(pieces: Sequence[Replayed]) -> dict[str, Any] | None:
