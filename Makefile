@@ -128,7 +128,7 @@ docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
 dist-check: $(STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
 	@UV=$(UV) $(PY) scripts/check_dist.py
 
-reference: $(STAMP) ## Write docs/columns.md and the tables of numbers in docs/models.md
+reference: $(STAMP) ## Write docs/columns.md, the numbers in docs/models.md, and whether results on pages are of older code
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)

@@ -1,4 +1,4 @@
-"""What follows from the code: docs/columns.md, tables of numbers in docs/models.md, and models/drawn/."""
+"""Pages that follow from the code: docs/columns.md, numbers in docs/models.md, provenance of results; models/drawn/."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from blocks import put
 from drawn_models import files
+from provenance import checked
 
 from agrobot_mj.control import Controller, Guidance, Loop
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -136,3 +137,5 @@ if __name__ == "__main__":
     models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")
     for path, text in files().items():
         path.write_text(text, encoding="utf-8")
+    for page in DOCS.glob("*.md"):  # last, since models/ enters the digest
+        page.write_text(checked(page.read_text(encoding="utf-8")), encoding="utf-8")

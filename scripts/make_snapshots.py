@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from blocks import put
 from PIL import Image
-from sweeps import standing
+from provenance import statement
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, write_comparison
@@ -67,7 +67,7 @@ def main() -> int:
         except SnapshotError as error:
             print(error, file=sys.stderr)
             return 1
-    PAGE.write_text(put(PAGE.read_text("utf-8"), "standing", standing()), "utf-8")
+    PAGE.write_text(put(PAGE.read_text("utf-8"), "standing", statement()), "utf-8")
     return 0
 
 

@@ -13,10 +13,10 @@ import tempfile
 from pathlib import Path
 
 from blocks import put
+from provenance import ROOT, statement
 from riding_tractor.comparison import Comparison
 from riding_tractor.logs import RIDING_TRACTOR, STEERING_BUS, Repository
 from riding_tractor.parts import PARTS
-from sweeps import ROOT, standing
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
         comparison = Comparison(Repository(given.data, *RIDING_TRACTOR), bus, given.docs / "images", Path(work))
         for name in given.part or PARTS:
             made = PARTS[name](comparison)
-            text = put(page.read_text("utf-8"), "standing", standing())
+            text = put(page.read_text("utf-8"), "standing", statement())
             for block, content in made.items():
                 text = put(text, block, content)
             page.write_text(text, encoding="utf-8")

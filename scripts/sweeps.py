@@ -5,7 +5,6 @@ All runs lie under `runs/pages`, a folder for each sweep, so that pages share th
 
 import argparse
 import json
-import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -18,18 +17,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import tomli_w
 from blocks import put
+from provenance import ROOT, statement
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import source_digest, sweep_files
-from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
-ROOT = Path(__file__).parent.parent
 Row = dict[str, Any]
 Blocks = dict[str, str]
 """Content of a page's blocks by name; empty where its runs are not there."""
@@ -107,8 +105,8 @@ class Study:
     def write(self, part: str, blocks: Blocks) -> None:
         """Write blocks that have content wherever they are on the pages, and what the part was made with."""
         made = {name: content for name, content in blocks.items() if content}
-        stands = f"{standing()[:-1]}; again: `make findings STUDY={part}`."
-        made |= {f"standing {part}": stands, "standing": standing()} if made else {}
+        stands = f"{statement()[:-1]}; again: `make findings STUDY={part}`."
+        made |= {f"standing {part}": stands, "standing": statement()} if made else {}
         for page in self.pages:
             text = page.read_text(encoding="utf-8")
             for name in [name for name in made if f"<!-- {name} -->" in text]:
@@ -162,14 +160,6 @@ class KeptRun:
     def column(self, name: str) -> np.ndarray:
         """One signal, shape (ticks,), NaN where absent."""
         return pq.read_table(self.folder / "signals.parquet", columns=[name]).column(0).to_numpy()
-
-
-def standing() -> str:
-    """Version and commit of the package, as pages state them; what was changed since the commit is marked."""
-    git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
-    commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
-    changed = git(("git", "diff", "--quiet", "HEAD", "--", "agrobot_mj", "models", "scenarios")).returncode
-    return f"Version {__version__}, commit {commit}{' with changes' if changed else ''}."
 
 
 def _at(perform: Callable[[Any], Row], jobs: Mapping[Path, Any], file: Path) -> Row:

@@ -1,0 +1,84 @@
+"""Provenance of measured results on the pages: version, commit and digest of the code that produced them.
+
+A page states it in blocks `<!-- standing -->` or `<!-- standing NAME -->`. Comments and docstrings do not enter the
+digest. A block of other code than the present says so; `make reference` writes that sentence.
+"""
+
+import ast
+import io
+import re
+import subprocess
+import tarfile
+from collections.abc import Iterable
+from functools import cache, partial
+from hashlib import sha256
+from pathlib import Path
+
+from blocks import put
+
+from agrobot_mj.core.resources import DRIVES
+from agrobot_mj.core.version import __version__
+
+ROOT = Path(__file__).parent.parent
+PARTS = (*(f"agrobot_mj/{part}" for part in DRIVES), "models", "scenarios")
+"""Paths whose files decide the numbers of a run."""
+LATER = "The code has changed since."
+"""Sentence of a block that other code than the present produced."""
+BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
+STATEMENT = re.compile(r"Version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})")
+
+
+def statement() -> str:
+    """Version, commit and code digest of the checkout; changes since the commit are mentioned."""
+    git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
+    commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
+    changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
+    return f"Version {__version__}, commit {commit}{' with changes' if changed else ''}, code {present_code()}."
+
+
+@cache
+def present_code() -> str:
+    """Digest of the code of the checkout, 12 hex digits."""
+    files = (path for part in PARTS for path in (ROOT / part).rglob("*") if path.is_file())
+    return digest_of((path.relative_to(ROOT).as_posix(), path.read_bytes()) for path in files)
+
+
+def code_of(commit: str) -> str:
+    """Digest of the code of a commit, 12 hex digits. Raises `subprocess.CalledProcessError` without the commit."""
+    archive = subprocess.run(("git", "archive", commit, *PARTS), cwd=ROOT, capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        return digest_of((each.name, tar.extractfile(each).read()) for each in tar if each.isfile())
+
+
+def checked(page: str) -> str:
+    """The page, with `LATER` in exactly those blocks that other code than the present produced."""
+    for name, text in statements(page).items():
+        plain = text.replace(f" {LATER}", "")
+        found = STATEMENT.match(plain)
+        if found is None:
+            raise SystemExit(f"block <!-- {name} -->: states no version, commit and code: {text}")
+        page = put(page, name, plain if found["code"] == present_code() else f"{plain} {LATER}")
+    return page
+
+
+def statements(page: str) -> dict[str, str]:
+    """Content of the page's blocks that state provenance, by name."""
+    return {found["name"]: found["text"] for found in BLOCK.finditer(page)}
+
+
+def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
+    """Digest of files by name and content, 12 hex digits."""
+    digest = sha256()
+    for name, content in sorted(files):
+        if "__pycache__" not in name:
+            digest.update(f"{name}\0".encode() + (_code(content) if name.endswith(".py") else content))
+    return digest.hexdigest()[:12]
+
+
+def _code(content: bytes) -> bytes:
+    """Lines of a Python file without comments, docstrings and blank lines."""
+    lines = content.decode("utf-8").split("\n")
+    for node in ast.walk(ast.parse(content)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    return "\n".join(line for line in lines if line.strip() and not line.lstrip().startswith("#")).encode()
