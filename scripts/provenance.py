@@ -16,11 +16,11 @@ from pathlib import Path
 
 from blocks import put
 
-from agrobot_mj.core.resources import DRIVES
+from agrobot_mj.core.identity import PARTS as DECIDING
 from agrobot_mj.core.version import __version__
 
 ROOT = Path(__file__).parent.parent
-PARTS = (*(f"agrobot_mj/{part}" for part in DRIVES), "models", "scenarios")
+PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
 """Paths whose files decide the numbers of a run."""
 LATER = "The code has changed since."
 """Sentence of a block that other code than the present produced."""

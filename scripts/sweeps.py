@@ -21,7 +21,8 @@ from provenance import ROOT, statement
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import source_digest, sweep_files
+from agrobot_mj.core.identity import PROGRAM, code_text
+from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.engine import spread
@@ -78,7 +79,7 @@ class Study:
         content = json.loads(plan.read_text("utf-8")) if (folder / TABLE).exists() else None
         if content is None or len(rows := read_rows(folder)) < content["runs"]:
             return []
-        if content["of"]["program"] != source_digest():
+        if content["of"]["program"] != PROGRAM:
             raise SystemExit(f"{folder}: was run with other sources; remove it, and run it again")
         return rows
 
@@ -87,7 +88,7 @@ class Study:
 
         Those of other sources of the package are in another folder.
         """
-        folder = self.runs / name / source_digest()
+        folder = self.runs / name / code_text()
         files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
         if not self.only_draw:
             folder.mkdir(parents=True, exist_ok=True)

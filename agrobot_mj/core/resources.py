@@ -3,9 +3,7 @@
 `models/` and `scenarios/` lie inside an installed wheel or beside the package.
 """
 
-import hashlib
 from collections.abc import Sequence
-from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import NoReturn
@@ -65,8 +63,8 @@ def installed_plugins() -> EntryPoints:
 LONGEST_NAME = 80
 """Characters of a name that messages show."""
 
-Stamp = tuple[str, int, int]
-"""Path of a file, time of its last change [ns], size: a file with the same stamp has the same content."""
+Stamp = tuple[str, int, int, int]
+"""Path of a file, times of its last change and of that of its state [ns], size: the same stamp, the same content."""
 
 
 def stamp(name: str) -> Stamp | None:
@@ -76,7 +74,7 @@ def stamp(name: str) -> Stamp | None:
         status = path.stat()
     except (OSError, ValueError):
         return None
-    return str(path), status.st_mtime_ns, status.st_size
+    return str(path), status.st_mtime_ns, status.st_ctime_ns, status.st_size
 
 
 def absence(path: Path) -> str:
@@ -117,21 +115,3 @@ def refuse(path: Path, what: str) -> NoReturn:
     """Raise the ValueError that says `what` is wrong with a file."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None
-
-
-PACKAGE = Path(__file__).parents[1]
-DRIVES = (
-    *("core", "machine", "terrain", "tyres", "plants", "sensors", "estimation", "paths", "control", "faults"),
-    *("scenario", "metrics", "simulation"),
-)
-"""Parts of the package that the numbers of a run come from."""
-
-
-@cache
-def source_digest() -> str:
-    """16 hex digits of the sources in those parts."""
-    digest = hashlib.sha256()
-    for part in DRIVES:
-        for path in sorted((PACKAGE / part).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -20,7 +20,8 @@ LINKS = ("link", "ros2")
 def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
     """Name the recording, and add the scenario to its properties, also as TOML with every key."""
     stream.send_recording_name(name)
-    about = rr.AnyValues(version=__version__, hash=scenario.hash8, seed=scenario.seed, name=scenario.name)
+    identity = str(scenario.identity)
+    about = rr.AnyValues(version=__version__, identity=identity, seed=scenario.seed, name=scenario.name)
     stream.send_property("scenario", about)
     tell(stream, f"```toml\n{scenario.portable()[0]}```\n", "scenario")
 
@@ -78,7 +79,7 @@ def _page(scenario: Scenario, result: str) -> str:
     s = scenario
     outside = f", a program outside (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
     what = f"`{s.name}`: plant **{s.plant.kind}**, guidance **{s.law}**{outside}, seed {s.seed}"
-    return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, scenario hash `{s.hash8}`\n\n{result}\n"
+    return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, identity `{s.identity}`\n\n{result}\n"
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:

@@ -21,8 +21,8 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "
 """Tables that a machine may have, beside its title."""
 
 
-def machine_file(name: str) -> tuple[Path, int, int] | None:
-    """File of a machine with time and size of its content, None for the default. Raises `ScenarioError`."""
+def machine_file(name: str) -> tuple[Path, int, int, int] | None:
+    """File of a machine with times and size of its content, None for the default. Raises `ScenarioError`."""
     if name == COMPACT:
         return None
     shipped = machine_files()

@@ -22,6 +22,7 @@ from pydantic_core import PydanticSerializationError
 
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.identity import take_in
 from agrobot_mj.core.resources import installed_plugins
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
@@ -62,6 +63,7 @@ def register(member: Member, name: str | None = None) -> Member:
         _add_listed(default, registry)
     else:
         _add_kind(member)
+    take_in(member.__module__, member)
     return member
 
 
@@ -191,6 +193,7 @@ def _load_installed() -> None:
     for entry in installed_plugins():
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             found = entry.load()
+            take_in(entry.module)
             _register_all([found] if inspect.isclass(found) else vars(found).values())
 
 
@@ -213,6 +216,7 @@ def _run(path: Path) -> ModuleType:
         raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    take_in(name)
     _register_all(vars(module).values())
     return module
 

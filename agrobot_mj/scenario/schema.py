@@ -4,7 +4,6 @@ The classes below are the schema of the TOML files: every key has a default, a m
 reads a file by name or path, applies dotted overrides and checks that the parts fit each other.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from copy import deepcopy
@@ -20,6 +19,7 @@ from agrobot_mj.control.gains import Gains, gains_of
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.identity import Identity, code, digest, file_digest, joined
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec, fill, printable
 from agrobot_mj.core.version import __version__
@@ -172,14 +172,17 @@ class Scenario(Spec):
 
     @property
     def hash8(self) -> str:
-        """Eight hex digits that stand for everything that the run depends on."""
+        """Eight hex digits that stand for what the scenario says and the files that it names."""
+        return joined(self.identity[:2])
+
+    @property
+    def identity(self) -> Identity:
+        """Identity of its run, with the code as this process has it; what was expected of the run is no part."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
         relocate_files(content)  # the same files in another place are the same experiment
-        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
-        for file in read:
-            digest.update(file.read_bytes())
-        return digest.hexdigest()[:8]
+        said = digest(json.dumps(content, sort_keys=True).encode())
+        return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
         """The resolved scenario as TOML; running it gives the same signals."""

@@ -51,6 +51,7 @@ class Simulation:
             self.scenario = scenario if overrides is None else scenario.changed(overrides)
         else:
             self.scenario = load_scenario(scenario, overrides)
+        self.identity = str(self.scenario.identity)
         self._begin()
 
     def _begin(self) -> None:
@@ -284,5 +285,6 @@ class Simulation:
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
             "wall_s": wall_s,
+            "identity": self.identity,
         }
         return replace(log, metrics=numbers)

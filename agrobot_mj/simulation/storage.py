@@ -83,6 +83,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     OSError that names the file that cannot be written, `ScenarioError` where a file of that name is not ours.
     """
     text, data_files = log.scenario.portable()
+    text = f"# identity {log.metrics.get('identity', '')}\n{text}"
     writers: dict[str, Writer] = {
         **{name: partial(_copy, path) for name, path in data_files.items()},
         "signals.parquet": partial(_signals, log),

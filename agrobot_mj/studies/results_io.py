@@ -1,10 +1,12 @@
-"""Reading folders of results: a damaged file is reported with its folder."""
+"""Reading folders of results: a damaged file is reported with its folder, and so are rows of different code."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.identity import read_identity
 
 DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
 """Exceptions raised by damaged files."""
@@ -21,3 +23,15 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
         what = f"{type(error).__name__}: {error}"
         text = f"{file}: cannot be {done}: it, or a file beside it, is damaged or of something else ({what})"
         raise ScenarioError(text) from error
+
+
+def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
+    """The code that all rows were run with, as a fact of a page. Raises `ScenarioError` where they have several."""
+    found = [read_identity(row.get("identity")) for row in rows if row.get("error") is None]
+    codes = sorted({identity.code if identity else "unknown" for identity in found})
+    if len(codes) > 1:
+        raise ScenarioError(
+            f"{folder}: its rows were run with different code ({', '.join(codes)}: plugins, program, libraries), so "
+            "they are not compared; start the command again that has written them"
+        )
+    return f"code {codes[0]}" if codes else "no code"

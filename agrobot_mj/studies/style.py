@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from agrobot_mj.core.identity import code_text
 from agrobot_mj.core.palette import (
     BLUE,
     BROWN,
@@ -19,6 +20,7 @@ from agrobot_mj.core.palette import (
     WINE,
     YELLOW,
 )
+from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.storage import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
@@ -49,7 +51,8 @@ DPI = 200
 
 
 def save(figure: Figure, file: Path) -> Path:
-    """Save as PNG; the file appears complete or not at all."""
+    """Save as PNG that carries the identity of the code; the file appears complete or not at all."""
+    about = {"Software": f"agrobot_mj {__version__}", "Comment": f"code {code_text()}"}
     with atomic(file) as part:
-        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI)
+        FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI, metadata=about)
     return file

@@ -203,6 +203,7 @@ def search(
     gains = min(trace, key=lambda tried: tried[1])[0]
     return {
         "version": __version__,
+        "identity": str(scenario.identity),
         "scenario": scenario.name,
         "law": scenario.law,
         "evaluations": len(trace),

@@ -83,7 +83,7 @@ def test_the_file_describes_itself_and_carries_its_definitions(log, tmp_path):
         (about,) = reader.iter_metadata()
     assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
     assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
-    assert about.metadata["hash"] == log.scenario.hash8
+    assert about.metadata["identity"] == log.metrics["identity"]
 
 
 def test_the_folder_of_a_run_is_exported(log, tmp_path):

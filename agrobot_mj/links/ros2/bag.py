@@ -76,7 +76,12 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
         schemas = {
             topic: writer.register_msgdef(full_name(kind), full_definition(kind)) for topic, kind in RECORDED.items()
         }
-        about = {"version": __version__, "scenario": scenario.name, "hash": scenario.hash8, "seed": str(scenario.seed)}
+        about = {
+            "version": __version__,
+            "scenario": scenario.name,
+            "identity": str(scenario.identity),
+            "seed": str(scenario.seed),
+        }
         writer.add_metadata("agrobot_mj", about)
         count = 0
         for topic, t, content in recorded(scenario, signals):

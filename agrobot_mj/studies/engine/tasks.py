@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.resources import source_digest
+from agrobot_mj.core.identity import code
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
-from agrobot_mj.scenario.plugins import loaded_files
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
@@ -28,8 +27,8 @@ from agrobot_mj.simulation.storage import write_log
 
 ERROR = "error"
 """Outcome of a run that raised."""
-WALL = ("wall_s", "real_time_factor")
-"""Metrics that differ when a run is repeated."""
+WALL = ("wall_s", "real_time_factor", "identity")
+"""Metrics that may differ between runs that went the same."""
 LAST = "metrics.json"
 """File of a run that is written last: it exists only if all do."""
 POSES = "poses.npy"
@@ -71,19 +70,22 @@ def base_text(base: Scenario) -> str:
 
 def perform(task: Task) -> Done:
     """Do one run. Raises OSError where the disk is full, which is no fault of the run; nothing else."""
-    began = time.perf_counter()
+    began, identity = time.perf_counter(), None
     try:
         base = _base(task.base, task.name)
-        return _driven(task, base.changed(task.overrides) if task.overrides else base)
+        scenario = base.changed(task.overrides) if task.overrides else base
+        identity = str(scenario.identity)
+        return _driven(task, scenario)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
-        return failure(f"{type(error).__name__}: {error}", time.perf_counter() - began)
+        return failure(f"{type(error).__name__}: {error}", time.perf_counter() - began, identity)
 
 
-def failure(text: str, wall_s: float | None = None) -> Done:
+def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:
     """The result of a run that raised."""
-    return Done({"outcome": ERROR, "expected": False, "error": text, "wall_s": wall_s, "version": __version__}, {})
+    end = {"outcome": ERROR, "expected": False, "error": text}
+    return Done({**end, "wall_s": wall_s, "identity": identity, "version": __version__}, {})
 
 
 @lru_cache(maxsize=32)
@@ -125,8 +127,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 def origin() -> dict[str, str]:
     """Digests of all that the numbers of every run depend on, by part."""
-    plugins = digest(*(path.read_bytes() for path in loaded_files()))
-    return {"plugins": plugins, "version": __version__, "program": source_digest()}
+    return dict(zip(("plugins", "program", "libraries"), code(), strict=True))
 
 
 def digest(*contents: bytes) -> str:

@@ -66,6 +66,7 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
     return {
         "scenario": scenario.name,
         "version": __version__,
+        "identity": str(scenario.identity),
         **q._asdict(),
         "varied": [each._asdict() for each in q.varied],
         "first_seed": scenario.seed,

@@ -256,6 +256,7 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
     return {
         "scenario": scenario.name,
         "version": __version__,
+        "identity": str(scenario.identity),
         **question._asdict(),
         "tolerance": question.resolution,
         "first_seed": scenario.seed,

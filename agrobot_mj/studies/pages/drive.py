@@ -16,6 +16,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics import unit_of
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
+from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
 """Points of a curve; of longer signals the extremes of each stretch are drawn."""
@@ -139,7 +140,8 @@ def run_page(folder: Path) -> Document:
     text = (folder / "scenario.toml").read_text("utf-8")
     scenario, signals = tomllib.loads(text), read_signals(folder)
     title = scenario.get("title") or scenario.get("name") or folder.name
-    page = Document(title, facts(scenario, f"outcome: {metrics['outcome']}"))
+    about = [f"outcome: {metrics['outcome']}", f"identity {metrics.get('identity', 'unknown')}"]
+    page = Document(title, facts(scenario, *about))
     page.section("Where it went", "Drag to zoom, double-click to see everything again.")
     estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
     error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
@@ -190,6 +192,7 @@ def comparison_page(folder: Path) -> Document:
     scenario = tomllib.loads(text)
     seen = f"{len(rows)} runs, seed" + (f"s {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f" {seeds[0]}")
     about = [f"scenario {scenario.get('name', folder.name)}", seen, f"agrobot_mj {scenario.get('version', '?')}"]
+    about.append(code_of(rows, folder))
     page = Document(f"Comparison: {scenario.get('title') or folder.name}", about)
     _add_rankings(page, places)
     for plant in dict.fromkeys(row["plant"] for row in rows):

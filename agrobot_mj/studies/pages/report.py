@@ -14,7 +14,7 @@ from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve, sweep_page
-from agrobot_mj.studies.results_io import reporting_damage
+from agrobot_mj.studies.results_io import code_of, reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
@@ -69,6 +69,7 @@ def limit_page(folder: Path) -> Document:
     """The page of a search for limits."""
     found = json.loads((folder / "limit.json").read_text("utf-8"))
     facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
+    facts.append(code_of([found], folder))
     page = Document(f"Limits along {found['key']}", facts)
     page.section("Answer")
     for law in found["laws"]:

@@ -22,6 +22,7 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, enlargement, read_signals, thumbnail, told
 from agrobot_mj.studies.pieces import pieces
+from agrobot_mj.studies.results_io import code_of
 from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, renamed
@@ -80,7 +81,12 @@ def sweep_page(folder: Path) -> Document:
     again = RerunCommand(folder)
     sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
     seeds, versions = sorted({row["seed"] for row in rows}), sorted({row["version"] for row in rows})
-    about = [f"{len(rows):,} runs", f"base {sweep.base.name}", f"agrobot_mj {', '.join(versions)}"]
+    about = [
+        f"{len(rows):,} runs",
+        f"base {sweep.base.name}",
+        f"agrobot_mj {', '.join(versions)}",
+        code_of(rows, folder),
+    ]
     about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
     page = Document(sweep.file.title or f"Sweep: {folder.name}", about)
     _add_ranking(page, groups, _pieces(rows, again))

@@ -116,6 +116,7 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         "version": __version__,
+        "identity": str(scenario.identity),
         **q._asdict(),
         "first_seed": scenario.seed,
         **found.estimate._asdict(),

@@ -271,7 +271,7 @@ def _columns(rows: list[dict[str, Any]]) -> pa.Table:
 
 def _in_order(table: pa.Table) -> pa.Table:
     """The table with the wall time and the version last, and columns without any value as numbers."""
-    end = [name for name in ("wall_s", "version") if name in table.column_names]
+    end = [name for name in ("wall_s", "identity", "version") if name in table.column_names]
     table = table.select([name for name in table.column_names if name not in end] + end)
     empty = {"error": pa.string()}
     # Not by `Table.cast`: it fails on lists of records that have a field without any value.

@@ -19,7 +19,7 @@ from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.simulation.storage import write_json
 from agrobot_mj.studies.engine.tasks import WALL
-from agrobot_mj.studies.results_io import reporting_damage
+from agrobot_mj.studies.results_io import code_of, reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.importance.shares import Influence, Share, ranked, screened, sobol_flaws, sobol_shares
 from agrobot_mj.studies.sweep.plan import points_of
@@ -130,6 +130,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
         rows: Rows = read_rows(folder)
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
+    code = code_of(rows, folder)
     check_output(folder, ("importance.json", "importance.png"))
     if file.get("method") not in DESIGNS:
         wanted = " or ".join(f'"{design}"' for design in DESIGNS)
@@ -137,7 +138,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
     found = [influence(name, file, *group, metric) for name, group in _groups(folder, file, rows, metric).items()]
     about = {"metric": metric, "method": file["method"], "samples": file["samples"], "seeds": file["seeds"]}
     content = [{**each._asdict(), "shares": [share._asdict() for share in each.shares]} for each in found]
-    write_json(folder / "importance.json", {**about, "version": __version__, "groups": content})
+    write_json(folder / "importance.json", {**about, "version": __version__, "code": code, "groups": content})
     with mpl.rc_context(STYLE):
         save(importance_figure(found, metric), folder / "importance.png")
     return found

@@ -1,0 +1,126 @@
+"""The identity of a run: which of its parts a change touches, and that places do not count."""
+
+import json
+import sys
+from textwrap import dedent
+
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core import identity as identities
+from agrobot_mj.core.identity import Identity, code, read_identity
+from agrobot_mj.scenario.plugins import load_plugins
+from agrobot_mj.simulation.storage import write_log
+
+LAW = """
+    from typing import Literal
+    from agrobot_mj.control.stanley import Stanley
+    class Own(Stanley):
+        kind: Literal["{kind}"] = "{kind}"
+        gain: float = {gain}
+"""
+
+
+def differing(one, other):
+    """Names of the parts that differ."""
+    return [name for name, a, b in zip(Identity._fields, one, other, strict=True) if a != b]
+
+
+@pytest.fixture(autouse=True)
+def _no_plugins(monkeypatch):
+    monkeypatch.setattr(identities, "_plugins", {})
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+
+def test_identity_tells_a_value_from_a_file(tmp_path):
+    for place, y in (("a", 0), ("b", 0), ("c", 1.5)):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "way.csv").write_text(f"x_m,y_m\n0,0\n20,0\n40,{y}\n")
+        (tmp_path / place / "s.toml").write_text('duration_s = 3\n[path]\nkind = "waypoints"\nfile = "way.csv"\n')
+    first, moved, bent = (load_scenario(tmp_path / place / "s.toml").identity for place in "abc")
+    assert first == moved
+    assert differing(first, bent) == ["files"]
+    longer = load_scenario(tmp_path / "a" / "s.toml", {"duration_s": 4}).identity
+    assert differing(first, longer) == ["scenario"]
+    assert load_scenario(tmp_path / "a" / "s.toml", {"title": "other"}).identity == first
+
+
+def test_machine_counts_by_its_numbers_and_its_body_by_its_bytes(tmp_path):
+    def written(mass, comment=""):
+        (tmp_path / "m.toml").write_text(f"# {comment}\n[tractor]\nmass_kg = {mass}\n")
+        return load_scenario("straight_line", {"machine": str(tmp_path / "m.toml")}).identity
+
+    first = written(810)
+    assert written(810, "same numbers") == first
+    assert differing(first, written(811)) == ["scenario"]
+
+
+def test_edited_file_of_the_same_size_and_time_is_seen(tmp_path):
+    import os
+
+    file = tmp_path / "grid.txt"
+    file.write_text("1.25")
+    first, when = identities.file_digest(file), file.stat().st_mtime_ns
+    file.write_text("1.75")
+    os.utime(file, ns=(when, when))
+    assert identities.file_digest(file) != first
+
+
+def test_plugins_count_with_what_they_import(tmp_path, monkeypatch):
+    def loaded(place, kind, gain, constant):
+        folder = tmp_path / place
+        (folder / f"lib_{place}").mkdir(parents=True)
+        (folder / f"lib_{place}" / "__init__.py").write_text("")
+        (folder / f"lib_{place}" / "gains.txt").write_text(f"{constant}")
+        (folder / f"late_{place}.py").write_text(f"C = {gain}\n")
+        text = f"import sys\nsys.path.insert(0, {str(folder)!r})\nimport lib_{place}\n"
+        text += f"def later():\n    from late_{place} import C\n    return C\n"
+        (folder / "plug.py").write_text(text + dedent(LAW.format(kind=kind, gain=0.7)))
+        identities._plugins.clear()
+        load_plugins([folder / "plug.py"])
+        return sorted(path.name for path in identities._plugins), code()[0]
+
+    names, _ = loaded("one", "own_one", 0.4, 12)
+    assert names == ["__init__.py", "gains.txt", "late_one.py", "plug.py"]
+
+
+def test_plugin_part_follows_each_file(tmp_path, monkeypatch):
+    (tmp_path / "helping.py").write_text("C = 1.0\n")
+    (tmp_path / "main_part.py").write_text("import json, numpy, helping\nfrom agrobot_mj.core import spec\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def part():
+        identities._plugins.clear()
+        identities.take_in("main_part")
+        return code()[0]
+
+    assert code()[0] == identities.NONE
+    first = part()
+    assert {path.name for path in identities._plugins} == {"helping.py", "main_part.py"}
+    (tmp_path / "helping.py").write_text("C = 1.1\n")
+    second = part()
+    (tmp_path / "main_part.py").write_text("import helping  # otherwise\n")
+    assert len({identities.NONE, first, second, part()}) == 4
+
+
+def test_library_versions_count(monkeypatch):
+    before = load_scenario("circle").identity
+    monkeypatch.setattr(identities, "_version", lambda name: "Version: 9.9" if name == "mujoco" else "1")
+    identities.libraries.cache_clear()
+    try:
+        assert differing(before, load_scenario("circle").identity) == ["libraries"]
+    finally:
+        monkeypatch.undo()
+        identities.libraries.cache_clear()
+    assert identities._version("mujoco").startswith("Version: ")
+    assert identities._version("no-such-library") == "absent"
+
+
+def test_run_and_its_repetition_carry_the_same_identity(tmp_path):
+    log = run(load_scenario("circle", {"duration_s": 0.5, "plant.kind": "bicycle", "seed": 8}))
+    write_log(log, tmp_path / "first")
+    said = json.loads((tmp_path / "first" / "metrics.json").read_text())["identity"]
+    assert read_identity(said) == log.scenario.identity
+    assert (tmp_path / "first" / "scenario.toml").read_text().startswith(f"# identity {said}\n")
+    assert run(load_scenario(tmp_path / "first" / "scenario.toml")).metrics["identity"] == said
+    assert read_identity("") is read_identity(None) is read_identity("12-34") is None
