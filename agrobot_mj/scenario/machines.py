@@ -13,7 +13,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
 from agrobot_mj.core.resources import absence, machine_files, stamp
 from agrobot_mj.plants.mujoco.own_body import measures
-from agrobot_mj.scenario.overrides import absolute_paths, names_file, read_toml
+from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
 """Machine of a scenario that names none."""
@@ -37,11 +37,10 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 def machine_tables(path: Path) -> dict[str, Any]:
     """Plain data of a machine without its title; paths in it are absolute. Raises `ScenarioError`."""
-    data = read_toml(path)
+    data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
         raise ScenarioError(f"{path.name}: {other[0]}: no part of a machine (known: title, {', '.join(TABLES)})")
-    absolute_paths(data, path.parent.resolve())
     return data
 
 

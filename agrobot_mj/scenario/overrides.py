@@ -183,33 +183,60 @@ def absolute_value(key: str, value: Any, *folders: Path) -> Any:
     return table.popitem()[1]
 
 
+def beside_copies(data: Any, folder: Path) -> None:
+    """Replace absolute paths of missing files by files of the same name in `folder`.
+
+    A results folder holds the copy of a machine file next to copies of the files that the machine names.
+    """
+    for table, key in _naming_files(data):
+        path = Path(table[key])
+        if path.is_absolute() and not is_file(path) and is_file(folder / path.name):
+            table[key] = str(folder / path.name)
+
+
 def files(data: Any) -> list[Path]:
-    """Every file that plain data names, and those that go with it."""
+    """Every file that plain data names, and those that these name in turn; each once."""
     found = [(key, library_file(table[key])) for table, key in _naming_files(data)]
-    return [file for key, path in found for file in (path, *_beside(key, path))]
+    return list(dict.fromkeys(file for key, path in found for file in (path, *_beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
     """Replace the paths of files in plain data by names, under which they can lie beside it; the file of each name.
 
-    Files of the library keep theirs. Two files of one name get numbers.
+    Files of the library keep theirs. Two files of one name get numbers. Raises `ScenarioError` where this cannot be:
+    a file that another file names keeps its name.
     """
+    named = [(table, key) for table, key in _naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
-    for table, key in _naming_files(data):
-        if (path := Path(table[key])).is_absolute():
-            numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
-            name = next(name for name in numbered if name != LEARNED and found.get(name, path) == path)
-            found[name], table[key] = path, name
-            found |= {other.name: other for other in _beside(key, path)}
+    for other in (other for table, key in named for other in _beside(key, Path(table[key]))):
+        if (known := found.setdefault(other.name, other)) != other:
+            raise ScenarioError(f"{other}: has the same name as {known}, and both are named by other files; rename one")
+    for table, key in named:
+        path = Path(table[key])
+        numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))
+        name = next(name for name in numbered if name != LEARNED and found.get(name, path) == path)
+        found[name], table[key] = path, name
     return found
 
 
 def _beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Files without which one under this key is nothing: those that a machine's own body names."""
+    """Files that the file under this key names: those of a machine, and those of a machine's own body."""
     try:
-        return own_files(str(path)).others if key == "mjcf" else ()
-    except ValueError:  # the body itself says what is wrong with it
+        if key == "mjcf":
+            return own_files(str(path)).others
+        tables = machine_data(path) if key == "machine" else {}
+    except ValueError:  # the file itself says what is wrong with it
         return ()
+    named = [(inner, library_file(table[inner])) for table, inner in _naming_files(tables) if inner != "machine"]
+    return tuple(file for inner, path in named for file in (path, *_beside(inner, path)))
+
+
+def machine_data(path: Path) -> dict[str, Any]:
+    """Plain data of a machine's file, paths of its files absolute. Raises `ScenarioError`."""
+    data = read_toml(path)
+    absolute_paths(data, path.parent.resolve())
+    beside_copies(data, path.parent.resolve())
+    return data
 
 
 def _naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:

@@ -235,7 +235,7 @@ def test_folders_devices_loops_and_other_types_are_refused(tmp_path):
     (tmp_path / "mine.urdf").write_text("<robot/>")
     assert "unknown type" in refused(tmp_path / "mine.urdf")
     loop = variant(tmp_path, ("<worldbody>", '<include file="loop.xml"/><worldbody>'), name="loop.xml")
-    assert "MuJoCo cannot read it" in refused(loop)
+    assert "includes or attaches itself" in refused(loop)
 
 
 def test_the_command_line_says_it_and_leaves_nothing(tmp_path, call):
