@@ -20,7 +20,7 @@ import typer
 from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
 from agrobot_mj.cli.output import say
-from agrobot_mj.core.errors import ScenarioError, shortened_lines
+from agrobot_mj.core.errors import ScenarioError, bounded
 
 __all__ = ["app", "main"]
 
@@ -52,7 +52,7 @@ def main() -> None:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"
-    if message := shortened_lines(message):
+    if message := bounded(message):
         print(message, file=sys.stderr)
         if FLAG in sys.argv:
             say(document(next(iter(sys.argv[1:]), ""), status, message, {}))

@@ -7,6 +7,8 @@ from typing import Any
 
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
 """Characters of a line of a message, and of a value or key that it repeats."""
+MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
+"""Faults of one file that a message lists; lines and characters of a message."""
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
@@ -14,16 +16,23 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
-def shortened_lines(text: str) -> str:
-    """A text with lines of at most about `LONGEST_LINE` characters."""
-    return "\n".join(shortened(line, LONGEST_LINE) for line in text.split("\n"))
+def bounded(text: str) -> str:
+    """A message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, and the number of lines left out."""
+    lines, end = text.split("\n"), " more lines"
+    shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
+    length = len("\n".join(shown))
+    if len(lines) <= MOST_LINES + text.endswith(end) and length <= LONGEST_TEXT:
+        return "\n".join(shown)
+    while len(shown) > MOST_LINES or length > LONGEST_TEXT - LONGEST_VALUE:
+        length -= len(shown.pop()) + 1
+    return "\n".join([*shown, f"and {len(lines) - len(shown):,}{end}"])
 
 
 class ScenarioError(ValueError):
     """Input that cannot be run; its text is the whole message for the user."""
 
     def __init__(self, text: str = "") -> None:
-        super().__init__(shortened_lines(str(text)))
+        super().__init__(bounded(str(text)))
 
 
 class CommandError(ValueError):

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from agrobot_mj.core.errors import shortened, suggestion
+from agrobot_mj.core.errors import MOST_FAULTS, shortened, suggestion
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere
 
@@ -33,10 +33,18 @@ _TEXTS = {
 
 
 def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: type[Spec]) -> str:
-    """All faults of `data`, one per line, as `source: key: what is wrong and what to do`."""
-    errors = [_line(dict(e), data, root) for e in error.errors(include_url=False)]
-    lines = [f"{source}: {line}" for text in errors for line in text.split("\n")]
-    return "\n".join(dict.fromkeys(lines))
+    """The first faults of `data` as `source: key: what is wrong and what to do`, one per line; the number of others."""
+    errors, more = first_faults(error)
+    texts = [_line(each, data, root) for each in errors]
+    lines = [f"{source}: {line}" for text in texts for line in text.split("\n")]
+    return "\n".join([*dict.fromkeys(lines), *(f"{source}: {text}" for text in more)])
+
+
+def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str]]:
+    """At most `MOST_FAULTS` of pydantic's errors, and a line with the number of others where there are any."""
+    left = error.error_count() - MOST_FAULTS
+    errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
+    return errors, [f"and {left:,} more faults"] if left > 0 else []
 
 
 def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> str:

@@ -18,6 +18,8 @@ def _number(given: Any) -> Any:
     return given
 
 
+MOST_VALUES = 10**15
+"""Largest number of values of an axis [-]: floats count beyond that with gaps."""
 Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
@@ -84,7 +86,7 @@ class Linspace(ValueList):
     """First value."""
     stop: Number = Field(alias="to")
     """Last value."""
-    count: Annotated[int, Field(ge=1)]
+    count: Annotated[int, Field(ge=1, le=MOST_VALUES)]
     """Number of values [-]."""
 
     def __len__(self) -> int:
@@ -112,13 +114,22 @@ class Steps(ValueList):
 
     @model_validator(mode="after")
     def _gets_there(self) -> "Steps":
-        if self.step == 0 or (self.stop - self.start) / self.step < 0:
+        if not float(self.step) or self._gaps < 0:
             raise ValueError(f"step: leads nowhere from {self.start} to {self.stop}; change its sign")
+        if self._gaps > MOST_VALUES - 1:
+            raise ValueError(
+                f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; enlarge it"
+            )
         return self
+
+    @property
+    def _gaps(self) -> float:
+        """Number of steps between the ends; infinite beyond the range of numbers."""
+        return (float(self.stop) - float(self.start)) / float(self.step)
 
     def __len__(self) -> int:
         # A step that divides the span but for rounding reaches the end.
-        return floor((self.stop - self.start) / self.step + 1e-9) + 1
+        return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
         """Value number `k`, from 0; whole numbers stay such."""

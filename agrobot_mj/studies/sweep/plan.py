@@ -27,7 +27,7 @@ MOST_GROUNDS = 300
 """Largest number of different fields built while a plan is checked; further ones are checked by their runs."""
 MOST_KEPT = 1000
 """Largest number of tractors whose check is remembered; with random draws each run has its own."""
-MOST_LINES = 1000
+MOST_LINES = 80
 """Largest number of combinations that a message lists."""
 
 

@@ -68,6 +68,7 @@ def sweep(
     `begin` hears of some of its scenarios before that.
     """
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
+    plan.check_size(options.max_runs)  # before anything goes through its values
     with exclusive(folder, store.names(plan)) if _is_whole(options) else nullcontext():
         if _is_whole(options):
             store.sweep_up()
@@ -117,7 +118,6 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) -> None:
     """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
-    plan.check_size(options.max_runs)
     folder, names = store.folder, store.names(plan)
     check_output(folder, names)
     if not options.fresh and store.begun is not None:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.messages import fault
+from agrobot_mj.core.messages import fault, first_faults
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.version import __version__
@@ -247,7 +247,8 @@ def resolved(sweep: Sweep) -> dict[str, Any]:
 def _lines(source: str, error: ValidationError) -> list[str]:
     """All faults of a sweep file, a line each."""
     found = []
-    for each in error.errors(include_url=False):
+    errors, more = first_faults(error)
+    for each in errors:
         keys, kind = list(each["loc"]), each["type"]
         if len(keys) > 2 and keys[0] in ("axes", "draws"):
             del keys[2]  # the tag of the union
@@ -265,7 +266,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
             text = f"must be a list or a table {{ from, to, count }} or {{ from, to, step }}, got {each['input']!r}"
         key = ".".join(str(key) for key in keys)
         found += [f"{source}: {key}: {line}" if key else f"{source}: {line}" for line in text.splitlines()]
-    return list(dict.fromkeys(found))
+    return [*dict.fromkeys(found), *(f"{source}: {text}" for text in more)]
 
 
 class PortableSweep(NamedTuple):

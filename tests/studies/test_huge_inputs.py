@@ -1,0 +1,96 @@
+"""Input of absurd size is refused by its size, at once, in a message that a terminal holds."""
+
+import time
+
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import LONGEST_TEXT, MOST_FAULTS, MOST_LINES, ScenarioError, bounded
+from agrobot_mj.studies.sweep.axes import MOST_VALUES
+from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
+
+QUICK_S = 4.0
+"""Time within which any of these is refused [s]: a hundred times what it takes."""
+
+
+def refused(tmp_path, content, name="huge.toml", **options):
+    """The message for a sweep file."""
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    began = time.perf_counter()
+    with pytest.raises(ScenarioError) as error:
+        sweep(tmp_path / name, tmp_path / "out", SweepOptions(quiet=True, jobs=1, **options))
+    assert time.perf_counter() - began < QUICK_S
+    assert not (tmp_path / "out").exists()
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        ("{ from = 5.5, to = 7.5, step = 1e-280 }", "step: gives more than 1e+15 values from 5.5 to 7.5"),
+        ("{ from = 5.5, to = 7.5, step = 1e-322 }", "step: gives more than 1e+15 values"),
+        ("{ from = -9e307, to = 9e307, step = 0.001 }", "step: gives more than 1e+15 values"),
+        (f"{{ from = 2, to = {10**40}, step = 3 }}", "step: gives more than 1e+15 values"),
+        ("{ from = 5.5, to = 7.5, step = 1e-400 }", "step: leads nowhere"),
+        ("{ from = 5.5, to = 7.5, count = 700_000_000 }", "2,100,000,000 runs (700,000,000 path.radius_m x 3 seeds)"),
+        (f"{{ from = 5.5, to = 7.5, count = {10**19} }}", "count: must be at most 1e+15"),
+        (f"{{ from = 5.5, to = 7.5, count = {MOST_VALUES} }}", "1,000,000,000,000,000 path.radius_m x 3 seeds"),
+    ],
+)
+def test_refuses_axes_of_absurd_size(axis, expected, tmp_path):
+    content = f'base = "circle"\nseeds = 3\n[axes]\n"path.radius_m" = {axis}\n'
+    assert expected in refused(tmp_path, content, max_runs=7)
+
+
+@pytest.mark.parametrize(
+    "content", ["seeds = 1_500_000_000", 'samples = 90_000_000\ndraws."seed2" = {uniform = [1, 2]}']
+)
+def test_refuses_seeds_and_samples_of_absurd_number(content, tmp_path):
+    assert "the limit is 7" in refused(tmp_path, f'base = "circle"\n{content}\n', max_runs=7)
+
+
+@pytest.mark.parametrize("file", ["scenario", "machine", "sweep"])
+def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
+    keys, began = "".join(f"wheelbas_{k} = 2\n" for k in range(7000)), time.perf_counter()
+    if file == "sweep":
+        message = refused(tmp_path, f'base = "circle"\n{keys}')
+    else:
+        (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
+        with pytest.raises(ScenarioError) as error:
+            load_scenario(
+                *((tmp_path / "s.toml",) if file == "scenario" else ("circle", {"machine": str(tmp_path / "s.toml")}))
+            )
+        message = str(error.value)
+    assert time.perf_counter() - began < QUICK_S
+    lines = message.split("\n")
+    assert len(lines) == MOST_FAULTS + 1
+    assert all("unknown key" in line for line in lines[:-1])
+    assert lines[-1].endswith(f": and {7000 - MOST_FAULTS:,} more faults")
+    assert len(message) < LONGEST_TEXT
+
+
+def test_says_as_many_faults_as_there_are_up_to_the_limit(tmp_path):
+    keys = "".join(f"wheelbas_{k} = 2\n" for k in range(MOST_FAULTS))
+    (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(tmp_path / "s.toml")
+    assert "more faults" not in str(error.value)
+    assert str(error.value).count("unknown key") == MOST_FAULTS
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [("\n".join(["short"] * 5000), MOST_LINES + 1), ("\n".join(["x" * 9000] * 50), None), ("y" * 10**6, 1)],
+)
+def test_no_message_is_longer_than_a_few_screens(text, lines):
+    found = str(ScenarioError(text))
+    assert len(found) <= LONGEST_TEXT
+    assert lines is None or len(found.split("\n")) == lines
+    if "\n" in text:
+        assert f"and {len(text.splitlines()) - len(found.splitlines()) + 1:,} more lines" in found
+    assert bounded(found) == found
+
+
+def test_messages_of_ordinary_length_stay_as_they_are():
+    text = "\n".join(f"s.toml: key_{k}: is wrong" for k in range(MOST_LINES))
+    assert str(ScenarioError(text)) == text
