@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -87,7 +88,7 @@ def _left_open(member: type[Spec]) -> list[str]:
 def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:
     there = Sensors.model_fields.get(name)
     if there and not _same(there.annotation, member):
-        raise ScenarioError(f"register: sensors.{name} is there already; choose another name for {member.__name__}")
+        raise _taken(f"sensors.{name}", there.annotation, f"another name for {member.__name__}")
     field = FieldInfo.from_annotated_attribute(member, default)
     field.description = inspect.getdoc(member)
     Sensors.model_fields[name] = field
@@ -100,15 +101,16 @@ def _add_metric(metric: Metric) -> None:
     others = [other for other in METRICS if not _same(type(other), type(metric))]
     for other in others:
         if taken := [other.kind] if other.kind == metric.kind else sorted(other.names & metric.names):
-            raise ScenarioError(f"register: metric {taken[0]!r} is there already; choose another")
+            raise _taken(f"metric {taken[0]!r}", type(other))
     METRICS[:] = [*others, metric]
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
     """Add a member to a family that is a list; in front, so that it is asked before those of the package."""
     others = [other for other in registry if not _same(type(other), type(default))]
-    if default.kind in {other.kind for other in others}:
-        raise ScenarioError(f"register: kind {default.kind!r} is there already; choose another")
+    for other in others:
+        if other.kind == default.kind:
+            raise _taken(f"kind {default.kind!r}", type(other))
     registry[:] = [default, *others]
 
 
@@ -121,14 +123,21 @@ def _add_kind(member: type[Spec]) -> None:
         field = key.owner.model_fields[key.name]
         there = key.kinds.get(kind)
         if there and not _same(there, member):
-            raise ScenarioError(f"register: {family[0].dotted}.kind {kind!r} is there already; choose another")
+            raise _taken(f"{family[0].dotted}.kind {kind!r}", there)
         field.annotation = _with_member(field.annotation, member, there)
     _rebuild(Scenario, {key.owner for key in family}, {})
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Whether two classes are the same one, perhaps loaded twice."""
+    """Whether two classes are the same one, perhaps defined again, as in a notebook."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
+
+
+def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
+    """The error for a name that another class has; names the file of that class, unless it is the package's."""
+    own = there.__module__.startswith("agrobot_mj.")
+    file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
+    return ScenarioError(f"register: {what} is there already{f', from {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:
@@ -210,7 +219,8 @@ def _naming(source: str) -> Iterator[None]:
 
 
 def _run(path: Path) -> ModuleType:
-    name = f"agrobot_mj_plugin_{path.stem}"
+    # Of the whole path: two files of one name are two modules.
+    name = f"agrobot_mj_plugin_{path.stem}_{sha256(bytes(path.resolve())).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")

@@ -11,6 +11,7 @@ from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
 from agrobot_mj.core.walk import TableClass, keys, places
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
@@ -65,22 +66,33 @@ class KnownKind(NamedTuple):
     """A kind of a part."""
 
     table: str
-    """Dotted key of the part's table; `metric` for a metric."""
+    """Dotted key of the part's table; `sensors` for a sensor, `metric` for a metric."""
     kind: str
+    """Value of the table's `kind`; the name of a sensor or a metric."""
     text: str
     """What it is, in a line."""
 
 
 def known_kinds() -> list[KnownKind]:
-    """Every kind of every part, and every metric."""
+    """Every kind of every part, every sensor and every metric.
+
+    A kind that also fits a table inside its own family, as a law inside a law, is listed once.
+    """
+    known = families()
+    outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
-        KnownKind(key, kind, first_line(part)) for key, kinds in families().items() for kind, part in kinds.items()
+        KnownKind(key, kind, first_line(part))
+        for key, kinds in known.items()
+        for kind, part in kinds.items()
+        if all(known[other].get(kind) is not part for other in outer[key])
     ]
+    sensors = {name: members(field.annotation) for name, field in Sensors.model_fields.items()}
+    found += [KnownKind("sensors", name, first_line(next(iter(parts.values())))) for name, parts in sensors.items()]
     return [*found, *(KnownKind("metric", metric.kind, first_line(type(metric))) for metric in METRICS)]
 
 
 def kinds_text() -> str:
-    """Every kind of every part, and every metric, one line each."""
+    """Every kind of every part, every sensor and every metric, one line each."""
     rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)

@@ -4,6 +4,7 @@ A test that registers something runs in a process of its own, since a registrati
 """
 
 import sys
+from pathlib import Path
 from typing import Literal
 
 import pytest
@@ -277,3 +278,54 @@ def test_studies_take_plugins(tmp_path):
     done = command(tmp_path, "tune", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)
     assert done.returncode == 0, done.stderr
     assert "own" in (tmp_path / "tuned" / "tuning.json").read_text()
+
+
+@pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
+def test_two_files_of_one_name_are_two_plugins(tmp_path, order):
+    for folder, kind in (("left", "port"), ("right", "starboard")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "law.py").write_text(LAW.replace('"own"', f'"{kind}"'), encoding="utf-8")
+    plugins = [word for folder in order for word in ("--plugin", f"{folder}/law.py")]
+    done = command(tmp_path, "list", "--kinds", *plugins)
+    assert done.returncode == 0, done.stderr
+    listed = [line.split()[:2] for line in done.stdout.splitlines() if line.split()[1] in ("port", "starboard")]
+    assert sorted(listed) == [["guidance", "port"], ["guidance", "starboard"]]
+
+
+@pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
+def test_refuses_a_kind_that_two_files_of_one_name_define(tmp_path, order):
+    for folder in order:
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "law.py").write_text(LAW, encoding="utf-8")
+    first, second = (str(Path(folder, "law.py")) for folder in order)
+    done = command(tmp_path, "run", "circle", "--plugin", first, "--plugin", second, "--out", "out")
+    assert (done.returncode, done.stdout) == (2, "")
+    expected = (
+        f"--plugin {second}: register: guidance.kind 'own' is there already, from {tmp_path / first}; choose another"
+    )
+    assert done.stderr.strip() == expected
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_file_by_two_paths_is_loaded_once(tmp_path):
+    (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
+    (tmp_path / "link.py").symlink_to("law.py")
+    done = command(tmp_path, "list", "--kinds", "--plugin", "law.py", "--plugin", "link.py")
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_list_of_kinds_shows_a_plugins_parts_once(tmp_path):
+    parts = Path(__file__).parents[2] / "examples" / "plugin_template"
+    code = f"""
+import sys
+sys.path.insert(0, {str(parts)!r})
+import my_parts
+from agrobot_mj.scenario.reference import kinds_text
+for part in (my_parts.TwoGains, my_parts.Compass, my_parts.SteeringTravel):
+    register(part)
+rows = [line.split()[:2] for line in kinds_text().splitlines()]
+for row in (["guidance", "my_gains"], ["sensors", "compass"], ["metric", "steering_travel"]):
+    assert [other for other in rows if other[1] == row[1]] == [row], rows
+"""
+    done = program(tmp_path, HEAD + code)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -16,6 +16,7 @@ from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.scenario.template import write_template
+from agrobot_mj.sensors import Sensors
 from agrobot_mj.tyres import Tyre
 
 SCHEMA = json_schema()
@@ -112,7 +113,8 @@ def test_families_equal_the_schemas_unions():
 
 def test_the_list_of_kinds_has_a_line_for_each():
     lines = kinds_text().splitlines()
-    assert len(lines) == sum(map(len, families().values())) + len(METRICS)
+    own = {(kind, part) for kinds in families().values() for kind, part in kinds.items()}
+    assert len(lines) == len(own) + len(Sensors.model_fields) + len(METRICS)
     (soil,) = [line for line in lines if line.startswith("plant.tyre ") and line.split()[1] == "soil"]
     assert soil.endswith(members(Tyre)["soil"].__doc__.splitlines()[0])
 
