@@ -5,6 +5,7 @@ from typing import Any
 from agrobot_mj.core.contracts import one_line
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.acquisition import Acquisition
+from agrobot_mj.metrics.attribution import Attribution
 from agrobot_mj.metrics.base import LogLike, Metric, RunView
 from agrobot_mj.metrics.consistency import Consistency
 from agrobot_mj.metrics.implement import ImplementErrors
@@ -18,6 +19,7 @@ from agrobot_mj.paths.route import SampledRoute
 METRICS: list[Metric] = [
     DrivenShare(),
     Tracking(),
+    Attribution(),
     Acquisition(),
     NetworkShare(),
     Consistency(),

@@ -2,8 +2,19 @@
 
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from agrobot_mj.core.signals import Column
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean
+
+SIDEWAYS_M_S2 = 0.5
+"""Lateral specific force up to which ground is level and a course straight [m/s2]. Estimate: tyres need less than half
+a degree of sideslip for it."""
+MOVES_M_S = 0.3
+"""Speed from which a sideslip is measured [m/s]. Estimate."""
+LEVEL_TICKS = 200
+"""Least number of such ticks: ten seconds. Estimate."""
 
 
 class Consistency(Metric):
@@ -13,13 +24,27 @@ class Consistency(Metric):
     columns: ClassVar = (
         Column("position_nees", "-", "mean NEES of the position, 2 if the estimator is consistent"),
         Column("position_nis", "-", "mean NIS of the position, 2 if the estimator is consistent"),
+        Column("level_sideslip", "rad", "median of the estimated sideslip, straight ahead on level ground"),
         Column("steer_saturated_fraction", "-", "share of the ticks with the steering command at its limit"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Means over the run."""
+        """Means over the run; the sideslip of an estimator that has one."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),
+            **_level_sideslip(view),
             "steer_saturated_fraction": mean(view.column("steer_saturated")),
         }
+
+
+def _level_sideslip(view: RunView) -> dict[str, float | None]:
+    """The metric `level_sideslip`; nothing for an estimator without a sideslip."""
+    try:
+        sideslip = view.column("sideslip_hat")
+    except (KeyError, ValueError):  # no such column
+        return {}
+    speed = view.column("speed")
+    sideways = speed * view.column("yaw_rate") + GRAVITY * np.sin(view.column("roll"))
+    level = sideslip[(np.abs(speed) > MOVES_M_S) & (np.abs(sideways) < SIDEWAYS_M_S2) & np.isfinite(sideslip)]
+    return {"level_sideslip": float(np.median(level)) if len(level) >= LEVEL_TICKS else None}

@@ -23,12 +23,26 @@ FARTHEST_M = 1e7
 
 
 class BesidePath(NamedTuple):
-    """Points beside a path; both arrays have the shape of the points, NaN where a point is not finite."""
+    """Points beside a path: arrays of n rows, NaN where a point is not finite."""
 
     offset: Array
-    """Signed distance from the path, left positive [m]."""
+    """Signed distance from the path, left positive, shape (n,) [m]."""
     time: Array
-    """Time at which the reference passes the nearest point [s]."""
+    """Time at which the reference passes the nearest point, shape (n,) [s]."""
+    circles: Array
+    """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
+
+    def offset_of(self, x: Array, y: Array) -> Array:
+        """Signed distance of other points (n,) [m] from the same circles, left positive, shape (n,) [m].
+
+        Exact where the path between a point and the other one is a line or an arc.
+        """
+        x0, y0, yaw, curvature = self.circles.T
+        east, north = x - x0, y - y0
+        ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east
+        to_centre = np.hypot(curvature * ahead, 1 - curvature * left)
+        found: Array = (2 * left - curvature * (ahead**2 + left**2)) / (1 + to_centre)
+        return found
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
@@ -42,18 +56,20 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
 
     `route` is the path's, if it is at hand.
     """
-    route, beside = route or SampledRoute(path), BesidePath(np.full(len(t), np.nan), np.full(len(t), np.nan))
+    route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
+    beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])
     place, seen = 0.0, -inf
     for row in map(int, np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M)):
         now, east, north = float(t[row]), float(x[row]), float(y[row])
-        offset, found = inf, False
+        offset, inside = inf, False
         if now - seen < FORGOTTEN_S:
-            k, found = route.search(east, north, place, now, WINDOW_M)
+            k, inside = route.search(east, north, place, now, WINDOW_M)
             offset = route.sample(k).offset(east, north)
-        if not found or abs(offset) > WINDOW_M:
+        if not inside or abs(offset) > WINDOW_M:
             again, _ = route.search(east, north, route.passed(now), now, WINDOW_M)
             if abs(route.sample(again).offset(east, north)) <= abs(offset):
                 k = again
         sample = route.sample(k)
         place, seen, beside.offset[row], beside.time[row] = sample.s, now, sample.offset(east, north), sample.t
+        beside.circles[row] = sample.x, sample.y, sample.yaw, sample.curvature
     return beside

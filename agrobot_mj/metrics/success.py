@@ -16,7 +16,7 @@ COMPLETED = "completed"
 """Outcome of a run that drove its path to the end."""
 ERRORS = (
     *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
-    "acquisition",
+    *("acquisition", "steer_error_"),
 )
 """Prefixes of the names of tracking errors."""
 MOST_REASONS = 3

@@ -28,6 +28,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.columns import COLUMNS, Tick, row
+from agrobot_mj.simulation.diagnosis import diagnosis
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
@@ -277,11 +278,13 @@ class Simulation:
         log = Log(
             self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
         )
+        found = metrics(log, route=self._measured)
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),
             **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.sensors.rejected)) else {}),
-            **metrics(log, route=self._measured),
+            **found,
+            **diagnosis(log, RunView(log, self._measured), found),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
             "wall_s": wall_s,

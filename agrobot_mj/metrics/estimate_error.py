@@ -1,0 +1,91 @@
+"""Causes of the estimator's error, told apart by what each of them would do to the estimated CG.
+
+The error, true less estimated CG, is a sum of contributions in the frame of the true heading. The contribution of a
+cause follows from the log and from what the estimator assumes: lean of the antenna above R (its height times the sine
+of the roll that is not compensated), a wrong heading at the lever arm of the CG, latency and error of the fixes, and
+all that happens without a fix or with a float solution. The fraction of a cause is the product of its contribution with
+the error, divided by the square of the error, both summed over the ticks; the fractions of all causes and of the filter
+itself add up to 1.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S, Array, Quality
+from agrobot_mj.metrics.base import RunView
+
+LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "heading error", "GNSS latency"
+GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
+ON_IMPLEMENT = "antenna on the implement"
+MAIN = 0.5
+"""Fraction of the error from which a cause is named: more than all others together [-]."""
+SMALLEST_M = 1e-3
+"""Root mean square of the error below which no cause is named [m]. Estimate: far below the noise of RTK."""
+Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+"""Horizontal vectors as complex numbers: ahead + i left, or east + i north [m]."""
+
+
+def cause_of(view: RunView, across: bool) -> str:
+    """The cause of more than half of the estimator's error, `across` the heading or in the plane; empty without one."""
+    error, parts = contributions(view)
+    total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
+    return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
+
+
+def _inner(a: Vectors, b: Vectors, across: bool) -> float:
+    """Sum of the products of two contributions over the ticks [m2]."""
+    return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
+
+
+def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
+    """Error of the estimated CG and the contribution of each cause, shape (ticks,) each, ahead + i left [m].
+
+    What is left of the error comes from the filter.
+    """
+    s: Any = view.log.scenario
+    tractor, column = s.tractor, view.column
+    turned = np.exp(-1j * column("yaw"))
+    cg, rear, cg_hat, rear_hat = (
+        turned * (column(x) + 1j * column(y))
+        for x, y in (("x", "y"), ("rear_x", "rear_y"), ("x_hat", "y_hat"), ("rear_x_hat", "rear_y_hat"))
+    )
+    assumed, compensated = _assumed_tilt(view)
+    missed = _foot(column("roll"), column("pitch")) - _foot(*assumed)
+    antenna = rear + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
+    late = round(s.sensors.gnss.latency_s / TICK_S)
+    measured = _delayed(antenna / turned, late) * turned
+    fix = turned * (column("gnss_x") + 1j * column("gnss_y"))
+    error, quality = cg - cg_hat, column("gnss_quality")
+    with_fix = {
+        UNIT if compensated else LEAN: (tractor.cg_height_m - tractor.antenna_height_m) * missed,
+        HEADING: (cg - rear) - (cg_hat - rear_hat) - tractor.cg_height_m * missed,
+        LATENCY: antenna - measured,
+        GNSS: np.nan_to_num(measured - fix),
+    }
+    if s.implement.receiver:
+        with_fix = {HEADING: with_fix[HEADING], ON_IMPLEMENT: error - with_fix[HEADING]}
+    found = {name: np.where(quality == Quality.FIX, part, 0.0) for name, part in with_fix.items()}
+    found[LOSS] = np.where(quality == Quality.NONE, error, 0.0)
+    found[FLOAT] = np.where((quality == Quality.FLOAT) | (quality == Quality.DGPS), error, 0.0)
+    return error, found
+
+
+def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
+    """Roll and pitch (ticks,) [rad] that the estimator assumes, and whether it compensates the lean."""
+    scenario: Any = view.log.scenario
+    if getattr(scenario.estimator, "terrain_compensation", False):
+        return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
+    level = np.zeros(len(view.column("t")))
+    return (level, level), False
+
+
+def _foot(roll: Array, pitch: Array) -> Vectors:
+    """Horizontal place of a point one metre above R on the body's upright axis [-]."""
+    found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
+    return found
+
+
+def _delayed(values: Vectors, ticks: int) -> Vectors:
+    """The values some ticks earlier, the first one before the start."""
+    return np.concatenate([np.repeat(values[:1], ticks), values])[: len(values)]

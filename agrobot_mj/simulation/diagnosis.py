@@ -1,0 +1,107 @@
+"""Diagnosis of a run's estimate: the cause of its error and a remedy, whether it contradicts its covariance.
+
+The numbers are metrics; here are words for them. An estimate contradicts its covariance where its NEES or NIS leaves
+the chi-square distribution that it should have. Position errors are correlated over minutes, so that a run may hold a
+single independent one: NEES_MOST is the bound of one draw. The innovations of a consistent filter are white, so that
+any statistic has LEAST independent ones: NIS_MOST is the bound of their mean.
+"""
+
+from collections.abc import Iterator, Mapping
+from math import degrees, log
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.metrics import RunView
+from agrobot_mj.metrics.estimate_error import FLOAT, HEADING, LATENCY, LEAN, LOSS, cause_of
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+
+NEES_MOST = -2.0 * log(0.001)
+"""Mean position NEES above which an estimate contradicts its covariance [-]: 99.9 % of chi-square, 2 degrees of
+freedom."""
+NIS_MOST = 3.67
+"""Mean position NIS above which it does [-]: a twentieth of the 99.9 % bound of chi-square, 40 degrees of freedom."""
+SIDESLIP_MOST = 2.0
+"""Steady sideslip on level ground that is plausible [deg]. Estimate: twice the mounting error of two antennas before
+calibration; tyres need less than 0.5 deg there."""
+WORTH_M = 0.03
+"""Estimator part of the cross-track error from which a remedy is named [m]. Estimate: above the error of RTK."""
+FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
+REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
+"""Keys that reduce an error, by its cause."""
+MOUNTING = "antenna mounting"
+CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
+
+
+def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, str]:
+    """Texts for metrics.json: `xte_cause` and `xte_remedy` of the estimator part, `estimate_warning`; no empty ones.
+
+    `metrics` are those of the run's log.
+    """
+    s = log.scenario
+    if not s.guidance.using(s.controller).follows_path or metrics["xte_estimator_rms"] is None:
+        return {}
+    askew = abs(degrees(metrics.get("level_sideslip") or 0.0)) > SIDESLIP_MOST
+    cause, remedy = _named(s, cause_of(view, across=True), askew)
+    remedy = remedy if metrics["xte_estimator_rms"] > WORTH_M else ""
+    warnings = list(_warnings(s, view, metrics, askew, remedy))
+    found = {"xte_cause": cause, "xte_remedy": remedy, "estimate_warning": ". ".join(warnings)}
+    return {name: text for name, text in found.items() if text}
+
+
+def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
+    """Warnings about the estimate; the remedy that is `given` elsewhere is not repeated."""
+    nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
+    if nees > NEES_MOST or nis > NIS_MOST:
+        cause, remedy = _named(s, cause_of(view, across=False), askew)
+        about = f": {cause}" if cause else ""
+        numbers = f"position NEES {nees:.0f}, NIS {nis:.1f}, 2 if consistent"
+        more = f"; {remedy}" if remedy != given else ""
+        yield f"the estimate contradicts its covariance ({numbers}){about}{more}"
+    if askew:
+        angle = f"{degrees(metrics['level_sideslip']):.1f} deg"
+        reason = f": {MOUNTING}; {CALIBRATE}" if s.sensors.gnss.dual_antenna.enabled else ""
+        yield f"a steady sideslip of {angle} on level ground is not plausible{reason}"
+
+
+def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
+    """A cause and its remedy in words, empty where the scenario has it already or cannot have it."""
+    if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
+        return MOUNTING, CALIBRATE
+    given = s.model_dump(include={"sensors", "estimator"})
+    keys = {key: value for key, value in REMEDIES.get(cause, {}).items() if _value(given, key) != value}
+    try:
+        s.changed(keys, files=False)
+    except ScenarioError:
+        return cause, ""
+    enabled = [key.removesuffix(".enabled") for key, value in keys.items() if value is True]
+    parts = [f'set {key} = "{value}"' for key, value in keys.items() if isinstance(value, str)]
+    return cause, "; ".join([*parts, *([f"enable {_listed(enabled)}"] if enabled else [])])
+
+
+def _value(tables: Any, key: str) -> Any:
+    """Value of a dotted key in nested tables; None without one."""
+    for name in key.split("."):
+        tables = tables.get(name) if isinstance(tables, dict) else None
+    return tables
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def attribution(row: Mapping[str, Any]) -> str:
+    """The parts of the cross-track error as a sentence, from the metrics of a run; empty where it has no such error."""
+    names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
+    total, estimator, guidance = (row.get(name) for name in names)
+    if total is None or estimator is None or guidance is None:
+        return ""
+    cause, remedy, steering = row.get("xte_cause"), row.get("xte_remedy"), row.get("steer_error_rms")
+    inside = f" (steering error {degrees(steering):.1f} deg)" if steering and guidance > estimator else ""
+    parts = f"{_cm(estimator)} estimator{f' ({cause})' if cause else ''}, {_cm(guidance)} guidance{inside}"
+    return f"{_cm(total)} cross-track: {parts}{f'; {remedy}' if remedy else ''}"
+
+
+def _cm(metres: float) -> str:
+    return f"{100 * metres:.1f} cm"

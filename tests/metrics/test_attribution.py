@@ -1,0 +1,201 @@
+"""Parts of the cross-track error, their causes, and estimates that contradict their covariance."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.signals import Quality
+from agrobot_mj.metrics import RunView, metrics
+from agrobot_mj.metrics.attribution import parts_of
+from agrobot_mj.metrics.crosstrack import cross_track
+from agrobot_mj.metrics.estimate_error import FLOAT, GNSS, HEADING, LATENCY, LEAN, LOSS, UNIT, cause_of, contributions
+from agrobot_mj.paths import Circle, LaneChange, Line
+from agrobot_mj.simulation.columns import COLUMNS
+from agrobot_mj.simulation.diagnosis import attribution
+
+ANTENNA_M, CG_M, ARM_M = 2.7, 0.8, 0.9
+
+
+class LoggedRun:
+    """A straight drive to the north with a perfect estimate, changed by the columns given."""
+
+    def __init__(self, path: Any = None, compensated: bool = False, latency_s: float = 0.0, **columns: Any) -> None:
+        self.scenario = SimpleNamespace(
+            path=path or Line(heading_deg=90.0),
+            duration_s=None,
+            tractor=SimpleNamespace(antenna_height_m=ANTENNA_M, cg_height_m=CG_M),
+            sensors=SimpleNamespace(gnss=SimpleNamespace(latency_s=latency_s)),
+            estimator=SimpleNamespace(terrain_compensation=compensated),
+            implement=SimpleNamespace(receiver=False),
+        )
+        t = np.arange(0.0, 20.0, 0.05)
+        north = {"t": t, "yaw": np.pi / 2, "y": 1.5 * t, "rear_y": 1.5 * t - ARM_M, "gnss_quality": Quality.FIX}
+        north |= {"y_hat": 1.5 * t, "rear_y_hat": 1.5 * t - ARM_M, "gnss_y": 1.5 * t - ARM_M}
+        given = {name: np.zeros(len(t)) + value for name, value in {**north, **columns}.items()}
+        self.columns = {name: np.zeros(len(t)) for name in COLUMNS} | given
+
+    def column(self, name: str) -> Any:
+        return self.columns[name]
+
+
+def leaning(roll: float, **more: Any) -> LoggedRun:
+    """A drive along a side slope: the filter takes the antenna for R, and the true CG leans as well."""
+    antenna, cg = ANTENNA_M * np.sin(roll), CG_M * np.sin(roll)  # to the east, on the right
+    return LoggedRun(roll=roll, x=cg, gnss_x=antenna, x_hat=antenna, rear_x_hat=antenna, **more)
+
+
+@pytest.mark.parametrize("path", [Line(heading_deg=-35.0), Circle(radius_m=7.0), LaneChange()], ids=lambda p: p.kind)
+def test_parts_add_up_to_the_cross_track_error_in_every_tick(path: Any) -> None:
+    rng, t = np.random.default_rng(8), np.arange(0.0, 20.0, 0.05)
+    on = np.array([path.at(float(s)) for s in t])
+    truth, estimate = (on[:, :2] + rng.normal(0.0, 0.15, (len(t), 2)) for _ in range(2))
+    estimate[100:120] += 3.0  # so far apart that each has a nearest point of its own
+    log = LoggedRun(path, t=t, x=truth[:, 0], y=truth[:, 1], x_hat=estimate[:, 0], y_hat=estimate[:, 1])
+    parts = parts_of(RunView(log))
+    assert parts.estimator + parts.guidance == pytest.approx(cross_track(path, t, *truth.T))
+    assert parts.guidance == pytest.approx(cross_track(path, t, *estimate.T), abs=2e-3)
+
+
+def test_estimator_part_on_a_line_is_the_error_to_the_left_of_it() -> None:
+    yaw = np.radians(24.0)
+    log = LoggedRun(Line(heading_deg=24.0), yaw=yaw, x=3.0 - 0.2 * np.sin(yaw), y=0.2 * np.cos(yaw), x_hat=3.0, y_hat=0)
+    along = 3.0 * np.sin(yaw)  # (3, 0) lies to the right of the line
+    parts = parts_of(RunView(log))
+    assert parts.estimator == pytest.approx(0.2)
+    assert parts.guidance == pytest.approx(-along)
+
+
+def test_lean_of_the_antenna_is_height_times_sine_of_roll() -> None:
+    roll = np.radians(6.0)
+    view = RunView(leaning(roll))
+    wanted = (ANTENNA_M - CG_M) * np.sin(roll)
+    assert parts_of(view).estimator == pytest.approx(wanted)
+    assert contributions(view)[1][LEAN].imag == pytest.approx(wanted)
+    assert metrics(view.log)["xte_estimator_rms"] == pytest.approx(wanted)
+    assert cause_of(view, across=True) == LEAN
+
+
+def test_contributions_of_a_perfect_estimate_are_zero() -> None:
+    error, parts = contributions(RunView(LoggedRun()))
+    assert not error.any()
+    assert all(np.abs(part).max() < 1e-12 for part in parts.values())
+    assert cause_of(RunView(LoggedRun()), across=False) == ""
+
+
+CASES = {
+    HEADING: {"x_hat": -0.25},
+    GNSS: {"gnss_x": 0.3, "x_hat": 0.3, "rear_x_hat": 0.3},
+    LOSS: {"gnss_x": np.nan, "gnss_y": np.nan, "gnss_quality": Quality.NONE, "x_hat": 0.4, "rear_x_hat": 0.4},
+    FLOAT: {"gnss_quality": Quality.FLOAT, "gnss_x": 0.5, "x_hat": 0.5, "rear_x_hat": 0.5},
+}
+
+
+@pytest.mark.parametrize("cause", CASES)
+def test_cause_is_named_from_its_evidence(cause: str) -> None:
+    assert cause_of(RunView(LoggedRun(**CASES[cause])), across=True) == cause
+
+
+def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only() -> None:
+    t = np.arange(0.0, 20.0, 0.05)
+    late = 1.5 * np.maximum(t - 0.3, 0.0)
+    log = LoggedRun(latency_s=0.3, y_hat=late, rear_y_hat=late - ARM_M, gnss_y=late - ARM_M)
+    assert cause_of(RunView(log), across=False) == LATENCY
+    assert cause_of(RunView(log), across=True) == ""
+
+
+def test_error_of_the_inertial_unit_is_told_from_lean() -> None:
+    roll, measured = np.radians(5.0), np.radians(2.0)
+    foot = ANTENNA_M * (np.sin(roll) - np.sin(measured))
+    columns = {"roll": roll, "imu_roll": measured, "imu_pitch": 0.0, "x": CG_M * np.sin(roll)}
+    columns |= {"gnss_x": ANTENNA_M * np.sin(roll), "rear_x_hat": foot, "x_hat": foot + CG_M * np.sin(measured)}
+    log = LoggedRun(compensated=True, **columns)
+    assert cause_of(RunView(log), across=True) == UNIT
+
+
+def test_steering_error_compares_the_wheel_with_the_command_before() -> None:
+    command = 0.1 * np.sin(np.arange(400))
+    follows = LoggedRun(steer_ref=command, steer=np.roll(command, 1))
+    assert metrics(follows)["steer_error_rms"] == pytest.approx(0.0)
+    assert metrics(LoggedRun(steer_ref=0.02, steer=-0.03))["steer_error_rms"] == pytest.approx(0.05)
+
+
+SLOPE = {"duration_s": 20.0, "physics": "fast", "terrain.grade_deg": 4.0, "tractor.antenna_height_m": 2.4}
+IMU = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
+
+
+@pytest.fixture(scope="module")
+def on_slope() -> Any:
+    """A run along a side slope with the estimator of the paper."""
+    return run(load_scenario("side_slope_10", SLOPE))
+
+
+def test_run_on_a_slope_names_lean_and_a_remedy_that_works(on_slope: Any) -> None:
+    m = on_slope.metrics
+    lean = (2.4 - on_slope.scenario.tractor.cg_height_m) * abs(np.sin(on_slope.column("roll")).mean())
+    assert m["xte_estimator_rms"] == pytest.approx(lean, abs=0.015)
+    assert (m["xte_cause"], m["xte_remedy"]) == (LEAN, "enable sensors.imu and estimator.terrain_compensation")
+    assert attribution(m).endswith("guidance; enable sensors.imu and estimator.terrain_compensation")
+    assert f"{100 * m['xte_estimator_rms']:.1f} cm estimator (antenna lean)" in attribution(m)
+    remedied = run(on_slope.scenario.changed(IMU)).metrics
+    assert remedied["xte_estimator_rms"] < 0.3 * m["xte_estimator_rms"]
+    assert "xte_remedy" not in remedied
+
+
+def test_remedy_names_only_the_keys_that_are_off(on_slope: Any) -> None:
+    half = run(on_slope.scenario.changed({"sensors.imu.enabled": True})).metrics
+    assert half["xte_remedy"] == "enable estimator.terrain_compensation"
+
+
+def test_estimate_that_contradicts_its_covariance_is_reported(on_slope: Any) -> None:
+    m = on_slope.metrics
+    assert m["position_nees"] > 100
+    numbers = f"position NEES {m['position_nees']:.0f}, NIS {m['position_nis']:.1f}, 2 if consistent"
+    assert m["estimate_warning"] == f"the estimate contradicts its covariance ({numbers}): antenna lean"
+
+
+FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+LEVEL = {**FULL, "plant.kind": "bicycle", "duration_s": 40.0, "guidance.kind": "lqr"}
+DUAL = {**LEVEL, "sensors.gnss.dual_antenna.enabled": True}
+
+
+EKF = {"plant.kind": "bicycle", "duration_s": 40.0}
+
+
+@pytest.mark.parametrize("keys", [EKF, LEVEL, DUAL], ids=["ekf", "full", "dual"])
+def test_consistent_estimates_have_no_warning(keys: dict[str, Any]) -> None:
+    for seed in (11, 12, 13):
+        m = run(load_scenario("straight_line", {**keys, "seed": seed})).metrics
+        assert "estimate_warning" not in m
+        assert "xte_remedy" not in m
+
+
+@pytest.mark.parametrize("mounting", [-4.0, 12.0])
+def test_antennas_mounted_askew_are_reported(mounting: float) -> None:
+    m = run(load_scenario("straight_line", {**DUAL, "sensors.gnss.dual_antenna.mounting_deg": mounting})).metrics
+    assert np.degrees(m["level_sideslip"]) == pytest.approx(-mounting, abs=0.4)
+    assert m["xte_cause"] == "antenna mounting"
+    assert m["xte_remedy"] == "calibrate sensors.gnss.dual_antenna.mounting_deg"
+    assert m["estimate_warning"].startswith(f"a steady sideslip of {np.degrees(m['level_sideslip']):.1f} deg on level")
+
+
+def test_loss_of_fixes_is_named_with_a_remedy_that_works() -> None:
+    loss = {"fault": [{"kind": "gnss_loss", "start_s": 20.0, "end_s": 36.0}]}
+    keys = {"plant.kind": "bicycle", "duration_s": 40.0, "path.kind": "circle", "path.radius_m": 11.0, **loss}
+    m = run(scenario := load_scenario("straight_line", keys)).metrics
+    wanted = 'set estimator.kind = "ekf_full"; enable sensors.gyro and sensors.wheel_speed'
+    assert (m["xte_cause"], m["xte_remedy"]) == (LOSS, wanted)
+    assert run(scenario.changed(FULL)).metrics["xte_estimator_rms"] < 0.5 * m["xte_estimator_rms"]
+
+
+def test_law_that_follows_no_path_has_no_diagnosis() -> None:
+    m = run(load_scenario("step_steer", {"plant.kind": "bicycle", "duration_s": 3.0})).metrics
+    assert not m.keys() & {"xte_cause", "xte_remedy", "estimate_warning"}
+
+
+def test_sentence_has_the_steering_error_where_the_guidance_is_larger() -> None:
+    parts = {"xte_rms": 0.07, "xte_estimator_rms": 0.012, "xte_guidance_rms": 0.068, "steer_error_rms": np.radians(3.0)}
+    assert attribution(parts) == "7.0 cm cross-track: 1.2 cm estimator, 6.8 cm guidance (steering error 3.0 deg)"
+    assert attribution({**parts, "xte_rms": None}) == ""
