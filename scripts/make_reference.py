@@ -41,7 +41,8 @@ code, `agrobot_mj/simulation/columns.py`; stages add columns of their own.
 METRICS_HEAD = """## metrics.json
 
 Beside `outcome` and what the run cost; null where a value does not exist. `table.value` is a value inside a table.
-Studies have the same names as columns, in the same units.
+Studies have the same names as columns, in the same units. `xte_cause`, `xte_remedy` and `estimate_warning` are texts,
+where there is [something to report](estimators.md#what-a-run-reports-of-its-estimate) of the estimate.
 """
 
 

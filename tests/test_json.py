@@ -74,10 +74,22 @@ def test_json_of_a_run_agrees_with_its_files_and_line(asked, call):
     found, err = asked("run", "circle", *QUICK, "--out", "out")
     assert err == ""
     assert found["metrics"] == json.loads(Path("out/metrics.json").read_text())
-    assert set(found) == COMMON | {"seed", "hints", "lag"} | {"scenario", "outcome", "expected", "folder", "metrics"}
+    of_run = {"scenario", "seed", "outcome", "expected", "folder", "hints", "metrics", "lag", "attribution"}
+    assert set(found) == COMMON | of_run
     assert documented("run") >= set(found) - COMMON
-    line = call("run", "circle", *QUICK, "--out", "out")[1]
-    assert line == f"circle: {found['outcome']}, lateral rms {found['metrics']['lateral_rms']:.3f} m, out\n"
+    line, parts = call("run", "circle", *QUICK, "--out", "out")[1].splitlines()
+    assert line == f"circle: {found['outcome']}, lateral rms {found['metrics']['lateral_rms']:.3f} m, out"
+    assert parts == found["attribution"]
+    assert parts.startswith(f"{100 * found['metrics']['xte_rms']:.1f} cm cross-track: ")
+
+
+def test_estimate_that_contradicts_its_covariance_is_in_line_and_hints(asked, call):
+    slope = ("run", "side_slope_10", "--no-rrd", "--set", "duration_s=6", "--set", "physics=fast", "--out", "slope")
+    found, _ = asked(*slope)
+    warning = f"side_slope_10: {found['metrics']['estimate_warning']}"
+    assert "contradicts its covariance" in warning
+    assert found["hints"] == [warning]
+    assert call(*slope)[1].splitlines()[1:] == [found["attribution"], warning]
 
 
 def test_an_unexpected_end_and_a_hint_are_in_the_document(asked):

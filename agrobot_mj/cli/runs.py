@@ -62,13 +62,18 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
     """The answer of a run, with what its line says of it beside the outcome."""
+    from agrobot_mj.simulation.diagnosis import attribution
+
     s, metrics = log.scenario, log.metrics
     if rejected := metrics.get("rejected_readings"):
         counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
         print(f"{s.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
     end = {"scenario": s.name, "seed": s.seed, "outcome": log.outcome, "expected": log.as_expected}
-    text = ", ".join([f"{s.name}: {log.outcome}", *about, str(folder)])
-    return Answer({**end, "folder": str(folder), "hints": hints, "metrics": metrics}, text, _unexpected(log))
+    parts = attribution(metrics) if s.guidance.using(s.controller).follows_path else ""
+    warnings = [f"{s.name}: {text}"] if (text := metrics.get("estimate_warning")) else []
+    lines = [", ".join([f"{s.name}: {log.outcome}", *about, str(folder)]), *([parts] if parts else []), *warnings]
+    content = {**end, "folder": str(folder), "hints": [*hints, *warnings], "attribution": parts, "metrics": metrics}
+    return Answer(content, "\n".join(lines), _unexpected(log))
 
 
 def _unexpected(log: "Log") -> str:
@@ -123,9 +128,10 @@ def compare(
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     with interruptible(), tally(f"{scenario.name}: {len(todo)} runs", len(todo), quiet=quiet) as advance:
         rows = drive_all(todo, folder, not no_rrd, jobs, advance)
-    shown = table(rows)
-    text = "\n".join([shown, *legend(shown), *notes(rows), f"figures and runs: {folder}"])
-    content = {"scenario": scenario.name, "folder": str(folder), "left_out": left_out, "hints": said, "rows": rows}
+    shown, remarks = table(rows), notes(rows)
+    text = "\n".join([shown, *legend(shown), *remarks, f"figures and runs: {folder}"])
+    hints = [*said, *remarks]
+    content = {"scenario": scenario.name, "folder": str(folder), "left_out": left_out, "hints": hints, "rows": rows}
     return Answer(content, text, f"{scenario.name}: failed {failed}" if (failed := failures(rows)) else "")
 
 

@@ -50,6 +50,7 @@ def sweep(
 
     Writes sweep.parquet, one row for each run. Broken off at any moment, the same command goes on with what is missing.
     """
+    from agrobot_mj.studies.error_parts import table_warnings
     from agrobot_mj.studies.sweep import SweepOptions
     from agrobot_mj.studies.sweep import sweep as run_sweep
 
@@ -70,6 +71,8 @@ def sweep(
         there = f", {found.before:,} were there" if found.before else ""
         unexpected = f", of which {found.unexpected:,} did not end as expected" if found.unexpected else ""
         print(f"{found.new:,} runs done{unexpected}{there}, {found.folder / 'sweep.parquet'}")
+        for warning in table_warnings(found.folder / "sweep.parquet"):
+            print(warning)
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:

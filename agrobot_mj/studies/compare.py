@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.engine import ROWS, Task, base_text, resuming
 from agrobot_mj.studies.engine.resume import RowFiles
 from agrobot_mj.studies.engine.tasks import LAST, POSES
+from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, remarks
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.report import FIGURES, ReportedRun, write_figures
 
@@ -122,6 +124,10 @@ MEANINGS = {
     "turn 2": "the same in the second turn",
     "/ pd": "lateral MSE over that of pd, same plant, seed and field",
     "xte rms [m]": "root mean square distance from the path (cross-track error)",
+    "estimator [m]": "part of it: true less estimated position, root mean square",
+    "guidance [m]": "part of it: estimated position relative to the path, root mean square",
+    "steering [deg]": "wheel angle less its command, root mean square",
+    "NEES": "squared error of the estimated position over its stated variance, 2 if consistent",
     "nn 1": "share of the network in the steering command of the first turn",
     "nn 2": "the same in the second turn",
 }
@@ -147,7 +153,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     ]
     heads = (*names, "outcome", *MEANINGS)
     # The only turn of a path is the whole path, whose error stands before.
-    left_out = () if any(len(row.get("per_turn") or []) > 1 for row in rows) else ("turn 1",)
+    left_out = [] if any(len(row.get("per_turn") or []) > 1 for row in rows) else ["turn 1"]
+    left_out += [] if any(row.get("estimate_warning") for row in rows) else ["NEES"]
     filled = [
         k
         for k, (head, *column) in enumerate(zip(heads, *lines, strict=True))
@@ -173,7 +180,12 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     found = [f"{law}: failed {text}; no errors of these" for law, some in laws.items() if (text := failures(some))]
     if len({row.get("piece") for row in rows}) > 1:
         found.append("the runs cover different pieces of path (column piece): compare errors within one piece only")
-    return found
+    by_plant = [{law: some for law, some in laws.items() if some[0]["plant"] == plant} for plant in _plants(rows)]
+    return [*found, *(remark for some in by_plant for remark in remarks(some))]
+
+
+def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(row["plant"] for row in rows))
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
@@ -196,7 +208,9 @@ def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
         _text(mse, "#.3g"),
         *(_text(whole[k]["lateral_mse"], "#.3g") if k in whole else NONE for k in (1, 2)),
         _text(mse / pd_mse if mse is not None and pd_mse else None, ".2f"),
-        _text(error_of(row, "xte_rms"), ".3f"),
+        *(_text(error_of(row, name), ".3f") for name in ("xte_rms", ESTIMATOR, GUIDANCE)),
+        _text(None if (angle := row.get("steer_error_rms")) is None else degrees(angle), ".1f"),
+        _text(row.get("position_nees"), ".1f"),
         *(_text(shares.get(k), ".3f") for k in (1, 2)),
     ]
 

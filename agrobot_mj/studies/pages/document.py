@@ -105,6 +105,11 @@ class Document:
         """A paragraph."""
         self.parts.append(f"<p>{escape(text)}</p>")
 
+    def remarks(self, texts: Iterable[str]) -> None:
+        """A paragraph for each text, as a sentence."""
+        for text in texts:
+            self.text(f"{text[0].upper()}{text[1:]}.")
+
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
         """Charts side by side where there is room, each under its title."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')

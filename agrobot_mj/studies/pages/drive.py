@@ -15,6 +15,8 @@ from agrobot_mj.core.palette import BLACK
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics import unit_of
 from agrobot_mj.metrics.success import error_of, failures, succeeded
+from agrobot_mj.simulation.diagnosis import attribution
+from agrobot_mj.studies.error_parts import mean_nees, remarks
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
 from agrobot_mj.studies.results_io import code_of
 
@@ -31,6 +33,11 @@ RULE = (
     "First by the share of successes (runs that ended as expected), then by the mean cross-track rms of these. "
     "A run that failed has no error. Bars: mean over the seeds; points: runs."
 )
+SHOWN = {
+    **{"xte_rms": "xte rms", "xte_estimator_rms": "of that estimator", "xte_guidance_rms": "guidance"},
+    **{"xte_abs_p95": "xte 95 %", "lateral_rms": "lateral rms"},
+}
+"""Errors in the table of a ranking, and their heads."""
 APART = " The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
 
 
@@ -146,6 +153,7 @@ def run_page(folder: Path) -> Document:
     estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
     error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
     page.grid([map_of({"tractor": signals, "estimate": estimate}), ("Lateral error", error)])
+    page.remarks(filter(None, (attribution(metrics), metrics.get("estimate_warning"))))
     page.section("What it did")
     page.grid([("Steering", _pair(signals, "steer", "steering angle [deg]", 180 / np.pi))])
     page.grid([("Speed", _pair(signals, "speed", "speed [m/s]", 1.0)), *_shares(signals)])
@@ -223,8 +231,9 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
         page.section(f"Ranking{several}", RULE + (APART if several else ""))
         if any(_numbers(rows, "xte_rms") for rows in some.values()):
             page.grid([("Cross-track rms", _ranking(order, some, list(laws)))])
-        head = ("case", "runs", "successes", "xte rms [cm]", "xte 95 % [cm]", "lateral rms [cm]", "failed")
+        head = ("case", "runs", "successes", *(f"{name} [cm]" for name in SHOWN.values()), "NEES", "failed")
         page.table(head, [_summary(name, some[name]) for name in order])
+        page.remarks(remarks(some))
 
 
 def _numbers(rows: Rows, name: str) -> list[float]:
@@ -245,8 +254,8 @@ def _marked(name: str, rows: Rows) -> str:
 
 
 def _summary(name: str, rows: Rows) -> tuple[object, ...]:
-    means = [fmean(v) if (v := _numbers(rows, key)) else None for key in ("xte_rms", "xte_abs_p95", "lateral_rms")]
-    return name, len(rows), sum(map(succeeded, rows)), *means, failures(rows)
+    means = [fmean(v) if (v := _numbers(rows, key)) else None for key in SHOWN]
+    return name, len(rows), sum(map(succeeded, rows)), *means, mean_nees(rows), failures(rows)
 
 
 def _ranking(order: Sequence[str], places: Mapping[str, Rows], laws: Sequence[str]) -> Chart:

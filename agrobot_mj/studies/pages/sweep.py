@@ -19,6 +19,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, mean_nees, remarks
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, enlargement, read_signals, thumbnail, told
 from agrobot_mj.studies.pieces import pieces
@@ -33,6 +34,8 @@ CONFIDENCE = 0.8
 """Confidence of the intervals of success rates [-]."""
 QUANTILES = ("median", "10 %", "90 %")
 """Columns of the errors of a group."""
+PARTS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]"}
+"""Medians of the parts of the error, and their heads."""
 SUCCESS = 0.8
 """Success rate at the boundary that maps draw [-]."""
 MOST_VALUES = 40
@@ -171,8 +174,9 @@ def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
         )
     page.section("Ranking", text)
     boxes = [box(group, COLOURS[k % len(COLOURS)]) for k, group in enumerate(groups) if len(group.values)]
-    head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES), "failed")
-    page.table(head, [_ranked(group) for group in groups])
+    head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
+    page.table((*head, *PARTS.values(), "NEES", "failed"), [_ranked(group) for group in groups])
+    page.remarks(remarks({group.name: group.rows for group in groups}))
     if boxes:
         page.grid([("Error of the successful runs", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)})])
 
@@ -195,7 +199,14 @@ def box(group: Group, colour: str) -> Chart:
 def _ranked(group: Group) -> tuple[object, ...]:
     values = [float(f"{v:.3g}") for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
     interval = " to ".join(f"{100 * end:.0f}" for end in group.interval)
-    return (group.name, len(group.rows), 100.0 * group.rate, interval, *values, failures(group.rows))
+    parts = [_median([row for row in group.rows if error_of(row, name) is not None], name) for name in PARTS]
+    ends = *parts, mean_nees(group.rows), failures(group.rows)
+    return (group.name, len(group.rows), 100.0 * group.rate, interval, *values, *ends)
+
+
+def _median(rows: Sequence[Row], name: str) -> float | None:
+    """Median of an error [cm]; None without rows."""
+    return float(f"{CENTIMETRES * np.median([row[name] for row in rows]):.3g}") if rows else None
 
 
 def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:

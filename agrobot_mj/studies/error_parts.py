@@ -1,0 +1,73 @@
+"""Remarks on rankings: whether the cross-track error ranks laws or estimates, and which estimates are inconsistent."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from agrobot_mj.metrics.success import error_of
+
+ESTIMATOR, GUIDANCE = "xte_estimator_rms", "xte_guidance_rms"
+Row = Mapping[str, Any]
+
+
+def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
+    """Sentences about the runs of each case, by its name: dominance of the estimator, and warnings about estimates."""
+    rows = [row for some in cases.values() for row in some]
+    return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
+
+
+def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
+    """A sentence where the estimator part is the larger one in most of the rows that have an error; else empty."""
+    parts = [(row, error_of(row, ESTIMATOR), error_of(row, GUIDANCE)) for row in rows]
+    known = [(row, estimator, guidance) for row, estimator, guidance in parts if estimator is not None and guidance]
+    led = [row for row, estimator, guidance in known if estimator > guidance]
+    if len(cases) < 2 or 2 * len(led) <= len(known):
+        return ""
+    cause, remedy = (_most([row.get(name) for row in led]) for name in ("xte_cause", "xte_remedy"))
+    about = f" ({cause})" if cause else ""
+    text = f"the estimator part of the cross-track error is the larger one in {len(led)} of {len(known)} runs{about}: "
+    text += f"a ranking by this error ranks estimates, not guidance laws; {_ahead(cases)}"
+    return f"{text}; {remedy}" if remedy else text
+
+
+def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
+    """The case with the least guidance part."""
+    means = {
+        name: fmean(values)
+        for name, rows in cases.items()
+        if (values := [value for row in rows if (value := error_of(row, GUIDANCE)) is not None])
+    }
+    best = min(means, key=lambda name: means[name])
+    return f"the guidance part is least for {best}, {100 * means[best]:.1f} cm"
+
+
+def _warnings(rows: Sequence[Row]) -> list[str]:
+    """How many runs have an estimate that contradicts itself, with the most frequent reason."""
+    warned = [text for row in rows if (text := row.get("estimate_warning"))]
+    if not warned:
+        return []
+    first = ", the first:" if len(warned) > 1 else ""
+    return [f"in {len(warned)} of {len(rows)} runs{first} {warned[0]}"]
+
+
+def table_warnings(table: Path) -> list[str]:
+    """The warnings about estimates in a table of runs, as a sentence; none without the table or the column."""
+    column = "estimate_warning"
+    if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
+        return []
+    return _warnings(pq.read_table(table.absolute(), columns=[column]).to_pylist())
+
+
+def mean_nees(rows: Sequence[Row]) -> float | str:
+    """Mean NEES of the position where an estimate of these runs contradicts its covariance, else empty [-]."""
+    values = [value for row in rows if (value := row.get("position_nees")) is not None]
+    return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
+
+
+def _most(texts: Sequence[str | None]) -> str:
+    """The most frequent text; empty where most have none."""
+    return Counter(text or "" for text in texts).most_common(1)[0][0]
