@@ -24,7 +24,7 @@ from agrobot_mj.recording.info import compared, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, DIFFERENCE, NEGATED, Plot, Series
 from agrobot_mj.recording.plots.signals import MEAN_S, noisy_means, send_means, style
-from agrobot_mj.recording.transport.sink import Sink
+from agrobot_mj.recording.transport.sink import Sink, enabled
 from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.motion import sound_rows
@@ -77,7 +77,10 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record the runs `named` plant-law on the ground of the first into `path`. Raises OSError."""
+    """Record the runs `named` plant-law on the ground of the first into `path`, unless Rerun is switched off.
+
+    Raises OSError.
+    """
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
@@ -86,6 +89,8 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     ]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
+    if not enabled(stream, path):
+        return
     sink = Sink(stream, path)
     describe(stream, f"{scenario.name}: {len(runs)} runs", scenario)
     tell(stream, compared(scenario, [(run.name, run.colour, run.log) for run in runs]))

@@ -19,7 +19,7 @@ from agrobot_mj.recording.plots.catalogue import reported_plots
 from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
 from agrobot_mj.recording.plots.signals import Signals
 from agrobot_mj.recording.plots.states import LANES, States
-from agrobot_mj.recording.transport.sink import Sink
+from agrobot_mj.recording.transport.sink import Sink, enabled
 from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
 from agrobot_mj.recording.world.motion import BodyMotion
 from agrobot_mj.recording.world.names import size_in_view
@@ -44,6 +44,9 @@ class Recording:
         if self.path is not None and self.path.name == RECORDING:
             clear(self.path.parent)  # signals of an earlier run beside this recording would mislead
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
+        self.recording = enabled(self.stream, self.path)
+        if not self.recording:
+            return
         self.sink = Sink(self.stream, self.path, self.live, rows.values.nbytes + SPARE_BYTES)
         describe(self.stream, f"{scenario.name} ({scenario.plant.kind}, {scenario.law})", scenario)
         tell(self.stream, running(scenario))

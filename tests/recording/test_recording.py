@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import program
+from processes import command, program
 from recorded import Recorded, replay
 
 from agrobot_mj import __version__, load_scenario, run
@@ -295,3 +295,27 @@ def test_without_a_viewer_a_live_run_goes_on(monkeypatch, tmp_path, capsys):
     assert log.outcome == "completed"
     assert "no Rerun viewer" in capsys.readouterr().err
     assert len(Recorded(path).column("/plots/speed/loop", "Scalars:scalars")[0]) == 20
+
+
+@pytest.mark.parametrize("switch", ["off", "0", "FALSE"])
+def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, monkeypatch, switch):
+    short = ("run", "circle", "--set", "duration_s=0.7", "--set", "plant.kind=bicycle", "--out", "out")
+    assert command(tmp_path, *short).returncode == 0
+    assert (tmp_path / "out" / "run.rrd").is_file()
+    monkeypatch.setenv("RERUN", switch)
+    done = command(tmp_path, *short)
+    assert done.returncode == 0, done.stderr
+    assert f"RERUN={switch}: switches Rerun off, no recording is made" in done.stderr
+    assert "Traceback" not in done.stderr
+    written = {path.name for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")}
+    assert written == {"metrics.json", "scenario.toml", "signals.parquet"}  # the recording of another run is gone
+
+
+def test_a_comparison_with_rerun_switched_off_draws_its_figures(tmp_path, monkeypatch):
+    monkeypatch.setenv("RERUN", "off")
+    keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
+    done = command(tmp_path, "compare", "circle", *keys, "--out", "out")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("switches Rerun off") == 1
+    assert (tmp_path / "out" / "trajectory.png").is_file()
+    assert not list((tmp_path / "out").rglob("*.rrd"))

@@ -10,13 +10,14 @@ import os
 import shutil
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import rerun as rr
 
 from agrobot_mj.recording.transport.mending import ends_well
 from agrobot_mj.recording.transport.viewer import URL, open_viewer
-from agrobot_mj.simulation.ownership import owned, reserve
+from agrobot_mj.simulation.ownership import owned, remove, reserve
 
 try:
     import resource
@@ -101,6 +102,25 @@ def _make(path: Path) -> None:
         raise OSError(errno.EFBIG, "no room for a recording", str(path))
     path.unlink(missing_ok=True)
     path.open("xb").close()  # rerun's own error is no OSError
+
+
+def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
+    """Whether Rerun records into `path`: its environment variable `RERUN` may switch it off.
+
+    This is reported on stderr, once; an earlier recording of ours at `path` is removed, since it is of another run.
+    """
+    if rr.is_enabled(stream):
+        return True
+    if path is not None:
+        remove(path.parent, [path.name])
+    _report_switched_off()
+    return False
+
+
+@cache
+def _report_switched_off() -> None:
+    given = os.environ.get("RERUN", "off")
+    print(f"RERUN={given}: switches Rerun off, no recording is made; unset it to get one", file=sys.stderr)
 
 
 def abandon(stream: rr.RecordingStream) -> None:
