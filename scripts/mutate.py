@@ -122,8 +122,9 @@ class Bench:
         for name in names.stdout.decode().splitlines():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)
-        kernels = tree / "agrobot_mj/core/kernels.py"  # kernels of the unchanged sources serve all mutants beside them
-        kernels.write_text(read("core/kernels.py").replace("digest.hexdigest()[:16]", '"mutants"'), encoding="utf-8")
+        cache = "core/kernel_cache.py"  # kernels of the unchanged sources serve all mutants beside them
+        text = read(cache).replace("digest.hexdigest()[:16]", '"mutants"')
+        (tree / "agrobot_mj" / cache).write_text(text, encoding="utf-8")
 
     def run(self, tests: str, plain: bool, limit_s: float) -> tuple[TestOutcome, str]:
         files = " ".join(f"tests/{name}" for name in tests.split())

@@ -11,7 +11,7 @@ from hashlib import sha256
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
-from agrobot_mj.core.kernels import CACHE
+from agrobot_mj.core.kernel_cache import CACHE
 
 held = set()
 """Names of the kernels whose locks this process holds."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import agrobot_mj
-from agrobot_mj.core.kernels import MAKES_KERNELS, PARTS
+from agrobot_mj.core.kernel_cache import MAKES_KERNELS, PARTS
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [

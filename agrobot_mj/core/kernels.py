@@ -1,59 +1,19 @@
-"""How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`.
+"""How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`."""
 
-Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
-folder named after the content of every part of the package that kernels come from, where a stale one cannot be found,
-and what is compiled from code outside the package is not kept.
-"""
-
-import hashlib
 import os
-import shutil
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from numba import config, njit, typeof, types
-from numba.core.caching import FunctionCache
 from numba.extending import overload_method
-from platformdirs import user_cache_path
+
+from agrobot_mj.core.boxing import box_in_c
+from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 
 F = TypeVar("F", bound=Callable[..., object])
-KEPT = 8
-"""Number of versions of the package whose caches stay on disk."""
-PARTS = ("core", "machine", "terrain", "tyres", "plants", "control")
-"""Parts of the package with kernels, and what kernels take constants from."""
-MAKES_KERNELS = b"agrobot_mj.core.kernels import"
-"""What stands in a file of another part that compiles something; the rest of that part is left out."""
-
-
-def _content() -> str:
-    """Hex digest of the sources from which kernels are made."""
-    digest, package = hashlib.sha256(), Path(__file__).parents[1]
-    for path in sorted(package.rglob("*.py")):
-        text = path.read_bytes()
-        if path.relative_to(package).parts[0] in PARTS or MAKES_KERNELS in text:
-            digest.update(text)
-    return digest.hexdigest()[:16]
-
-
-def _cache() -> Path | None:
-    """The folder for compiled kernels, or None where nothing can be written."""
-    home = user_cache_path("agrobot_mj") / "kernels"
-    folder = home / _content()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        others = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-    except OSError:
-        return None
-    for old in others[KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)
-    return folder
-
-
-CACHE = None if config.DISABLE_JIT else _cache()
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # as fast as level 3, which takes twice as long to compile: it copies whole loops
+box_in_c()
 
 
 def jit(function: F) -> F:
@@ -104,34 +64,8 @@ def kernel_method(name: str) -> None:
         overload_method(shape, name, strict=False)(method)
 
 
-class _PackageCache(FunctionCache):  # type: ignore[misc]
-    """Keeps no code for records of classes from outside, which may change, and which other processes do not have."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        return None if _outside(sig) else super().load_overload(sig, target_context)
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        if not _outside(sig):
-            super().save_overload(sig, data)
-
-
-def _outside(parts: Iterable[Any]) -> bool:
-    """Whether among these types is, at any depth, a named tuple of a class from outside the package."""
-    classes = (getattr(part, "instance_class", _PackageCache) for part in parts)
-    return not all(map(_is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
-
-
-def _is_ours(code: Any) -> bool:
-    return str(code.__module__).startswith("agrobot_mj.")
-
-
 def _compiled(function: F, **options: object) -> F:
     compiled = njit(nogil=True, **options)(function)
-    before = config.CACHE_DIR
-    if CACHE is not None and not config.DISABLE_JIT and _is_ours(function):
-        try:
-            config.CACHE_DIR = str(CACHE)
-            compiled._cache = _PackageCache(function)
-        finally:
-            config.CACHE_DIR = before
+    if CACHE is not None and not config.DISABLE_JIT and is_ours(function):
+        compiled._cache = PackageCache(function)
     return cast(F, compiled)

@@ -1,5 +1,6 @@
 """Kernels do without references to arrays, and can be bound to the types of their arguments."""
 
+import sys
 from collections import namedtuple
 
 import numpy as np
@@ -8,10 +9,12 @@ from numba import config
 from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj import load_scenario
-from agrobot_mj.core.kernels import CACHE, bound, jit
+from agrobot_mj.core.kernel_cache import CACHE
+from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.signals import NOMINAL, Drive
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.implement import Motion
 from agrobot_mj.terrain import Rough
 from agrobot_mj.terrain.grid import height_and_gradient, plane
 from agrobot_mj.tyres import Tyre
@@ -23,6 +26,10 @@ def doubled(x):
     out = np.empty(2)
     out[:] = 2 * x
     return out[0] + out[1]
+
+
+def tripled(x):
+    return np.full(3, x)
 
 
 def arrays_made(work):
@@ -52,6 +59,26 @@ def test_kernels_allocate_no_arrays(tyre):
     bicycle = BicyclePlant(Bicycle(), s.vehicle, s.terrain.ground())
     bicycle.reset(s.path.at(0.0))
     assert arrays_made(lambda: [bicycle.advance(Drive(7.0, 8.0)) for _ in range(20)]) == 0
+
+
+@compiled
+def test_results_are_made_without_python_code():
+    """A signal's handler could raise there, in the middle of compiled code."""
+    plant = MujocoPlant(Mujoco(settle_s=0.0), load_scenario("hills").vehicle, plane(0.0, 0.0, 5.0))
+
+    def work():
+        return plant._observe(plant.views, plant.actuators, *plant.sites), making(3.0)
+
+    making = jit(tripled)
+    expected, calls = work(), []
+    sys.setprofile(lambda frame, event, argument: calls.append(frame.f_code.co_name) if event == "call" else None)
+    try:
+        found = work()
+    finally:
+        sys.setprofile(None)
+    assert set(calls) <= {"work", "tripled"}  # numba announces its own kernels that are not bound
+    assert found[0] == expected[0]
+    assert type(found[0].cg) is type(expected[0].cg) is Motion
 
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")

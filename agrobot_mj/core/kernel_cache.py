@@ -1,0 +1,190 @@
+"""Cache of compiled kernels on disk.
+
+Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
+folder named after the content of every part of the package that kernels come from, where a stale one cannot be found,
+and code compiled for records from outside the package is not kept. Each file ends with a checksum of its name and
+content: a damaged one is discarded with a message, and compiled again.
+"""
+
+import hashlib
+import os
+import pickle
+import shutil
+import stat
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import config
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from platformdirs import user_cache_path
+
+KEPT = 8
+"""Number of versions of the package whose caches stay on disk."""
+PARTS = ("core", "machine", "terrain", "tyres", "plants", "control")
+"""Parts of the package with kernels, and what kernels take constants from."""
+MAKES_KERNELS = b"agrobot_mj.core.kernels import"
+"""Text in a file of another part that compiles something; other files of that part do not count."""
+CHECKSUM = 4
+"""Length of the checksum [bytes]."""
+
+
+def _content() -> str:
+    """Hex digest of the sources from which kernels are made."""
+    digest, package = hashlib.sha256(), Path(__file__).parents[1]
+    for path in sorted(package.rglob("*.py")):
+        text = path.read_bytes()
+        if path.relative_to(package).parts[0] in PARTS or MAKES_KERNELS in text:
+            digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+def _cache() -> Path | None:
+    """The folder for compiled kernels, or None where nothing can be written."""
+    home = _home()
+    folder = home / _content()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        others = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+    except OSError:
+        return None
+    for old in others[KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def _home() -> Path:
+    """The folder of all caches: the user's, or for a user without home a folder among the temporary files."""
+    try:
+        return user_cache_path("agrobot_mj") / "kernels"
+    except (RuntimeError, KeyError):  # no HOME and no entry in the password file
+        return _private(Path(tempfile.gettempdir()) / f"agrobot_mj-{os.getuid()}") / "kernels"
+
+
+def _private(folder: Path) -> Path:
+    """The folder, made if missing; a new temporary one where another user could write into it."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
+    except OSError:
+        return folder
+    ours = status.st_uid == os.getuid() and not status.st_mode & 0o077 and stat.S_ISDIR(status.st_mode)
+    return folder if ours else Path(os.devnull)
+
+
+CACHE = None if config.DISABLE_JIT else _cache()
+
+
+class _DamagedError(Exception):
+    """A file of the cache is not what was written there."""
+
+
+class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
+    """Index and data of a function, each with its checksum."""
+
+    def _dump(self, value: object) -> bytes:
+        return bytes(super()._dump(value))
+
+    def _load_index(self) -> Any:
+        content = self._content(self._index_path)
+        if content is None:
+            return {}
+        version, stamp, overloads = pickle.loads(content)
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any:
+        content = self._content(self._data_path(name))
+        if content is None:
+            raise FileNotFoundError(name)
+        return pickle.loads(content)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, value: object) -> None:
+        content = self._dump(value)
+        with self._open_for_write(path) as file:
+            file.write(content + _checksum(path, content))
+
+    def _content(self, path: str) -> bytes | None:
+        """Content of a file without its checksum; None where there is no file. Raises `_DamagedError`."""
+        try:
+            found = Path(path).read_bytes()
+        except FileNotFoundError:
+            return None
+        content, written = found[:-CHECKSUM], found[-CHECKSUM:]
+        if written != _checksum(path, content):
+            raise _DamagedError(path)
+        return content
+
+
+def _checksum(path: str, content: bytes) -> bytes:
+    return zlib.crc32(content, zlib.crc32(Path(path).name.encode())).to_bytes(CHECKSUM, "little")
+
+
+class PackageCache(FunctionCache):  # type: ignore[misc]
+    """Keeps no code for records of classes from outside, which may change, and which other processes do not have."""
+
+    def __init__(self, function: Any) -> None:
+        before = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = str(CACHE)
+            super().__init__(function)
+        finally:
+            config.CACHE_DIR = before
+        file: Any = self._cache_file
+        base = file._index_name.removesuffix(".nbi")
+        self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Code for these types, or None."""
+        load = super().load_overload
+        return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep code for these types."""
+        save = super().save_overload
+        if not _outside(sig):
+            self._intact(lambda: save(sig, data))
+
+    def _intact(self, work: Callable[[], Any]) -> Any:
+        """Result of `work`, which is repeated without the files of this function if one is damaged; None where the
+        disk fails."""
+        try:
+            return work()
+        except _DamagedError:
+            self._discard()
+            return work()
+        except OSError:
+            return None
+
+    def _discard(self) -> None:
+        """Delete the files of this function."""
+        for file in Path(self._cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"):
+            file.unlink(missing_ok=True)
+        _tell()
+
+
+@cache
+def _tell() -> None:
+    """Say once that the cache is damaged."""
+    print(f"{CACHE}: damaged compiled kernels are discarded and compiled again", file=sys.stderr)
+
+
+def _outside(parts: Iterable[Any]) -> bool:
+    """Whether among these types is, at any depth, a named tuple of a class from outside the package."""
+    classes = (getattr(part, "instance_class", PackageCache) for part in parts)
+    return not all(map(is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
+
+
+def is_ours(code: Any) -> bool:
+    """Whether a class or function is of this package."""
+    return str(code.__module__).startswith("agrobot_mj.")
